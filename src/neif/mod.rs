@@ -1,1 +1,60 @@
-//! neif
+//! The field: what is learned, how it is evaluated forward and backward, and how it is edited and stored.
+
+pub mod composite;
+pub mod contraction;
+pub mod edit;
+pub mod environment;
+pub mod hash_grid;
+pub mod kernels;
+pub mod lobe;
+pub mod material;
+pub mod mlp;
+pub mod object;
+pub mod proposal;
+pub mod radiance_field;
+pub mod shading;
+pub mod spherical_harmonics;
+
+pub use edit::{EnvironmentFromWorld, EnvironmentTransform, MaterialEdit, RoughnessEdit};
+pub use environment::Environment;
+pub use object::{Material, ObjectModel};
+
+use std::path::PathBuf;
+
+use crate::data::tensor_file::TensorFileError;
+
+/// What is wrong with a stored field.
+#[derive(Debug, thiserror::Error)]
+pub enum NeifError {
+    /// The file cannot be read or lacks a tensor.
+    #[error(transparent)]
+    File(#[from] TensorFileError),
+    /// A metadata entry is missing or unreadable.
+    #[error("{file}: metadata field `{field}` {what}")]
+    Metadata {
+        /// The file.
+        file: PathBuf,
+        /// The field.
+        field: &'static str,
+        /// What is wrong.
+        what: String,
+    },
+    /// The number of stored values does not fit the stored shape.
+    #[error("{file}: tensor `{tensor}` has {found} values, which do not fit its configuration")]
+    Shape {
+        /// The file.
+        file: PathBuf,
+        /// The tensor.
+        tensor: &'static str,
+        /// How many values it has.
+        found: usize,
+    },
+    /// A value is NaN or infinite.
+    #[error("{file}: tensor `{tensor}` holds a value that is not finite")]
+    NotFinite {
+        /// The file.
+        file: PathBuf,
+        /// The tensor.
+        tensor: &'static str,
+    },
+}

@@ -1,0 +1,294 @@
+//! Multi-resolution hash grid: trilinear features of a point in the unit cube, four a level.
+//!
+//! Levels grow geometrically; a level whose vertices fit the table is stored densely, others share slots by
+//! the spatial hash of instant-ngp (Eq. 4 of arXiv:2201.05989). Each level is weighted by the footprint of the
+//! sample against its cell, which makes the encoding an integrated one (the grid form of Eq. 6 of the paper,
+//! after Zip-NeRF, Sec. 3.1 of arXiv:2304.06706).
+
+use serde::{Deserialize, Serialize};
+
+use super::kernels::{dispatch, fma};
+
+/// Features a level contributes: one 16-byte load a corner.
+pub const FEATURES: usize = 4;
+/// Slope of the level weight against footprint / cell, see [`level_weight`].
+const FOOTPRINT_SLOPE: f32 = 2.5;
+
+/// Shape of a grid.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GridConfig {
+    /// Number of levels.
+    pub n_levels: usize,
+    /// Cells per axis of the coarsest level.
+    pub coarsest: u32,
+    /// Cells per axis of the finest level.
+    pub finest: u32,
+    /// Log2 of the largest number of vertices a level may store.
+    pub log2_table_size: u32,
+}
+
+/// One level: its resolution and where its values lie in the parameter vector.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Level {
+    /// Cells per axis.
+    pub resolution: u32,
+    /// Stored vertices; each has [`FEATURES`] values.
+    pub n_entries: usize,
+    /// Whether vertices are stored densely rather than hashed.
+    pub is_dense: bool,
+}
+
+impl GridConfig {
+    /// The levels from coarse to fine.
+    pub fn levels(&self) -> Vec<Level> {
+        let steps = self.n_levels.saturating_sub(1).max(1) as f64;
+        let growth = (self.finest as f64 / self.coarsest as f64).powf(1.0 / steps);
+        (0..self.n_levels)
+            .map(|level| {
+                let resolution = (self.coarsest as f64 * growth.powi(level as i32)).round() as u32;
+                let n_vertices = (resolution as usize + 1).pow(3);
+                let table = 1_usize << self.log2_table_size;
+                Level { resolution, n_entries: n_vertices.min(table), is_dense: n_vertices <= table }
+            })
+            .collect()
+    }
+
+    /// Width of the encoding: `n_levels * FEATURES`.
+    pub fn n_features(&self) -> usize {
+        self.n_levels * FEATURES
+    }
+}
+
+/// Where the samples are and how blurred: the input of one level's pass.
+#[derive(Clone, Copy, Debug)]
+pub struct SamplePoints<'a> {
+    /// `[n]` points in the unit cube.
+    pub positions: &'a [[f32; 3]],
+    /// `[n]` standard deviations of the footprint in units of the cube's side; 0 is a point.
+    pub footprints: &'a [f32],
+}
+
+/// Weight of a level with `resolution` cells for a footprint of standard deviation `footprint` (cube sides).
+///
+/// `1 / sqrt(1 + (2.5 footprint·resolution)²)`: near Zip-NeRF's `erf(1/(√8 σ n))`, cheaper, with a plain slope.
+#[inline(always)]
+pub fn level_weight(footprint: f32, resolution: f32) -> f32 {
+    let k = FOOTPRINT_SLOPE * footprint * resolution;
+    1.0 / (1.0 + k * k).sqrt()
+}
+
+dispatch! {
+    /// Writes the weighted features of one level: `out`: `[n][4]`, `table`: the level's values, `[n_entries][4]`.
+    pub fn encode_level(level: &Level, table: &[f32], points: SamplePoints<'_>, out: &mut [f32]) = encode_body
+}
+
+dispatch! {
+    /// Adds the gradient of one level's values; `d_features`: `[n][stride]` whose columns `column..column + 4` are this level's.
+    pub fn scatter_level(level: &Level, points: SamplePoints<'_>, d_features: &[f32], layout: FeatureColumns, d_table: &mut [f32]) = scatter_body
+}
+
+/// Where a level's four values stand in a row of all features.
+#[derive(Clone, Copy, Debug)]
+pub struct FeatureColumns {
+    /// Row length.
+    pub stride: usize,
+    /// First column.
+    pub column: usize,
+}
+
+#[inline(always)]
+fn encode_body<const FMA: bool>(level: &Level, table: &[f32], points: SamplePoints<'_>, out: &mut [f32]) {
+    let (rows, _) = table.as_chunks::<FEATURES>();
+    let (out, _) = out.as_chunks_mut::<FEATURES>();
+    assert!(rows.len() == level.n_entries && out.len() == points.positions.len(), "encode_level: shapes disagree");
+    let resolution = level.resolution as f32;
+    for ((position, &footprint), out) in points.positions.iter().zip(points.footprints).zip(out) {
+        let corners = Corners::new(level, position);
+        let mut sum = [0.0; FEATURES];
+        for corner in 0..8 {
+            let row = &rows[corners.indices[corner] as usize];
+            for f in 0..FEATURES {
+                sum[f] = fma::<FMA>(corners.weights[corner], row[f], sum[f]);
+            }
+        }
+        let weight = level_weight(footprint, resolution);
+        *out = sum.map(|v| v * weight);
+    }
+}
+
+#[inline(always)]
+fn scatter_body<const FMA: bool>(
+    level: &Level,
+    points: SamplePoints<'_>,
+    d_features: &[f32],
+    layout: FeatureColumns,
+    d_table: &mut [f32],
+) {
+    let (rows, _) = d_table.as_chunks_mut::<FEATURES>();
+    assert!(rows.len() == level.n_entries, "scatter_level: shapes disagree");
+    let resolution = level.resolution as f32;
+    let d_rows = d_features.chunks_exact(layout.stride);
+    for ((position, &footprint), d_row) in points.positions.iter().zip(points.footprints).zip(d_rows) {
+        let corners = Corners::new(level, position);
+        let weight = level_weight(footprint, resolution);
+        let d: [f32; FEATURES] = std::array::from_fn(|f| d_row[layout.column + f] * weight);
+        for corner in 0..8 {
+            let row = &mut rows[corners.indices[corner] as usize];
+            for f in 0..FEATURES {
+                row[f] = fma::<FMA>(corners.weights[corner], d[f], row[f]);
+            }
+        }
+    }
+}
+
+/// The eight vertices around a point, their table rows and trilinear weights.
+struct Corners {
+    indices: [u32; 8],
+    weights: [f32; 8],
+}
+
+impl Corners {
+    #[inline(always)]
+    fn new(level: &Level, position: &[f32; 3]) -> Self {
+        let n = level.resolution;
+        let mut cell = [0_u32; 3];
+        let mut fraction = [0.0_f32; 3];
+        for axis in 0..3 {
+            // A NaN or outside position would index outside the table; the cast saturates and maps NaN to 0.
+            let x = (position[axis] * n as f32).max(0.0).min(n as f32);
+            cell[axis] = (x as u32).min(n - 1);
+            fraction[axis] = x - cell[axis] as f32;
+        }
+        let axes = if level.is_dense {
+            let side = n + 1;
+            [[cell[0], cell[0] + 1], [cell[1] * side, (cell[1] + 1) * side], [cell[2] * side * side, (cell[2] + 1) * side * side]]
+        } else {
+            let hash = |c: u32, prime: u32| [c.wrapping_mul(prime), (c + 1).wrapping_mul(prime)];
+            [hash(cell[0], 1), hash(cell[1], 2_654_435_761), hash(cell[2], 805_459_861)]
+        };
+        let mask = level.n_entries as u32 - 1;
+        let mut indices = [0; 8];
+        let mut weights = [0.0; 8];
+        let side = |axis: usize, upper: usize| if upper == 1 { fraction[axis] } else { 1.0 - fraction[axis] };
+        for corner in 0..8 {
+            let (i, j, k) = (corner & 1, corner >> 1 & 1, corner >> 2);
+            indices[corner] = if level.is_dense {
+                axes[0][i] + axes[1][j] + axes[2][k]
+            } else {
+                (axes[0][i] ^ axes[1][j] ^ axes[2][k]) & mask
+            };
+            weights[corner] = side(0, i) * side(1, j) * side(2, k);
+        }
+        Self { indices, weights }
+    }
+}
+
+/// `d loss / d footprint` of each sample, from the weighted features and their gradients (`[n][n_levels * 4]`).
+///
+/// With `w = (1 + k²)^(-1/2)`, `dw/dσ = -w (1 - w²)/σ`, so the raw features need not be kept.
+pub fn footprint_gradient(levels: &[Level], footprint: f32, features: &[f32], d_features: &[f32]) -> f32 {
+    // Below this the weight is 1 to the last bit and the quotient would be 0/0.
+    if footprint < 1e-9 {
+        return 0.0;
+    }
+    let rows = features.chunks_exact(FEATURES).zip(d_features.chunks_exact(FEATURES));
+    let sum: f32 = levels
+        .iter()
+        .zip(rows)
+        .map(|(level, (feature, d_feature))| {
+            let w = level_weight(footprint, level.resolution as f32);
+            let dot: f32 = feature.iter().zip(d_feature).map(|(a, b)| a * b).sum();
+            (1.0 - w * w) * dot
+        })
+        .sum();
+    -sum / footprint
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CONFIG: GridConfig = GridConfig { n_levels: 3, coarsest: 4, finest: 24, log2_table_size: 10 };
+
+    fn table(level: &Level) -> Vec<f32> {
+        (0..level.n_entries * FEATURES).map(|i| (i as f32 * 0.7).sin()).collect()
+    }
+
+    const POSITIONS: [[f32; 3]; 4] = [[0.11, 0.52, 0.93], [0.0, 1.0, 0.5], [0.333, 0.1, 0.77], [0.9, 0.9, 0.05]];
+    const FOOTPRINTS: [f32; 4] = [0.0, 0.01, 0.05, 0.4];
+
+    fn points() -> SamplePoints<'static> {
+        SamplePoints { positions: &POSITIONS, footprints: &FOOTPRINTS }
+    }
+
+    #[test]
+    fn levels_are_dense_while_they_fit() {
+        let levels = CONFIG.levels();
+        assert_eq!(levels[0], Level { resolution: 4, n_entries: 125, is_dense: true });
+        assert!(!levels[2].is_dense && levels[2].n_entries == 1024, "finest level must be hashed: {:?}", levels[2]);
+    }
+
+    #[test]
+    fn a_dense_level_interpolates_a_linear_function_exactly() {
+        let level = CONFIG.levels()[0];
+        let side = level.resolution + 1;
+        let mut table = vec![0.0; level.n_entries * FEATURES];
+        for (i, row) in table.chunks_exact_mut(FEATURES).enumerate() {
+            let i = i as u32;
+            let (x, y, z) = (i % side, i / side % side, i / side / side);
+            row[0] = x as f32 + 10.0 * y as f32 + 100.0 * z as f32;
+        }
+        let footprints = [0.0; 4];
+        let mut out = vec![0.0; 16];
+        encode_level(&level, &table, SamplePoints { positions: &POSITIONS, footprints: &footprints }, &mut out);
+        for (p, row) in POSITIONS.iter().zip(out.chunks_exact(4)) {
+            let expected = 4.0 * (p[0] + 10.0 * p[1] + 100.0 * p[2]);
+            assert!((row[0] - expected).abs() < 1e-3, "{} against {expected}", row[0]);
+        }
+    }
+
+    #[test]
+    fn scatter_is_the_adjoint_of_encode() {
+        for level in CONFIG.levels() {
+            let table = table(&level);
+            let mut out = vec![0.0; POSITIONS.len() * FEATURES];
+            encode_level(&level, &table, points(), &mut out);
+            let d_out: Vec<f32> = (0..out.len()).map(|i| (i as f32 * 1.3).cos()).collect();
+            let mut d_table = vec![0.0; table.len()];
+            scatter_level(&level, points(), &d_out, FeatureColumns { stride: 4, column: 0 }, &mut d_table);
+            let left: f32 = out.iter().zip(&d_out).map(|(a, b)| a * b).sum();
+            let right: f32 = table.iter().zip(&d_table).map(|(a, b)| a * b).sum();
+            assert!((left - right).abs() < 1e-4, "<A t, d> = {left}, <t, A' d> = {right}");
+        }
+    }
+
+    #[test]
+    fn footprint_gradient_agrees_with_finite_differences() {
+        let levels = CONFIG.levels();
+        let tables: Vec<_> = levels.iter().map(table).collect();
+        let d: Vec<f32> = (0..12).map(|i| (i as f32 * 0.9).sin() + 0.5).collect();
+        let encode = |footprint: f32| {
+            let mut features = vec![0.0; 12];
+            for (l, level) in levels.iter().enumerate() {
+                let at = SamplePoints { positions: &POSITIONS[..1], footprints: &[footprint] };
+                encode_level(level, &tables[l], at, &mut features[l * 4..l * 4 + 4]);
+            }
+            features
+        };
+        let loss = |footprint: f32| encode(footprint).iter().zip(&d).map(|(a, b)| (a * b) as f64).sum::<f64>();
+        let at = 0.03;
+        let analytic = footprint_gradient(&levels, at, &encode(at), &d) as f64;
+        let numeric = (loss(at + 1e-3) - loss(at - 1e-3)) / 2e-3;
+        assert!((analytic - numeric).abs() < 1e-2 * numeric.abs(), "{analytic} against {numeric}");
+    }
+
+    #[test]
+    fn positions_outside_or_nan_stay_inside_the_table() {
+        let level = CONFIG.levels()[2];
+        let mut out = vec![0.0; 12];
+        let positions = [[f32::NAN, 2.0, -1.0], [f32::INFINITY, 0.5, 0.5], [1.0, 1.0, 1.0]];
+        encode_level(&level, &table(&level), SamplePoints { positions: &positions, footprints: &[0.0; 3] }, &mut out);
+        assert!(out.iter().all(|v| v.is_finite()), "{out:?}");
+    }
+}

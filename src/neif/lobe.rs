@@ -1,0 +1,107 @@
+//! The specular lobe: a normalised von Mises–Fisher distribution whose width follows from roughness.
+//!
+//! Eq. 4 of the paper, normalised; roughness is glTF's and Blender's perceptual one (GGX alpha = r²).
+
+/// Concentration times alpha²: median fit to the GGX reflection lobe at normal incidence.
+const KAPPA_ALPHA2: f32 = 0.35;
+/// Sharpest lobe; beyond it single precision cannot tell the lobe from a ray.
+const KAPPA_MAX: f32 = 1e6;
+/// Below this concentration the closed form of [`mean_length`] cancels.
+const KAPPA_SERIES: f32 = 0.05;
+
+/// Concentration `kappa = 0.35 / r⁴`, clamped to `[0.35, 1e6]`; `roughness` is clamped to `[0, 1]`.
+pub fn kappa_from_roughness(roughness: f32) -> f32 {
+    let alpha = roughness.clamp(0.0, 1.0).powi(2);
+    (KAPPA_ALPHA2 / (alpha * alpha)).min(KAPPA_MAX)
+}
+
+/// Length of the mean direction, `A(kappa) = coth kappa - 1/kappa`, in `(0, 1)`.
+pub fn mean_length(kappa: f32) -> f32 {
+    if kappa < KAPPA_SERIES {
+        kappa / 3.0
+    } else if kappa > 20.0 {
+        // coth is 1 to the last bit.
+        1.0 - 1.0 / kappa
+    } else {
+        1.0 / kappa.tanh() - 1.0 / kappa
+    }
+}
+
+/// What one roughness means for a cone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lobe {
+    /// Concentration.
+    pub kappa: f32,
+    /// Length of the mean direction.
+    pub mean_length: f32,
+    /// Variance per transverse axis of a unit direction, `A/kappa`.
+    pub variance: f32,
+    /// `d variance / d roughness`; 0 where `kappa` is clamped.
+    pub d_variance: f32,
+}
+
+impl Lobe {
+    /// The lobe of a perceptual roughness in `[0, 1]`.
+    pub fn from_roughness(roughness: f32) -> Self {
+        let kappa = kappa_from_roughness(roughness);
+        let mean_length = mean_length(kappa);
+        let d_kappa = if kappa < KAPPA_MAX && roughness > 0.0 && roughness < 1.0 { -4.0 * kappa / roughness } else { 0.0 };
+        Self { kappa, mean_length, variance: mean_length / kappa, d_variance: d_variance_d_kappa(kappa, mean_length) * d_kappa }
+    }
+}
+
+/// `d(A/kappa)/d kappa = (A' - A/kappa)/kappa` with `A' = 1 - A² - 2A/kappa`.
+fn d_variance_d_kappa(kappa: f32, a: f32) -> f32 {
+    if kappa < KAPPA_SERIES {
+        // A = k/3 - k³/45: the bracket cancels to -2k²/45.
+        return -2.0 * kappa / 45.0;
+    }
+    // For large kappa A' = 1/kappa² up to exponentially small terms; the general form cancels there.
+    let d_a = if kappa > 20.0 { 1.0 / (kappa * kappa) } else { 1.0 - a * a - 2.0 * a / kappa };
+    (d_a - a / kappa) / kappa
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn variance_slope_agrees_with_finite_differences() {
+        for r in [0.05_f32, 0.1, 0.3, 0.5, 0.6, 0.8, 0.95] {
+            let h = 1e-3 * r;
+            let variance = |r: f32| {
+                let k = 0.35 / (r as f64).powi(4);
+                (1.0 / k.tanh() - 1.0 / k) / k
+            };
+            let numeric = (variance(r + h) - variance(r - h)) / f64::from((r + h) - (r - h));
+            let analytic = f64::from(Lobe::from_roughness(r).d_variance);
+            assert!((analytic - numeric).abs() < 5e-3 * numeric.abs() + 1e-9, "r = {r}: {analytic} against {numeric}");
+        }
+    }
+
+    #[test]
+    fn every_roughness_gives_a_finite_lobe() {
+        for i in 0..=1000 {
+            let lobe = Lobe::from_roughness(i as f32 / 1000.0);
+            assert!(lobe.variance.is_finite() && lobe.d_variance.is_finite() && lobe.mean_length > 0.0, "{i}: {lobe:?}");
+            assert!(lobe.mean_length < 1.0 + 1e-6 && lobe.variance <= 1.0 / 3.0 + 1e-6, "{i}: {lobe:?}");
+        }
+    }
+
+    #[test]
+    fn lobe_moments_agree_with_samples() {
+        // E[cos] of the vMF by inverse CDF: cos = 1 + ln(u + (1-u) e^{-2k})/k.
+        for kappa in [0.5_f64, 2.0, 10.0, 100.0] {
+            let n = 20_000;
+            let cosines = (0..n).map(|i| {
+                let u = (f64::from(i) + 0.5) / f64::from(n);
+                1.0 + (u + (1.0 - u) * (-2.0 * kappa).exp()).ln() / kappa
+            });
+            let (sum, sum_sin2) = cosines.fold((0.0, 0.0), |(s, t), c| (s + c, t + (1.0 - c * c)));
+            let a = mean_length(kappa as f32);
+            assert!((sum / f64::from(n) - f64::from(a)).abs() < 1e-3, "mean, kappa {kappa}");
+            let variance = f64::from(a) / kappa;
+            assert!((sum_sin2 / f64::from(n) / 2.0 - variance).abs() < 2e-3 * variance.max(0.1), "variance, kappa {kappa}");
+        }
+    }
+}
