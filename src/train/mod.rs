@@ -1,1 +1,4 @@
 //! train
+pub mod latest;
+pub mod metrics;
+pub mod plan;
