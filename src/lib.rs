@@ -1,9 +1,9 @@
 //! Neural illumination fields on the CPU (filled in as modules land).
+#[cfg(feature = "gui")]
+pub mod app;
 pub mod color;
-pub mod geometry;
 pub mod data;
+pub mod geometry;
 pub mod neif;
 pub mod render;
 pub mod train;
-#[cfg(feature = "gui")]
-pub mod app;
