@@ -13,7 +13,11 @@ pub mod plan;
 mod preconvolution;
 mod random;
 pub mod snapshot;
+#[cfg(test)]
+mod test_scene;
 pub mod trainer;
+#[cfg(test)]
+mod trainer_tests;
 
 pub use config::TrainConfig;
 pub use snapshot::Snapshot;
