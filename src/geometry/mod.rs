@@ -1,1 +1,19 @@
-//! geometry
+//! Geometry: rays, cameras, meshes, the ray tracer over a mesh, and sampling on the sphere.
+//!
+//! Knows nothing of files, photos or light. Lengths are in scene units, angles in radians.
+
+mod aabb;
+mod bvh;
+mod camera;
+mod footprint;
+mod mesh;
+mod ray;
+mod sampling;
+
+pub use aabb::Aabb;
+pub use bvh::{Hit, SurfaceTracer};
+pub use camera::{Camera, Distortion};
+pub use footprint::SurfaceFootprint;
+pub use mesh::{Mesh, MeshError};
+pub use ray::Ray;
+pub use sampling::{fibonacci_sphere, orthonormal_basis, sample_vmf};

@@ -1,0 +1,92 @@
+//! Axis-aligned boxes.
+
+use glam::{Affine3A, Vec3};
+
+/// An axis-aligned box; empty when a component of `min` exceeds that of `max`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Aabb {
+    /// The corner with the smallest coordinates.
+    pub min: Vec3,
+    /// The corner with the largest coordinates.
+    pub max: Vec3,
+}
+
+impl Aabb {
+    /// The box that holds nothing; the neutral element of [`Aabb::union`].
+    pub const EMPTY: Self = Self {
+        min: Vec3::INFINITY,
+        max: Vec3::NEG_INFINITY,
+    };
+
+    /// The smallest box around the points.
+    pub fn from_points(points: impl IntoIterator<Item = Vec3>) -> Self {
+        points.into_iter().fold(Self::EMPTY, |aabb, p| Self {
+            min: aabb.min.min(p),
+            max: aabb.max.max(p),
+        })
+    }
+
+    /// The middle of the box.
+    pub fn center(&self) -> Vec3 {
+        0.5 * (self.min + self.max)
+    }
+
+    /// The side lengths.
+    pub fn extent(&self) -> Vec3 {
+        self.max - self.min
+    }
+
+    /// The length of the space diagonal.
+    pub fn diagonal(&self) -> f32 {
+        self.extent().length()
+    }
+
+    /// The smallest box around both.
+    pub fn union(&self, other: &Self) -> Self {
+        Self {
+            min: self.min.min(other.min),
+            max: self.max.max(other.max),
+        }
+    }
+
+    /// Whether the box holds no point.
+    pub fn is_empty(&self) -> bool {
+        self.min.cmpgt(self.max).any()
+    }
+
+    /// Whether `p` lies in the box, its faces included.
+    pub fn contains(&self, p: Vec3) -> bool {
+        p.cmpge(self.min).all() && p.cmple(self.max).all()
+    }
+
+    /// The eight corners; bit 0, 1, 2 of the index chooses max over min in x, y, z.
+    pub fn corners(&self) -> [Vec3; 8] {
+        std::array::from_fn(|i| {
+            Vec3::new(
+                if i & 1 == 0 { self.min.x } else { self.max.x },
+                if i & 2 == 0 { self.min.y } else { self.max.y },
+                if i & 4 == 0 { self.min.z } else { self.max.z },
+            )
+        })
+    }
+
+    /// The box around the transformed corners.
+    pub fn transformed(&self, to_from_here: Affine3A) -> Self {
+        Self::from_points(self.corners().map(|p| to_from_here.transform_point3(p)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn union_with_the_empty_box_changes_nothing() {
+        let aabb = Aabb::from_points([Vec3::ZERO, Vec3::new(1.0, 2.0, 2.0)]);
+        assert_eq!(aabb.union(&Aabb::EMPTY), aabb, "union");
+        assert!(Aabb::EMPTY.is_empty() && !aabb.is_empty(), "emptiness");
+        assert_eq!(aabb.diagonal(), 3.0, "diagonal");
+        assert_eq!(aabb.center(), Vec3::new(0.5, 1.0, 1.0), "center");
+        assert!(aabb.corners().iter().all(|p| aabb.contains(*p)), "corners");
+    }
+}

@@ -1,0 +1,123 @@
+//! Ray differentials at a mirror hit: how far one pixel step moves the reflected ray.
+//!
+//! A pixel is not a line but a narrow beam; after a curved mirror it is a wider one. The
+//! environment field is asked for the mean over that beam (design: "pixel footprint"). Igehy
+//! 1999, "Tracing Ray Differentials", by finite differences of the neighbouring pixels' rays.
+
+use glam::Vec3;
+
+use super::bvh::face_normal;
+use super::{Hit, Ray, SurfaceTracer};
+
+/// The largest change of a unit direction: opposite directions.
+const MAX_DIRECTION_CHANGE: f32 = 2.0;
+/// Plane offsets are cut at this share of the hit distance: at grazing incidence a neighbour ray
+/// runs nearly along the plane and its offset has no bound.
+const MAX_OFFSET_SHARE: f32 = 0.1;
+/// The barycentric weights of a neighbour are cut here: beyond a few triangles the vertex normals
+/// of this one say nothing of the surface.
+const MAX_BARYCENTRIC: f32 = 4.0;
+
+/// How the reflected ray changes for a step of one pixel, as root mean square of the x and y step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurfaceFootprint {
+    /// Sideways shift of the reflected ray's origin, perpendicular to it, in scene units.
+    pub position_per_px: f32,
+    /// Change of the unit reflected direction, in radians (for small changes).
+    pub reflection_per_px: f32,
+}
+
+impl SurfaceTracer {
+    /// The footprint at `hit` of `ray`, given the rays of the next pixel in x and in y.
+    ///
+    /// The neighbours are met with the plane of the hit triangle, without another search, and the
+    /// vertex normals are continued over its edges. Always finite.
+    pub fn footprint(&self, hit: &Hit, ray: &Ray, ray_dx: &Ray, ray_dy: &Ray) -> SurfaceFootprint {
+        let tangent_frame = HitTriangle::new(self, hit, ray);
+        let reflected = reflect(ray.direction, hit.normal);
+        let steps = [ray_dx, ray_dy].map(|neighbour| {
+            let offset = tangent_frame.plane_offset(hit, neighbour);
+            let normal = tangent_frame.normal_at(hit, offset);
+            let sideways = offset - offset.dot(reflected) * reflected;
+            let turned = reflect(neighbour.direction, normal) - reflected;
+            (
+                sideways.length_squared(),
+                turned.length_squared().min(MAX_DIRECTION_CHANGE.powi(2)),
+            )
+        });
+        SurfaceFootprint {
+            position_per_px: (0.5 * (steps[0].0 + steps[1].0)).sqrt(),
+            reflection_per_px: (0.5 * (steps[0].1 + steps[1].1)).sqrt(),
+        }
+    }
+}
+
+/// The mirror direction of the travelling direction `d` about the unit normal `n`.
+fn reflect(d: Vec3, n: Vec3) -> Vec3 {
+    d - 2.0 * d.dot(n) * n
+}
+
+/// The triangle that was hit, ready to be continued beyond its edges.
+struct HitTriangle {
+    normals: [Vec3; 3],
+    geometric_normal: Vec3,
+    /// Edge 0-1 and 0-2.
+    edges: [Vec3; 2],
+    max_offset: f32,
+    /// -1 where the hit was seen from behind: the vertex normals are flipped then.
+    side: f32,
+}
+
+impl HitTriangle {
+    fn new(tracer: &SurfaceTracer, hit: &Hit, ray: &Ray) -> Self {
+        let mesh = tracer.mesh();
+        let corners = mesh.triangles[hit.triangle as usize];
+        let [p0, p1, p2] = corners.map(|i| mesh.positions[i as usize]);
+        let normals = corners.map(|i| mesh.normals[i as usize]);
+        let smooth = (1.0 - hit.u - hit.v) * normals[0] + hit.u * normals[1] + hit.v * normals[2];
+        Self {
+            normals,
+            geometric_normal: face_normal([p0, p1, p2]),
+            edges: [p1 - p0, p2 - p0],
+            max_offset: MAX_OFFSET_SHARE * (hit.position - ray.origin).length(),
+            side: if smooth.dot(hit.normal) < 0.0 {
+                -1.0
+            } else {
+                1.0
+            },
+        }
+    }
+
+    /// Where `neighbour` meets the triangle's plane, relative to the hit; cut at `max_offset`.
+    fn plane_offset(&self, hit: &Hit, neighbour: &Ray) -> Vec3 {
+        let n = self.geometric_normal;
+        let to_hit = hit.position - neighbour.origin;
+        let t = n.dot(to_hit) / n.dot(neighbour.direction);
+        // A neighbour that misses the plane (parallel or pointing away) passes at its nearest.
+        let t = if t.is_finite() && t > 0.0 {
+            t
+        } else {
+            to_hit.dot(neighbour.direction)
+        };
+        (t * neighbour.direction - to_hit).clamp_length_max(self.max_offset)
+    }
+
+    /// The unit shading normal at `offset` from the hit.
+    fn normal_at(&self, hit: &Hit, offset: Vec3) -> Vec3 {
+        let [e1, e2] = self.edges;
+        // Barycentrics of a point in the plane: Cramer's rule, Ericson 2005, Sec. 3.4.
+        let (d11, d12, d22) = (e1.dot(e1), e1.dot(e2), e2.dot(e2));
+        let (b1, b2) = (offset.dot(e1), offset.dot(e2));
+        let det = d11 * d22 - d12 * d12;
+        let du = (d22 * b1 - d12 * b2) / det;
+        let dv = (d11 * b2 - d12 * b1) / det;
+        if !(du.is_finite() && dv.is_finite()) {
+            return hit.normal;
+        }
+        // Scaling both keeps the direction of the step.
+        let shrink = MAX_BARYCENTRIC / du.abs().max(dv.abs()).max(MAX_BARYCENTRIC);
+        let (u, v) = (hit.u + shrink * du, hit.v + shrink * dv);
+        let [n0, n1, n2] = self.normals;
+        (self.side * ((1.0 - u - v) * n0 + u * n1 + v * n2)).normalize_or(hit.normal)
+    }
+}
