@@ -38,6 +38,8 @@ pub struct Lobe {
     pub variance: f32,
     /// `d variance / d roughness`; 0 where `kappa` is clamped.
     pub d_variance: f32,
+    /// `d kappa / d roughness`; 0 where it is clamped.
+    pub d_kappa: f32,
 }
 
 impl Lobe {
@@ -46,7 +48,8 @@ impl Lobe {
         let kappa = kappa_from_roughness(roughness);
         let mean_length = mean_length(kappa);
         let d_kappa = if kappa < KAPPA_MAX && roughness > 0.0 && roughness < 1.0 { -4.0 * kappa / roughness } else { 0.0 };
-        Self { kappa, mean_length, variance: mean_length / kappa, d_variance: d_variance_d_kappa(kappa, mean_length) * d_kappa }
+        let d_variance = d_variance_d_kappa(kappa, mean_length) * d_kappa;
+        Self { kappa, mean_length, variance: mean_length / kappa, d_variance, d_kappa }
     }
 }
 

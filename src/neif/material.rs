@@ -169,7 +169,7 @@ mod tests {
 
     #[test]
     fn gradients_agree_with_finite_differences() {
-        let grid = GridConfig { n_levels: 2, coarsest: 4, finest: 8, log2_table_size: 9 };
+        let grid = GridConfig { n_levels: 4, coarsest: 2, finest: 8, log2_table_size: 9 };
         let config = MaterialConfig { grid, n_hidden: 16 };
         let mut state = 3_u32;
         let mut material = Material::new(config, Vec3::ZERO, 2.0, || {
@@ -202,7 +202,7 @@ mod tests {
         let mut gradient = vec![0.0; material.params.len()];
         material.backward(&transposed, &mut batch, &mut gradient[..n_network]);
         let mut start = n_network;
-        for level in 0..2 {
+        for level in 0..4 {
             let end = start + material.levels[level].n_entries * FEATURES;
             material.scatter_level(level, &batch, &mut gradient[start..end]);
             start = end;
@@ -222,7 +222,7 @@ mod tests {
 
     #[test]
     fn training_starts_from_a_grey_half_rough_surface() {
-        let grid = GridConfig { n_levels: 2, coarsest: 4, finest: 8, log2_table_size: 9 };
+        let grid = GridConfig { n_levels: 4, coarsest: 2, finest: 8, log2_table_size: 9 };
         let material = Material::new(MaterialConfig { grid, n_hidden: 16 }, Vec3::ZERO, 2.0, || 0.4);
         let mut batch = MaterialBatch::default();
         material.forward(&[Vec3::ZERO], &mut batch, &mut Vec::new());

@@ -36,6 +36,11 @@ pub struct Transposed {
     second: Vec<f32>,
 }
 
+impl Transposed {
+    /// No weights.
+    pub const EMPTY: Self = Self { first: Vec::new(), second: Vec::new() };
+}
+
 impl Mlp {
     /// Number of parameters: both layers' weights and biases.
     pub fn n_params(&self) -> usize {

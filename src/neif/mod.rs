@@ -2,6 +2,7 @@
 
 pub mod composite;
 pub mod contraction;
+pub mod display;
 pub mod edit;
 pub mod environment;
 pub mod hash_grid;

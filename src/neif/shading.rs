@@ -57,6 +57,12 @@ impl SurfacePoint {
         self.normal.dot(self.to_eye).max(0.0)
     }
 
+    /// The same point seen in a mirror of that lobe variance from `distance`: its footprint grows.
+    pub fn seen_through(&self, lobe_variance: f32, distance: f32) -> Self {
+        let blur = lobe_variance * distance * distance;
+        Self { base: (self.base * self.base + blur).sqrt(), ..*self }
+    }
+
     /// The cone that gathers light along the lobe, in field coordinates; `extra_variance` widens it.
     pub fn lobe_ray(&self, lobe: &Lobe, extra_variance: f32, motion: &EnvironmentFromWorld, frame: &FieldFrame) -> FieldRay {
         let direction = motion.direction(self.reflected());

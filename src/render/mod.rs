@@ -1,1 +1,14 @@
-//! render
+//! Pictures from a scene: the same shading for full images, panoramas and the progressive preview.
+
+pub mod gbuffer;
+pub mod panorama;
+pub mod picture;
+pub mod scene;
+pub mod shade;
+pub mod trace;
+
+pub use gbuffer::GBuffer;
+pub use panorama::panorama;
+pub use picture::{Picture, render};
+pub use scene::{Layer, Scene};
+pub use shade::{ShadeScratch, compose, shade_background, shade_object};

@@ -1,4 +1,57 @@
-//! train
+//! Training: pixels in, models out.
+
+mod adam;
+mod checkpoint;
+mod chunk;
+pub mod config;
 pub mod latest;
+mod loss;
 pub mod metrics;
+mod pixels;
+mod placement;
 pub mod plan;
+mod preconvolution;
+mod random;
+pub mod snapshot;
+pub mod trainer;
+
+pub use config::TrainConfig;
+pub use snapshot::Snapshot;
+pub use trainer::{StepStats, Trainer};
+
+use std::path::PathBuf;
+
+use crate::data::tensor_file::TensorFileError;
+
+/// Why training cannot start or go on.
+#[derive(Debug, thiserror::Error)]
+pub enum TrainError {
+    /// A setting is unknown or out of range.
+    #[error("configuration field `{field}` {what}")]
+    Config {
+        /// The field.
+        field: &'static str,
+        /// What is wrong.
+        what: String,
+    },
+    /// Neither object nor background pixels were found.
+    #[error("{}: no pixel to train on: the photos show neither object nor background", dataset.display())]
+    NoPixels {
+        /// The capture.
+        dataset: PathBuf,
+    },
+    /// The person asked to stop.
+    #[error("cancelled")]
+    Cancelled,
+    /// A checkpoint does not fit this run.
+    #[error("{}: {what}", file.display())]
+    Checkpoint {
+        /// The file.
+        file: PathBuf,
+        /// What is wrong.
+        what: &'static str,
+    },
+    /// A tensor file cannot be read or lacks an array.
+    #[error(transparent)]
+    File(#[from] TensorFileError),
+}

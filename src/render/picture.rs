@@ -1,0 +1,81 @@
+//! Full images, row bands in parallel on the current thread pool.
+
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+
+use rayon::prelude::*;
+
+use super::gbuffer::GBuffer;
+use super::scene::{Layer, Scene};
+use super::shade::{ShadeScratch, compose, shade_background, shade_object};
+use crate::geometry::Camera;
+
+/// Rows of a task.
+const BAND: u32 = 4;
+
+/// An image, row-major.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Picture {
+    /// Pixels per row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// `[height * width]` colours; which space, the maker says.
+    pub pixels: Vec<[f32; 3]>,
+}
+
+/// The display-referred picture (sRGB, `[0, 1]`) of a scene; `None` when cancelled. `on_progress` gets 0..1.
+pub fn render(
+    scene: &Scene,
+    camera: &Camera,
+    layer: Layer,
+    cancel: &AtomicBool,
+    on_progress: &(dyn Fn(f32) + Sync),
+) -> Option<Picture> {
+    let (width, height) = (camera.width, camera.height);
+    let mut pixels = vec![[0.0; 3]; (width * height) as usize];
+    let done = AtomicU32::new(0);
+    pixels.par_chunks_mut((BAND * width) as usize).enumerate().for_each_init(ShadeScratch::default, |scratch, (band, out)| {
+        if cancel.load(Ordering::Relaxed) {
+            return;
+        }
+        let first = band as u32 * BAND;
+        render_rows(scene, camera, layer, first..(first + BAND).min(height), out, scratch);
+        let rows = done.fetch_add(BAND, Ordering::Relaxed) + BAND;
+        on_progress(rows.min(height) as f32 / height as f32);
+    });
+    (!cancel.load(Ordering::Relaxed)).then_some(Picture { width, height, pixels })
+}
+
+fn render_rows(
+    scene: &Scene,
+    camera: &Camera,
+    layer: Layer,
+    rows: std::ops::Range<u32>,
+    out: &mut [[f32; 3]],
+    scratch: &mut ShadeScratch,
+) {
+    let tracer = scene.object.as_ref().filter(|_| layer.shows_object()).map(|object| &*object.tracer);
+    let gbuffer = GBuffer::trace(tracer, camera, rows.clone());
+    let first = rows.start * camera.width;
+    let list = |keep: &dyn Fn(f32) -> bool| -> Vec<u32> {
+        gbuffer.coverage().iter().enumerate().filter(|(_, c)| keep(**c)).map(|(i, _)| first + i as u32).collect()
+    };
+    let covered = list(&|c| c > 0.0);
+    let open = if layer.shows_background() { list(&|c| c < 1.0) } else { Vec::new() };
+    let mut object = vec![[0.0; 3]; covered.len()];
+    shade_object(scene, &gbuffer, &covered, layer, &mut object, scratch);
+    let mut background = vec![[0.0; 3]; open.len()];
+    shade_background(scene, camera, &open, &mut background, scratch);
+
+    let mut objects = vec![[0.0; 3]; out.len()];
+    for (pixel, value) in covered.iter().zip(object) {
+        objects[(pixel - first) as usize] = value;
+    }
+    let mut backgrounds = vec![[0.0; 3]; out.len()];
+    for (pixel, value) in open.iter().zip(background) {
+        backgrounds[(pixel - first) as usize] = value;
+    }
+    for (i, out) in out.iter_mut().enumerate() {
+        *out = compose(scene, layer, gbuffer.coverage()[i], objects[i], backgrounds[i]);
+    }
+}

@@ -1,0 +1,107 @@
+//! Adam (Kingma and Ba, arXiv:1412.6980) over flat parameter vectors.
+
+use rayon::prelude::*;
+
+use crate::neif::kernels::dispatch;
+
+const BETA1: f32 = 0.9;
+const BETA2: f32 = 0.99;
+/// Small, as grid values see gradients of 1e-8 (instant-ngp's choice); 0 would divide by zero where none came yet.
+const EPSILON: f32 = 1e-15;
+/// Parameters a task takes.
+const BLOCK: usize = 1 << 15;
+
+/// First and second moments of a parameter vector.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Adam {
+    /// Running mean of the gradient.
+    pub first: Vec<f32>,
+    /// Running mean of its square.
+    pub second: Vec<f32>,
+}
+
+impl Adam {
+    /// Zero moments for `n` parameters.
+    pub fn new(n: usize) -> Self {
+        Self { first: vec![0.0; n], second: vec![0.0; n] }
+    }
+
+    /// One step, the `step`-th (from 1): `params[i]` moves by at most about `lr(i)`; the head `..n_head` has `lr_head`.
+    pub fn update(&mut self, params: &mut [f32], gradient: &[f32], rates: Rates, step: u64) {
+        assert!(params.len() == self.first.len() && gradient.len() == params.len(), "adam: lengths differ");
+        let bias1 = 1.0 - f64::from(BETA1).powf(step as f64);
+        let bias2 = 1.0 - f64::from(BETA2).powf(step as f64);
+        let unbias = (bias2.sqrt() / bias1) as f32;
+        let epsilon = EPSILON * bias2.sqrt() as f32;
+        let (head, tail) = params.split_at_mut(rates.n_head);
+        let (m_head, m_tail) = self.first.split_at_mut(rates.n_head);
+        let (v_head, v_tail) = self.second.split_at_mut(rates.n_head);
+        let (g_head, g_tail) = gradient.split_at(rates.n_head);
+        adam_block(head, m_head, v_head, g_head, [rates.head * unbias, epsilon]);
+        tail.par_chunks_mut(BLOCK)
+            .zip(m_tail.par_chunks_mut(BLOCK))
+            .zip(v_tail.par_chunks_mut(BLOCK).zip(g_tail.par_chunks(BLOCK)))
+            .for_each(|((p, m), (v, g))| adam_block(p, m, v, g, [rates.tail * unbias, epsilon]));
+    }
+}
+
+/// Learning rates of the networks (the head of the vector) and of the grid (the rest).
+#[derive(Clone, Copy, Debug)]
+pub struct Rates {
+    /// Parameters in the head.
+    pub n_head: usize,
+    /// Their rate.
+    pub head: f32,
+    /// The rate of the rest.
+    pub tail: f32,
+}
+
+dispatch! {
+    fn adam_block(params: &mut [f32], first: &mut [f32], second: &mut [f32], gradient: &[f32], rate_epsilon: [f32; 2]) = adam_body
+}
+
+#[inline(always)]
+fn adam_body<const FMA: bool>(params: &mut [f32], first: &mut [f32], second: &mut [f32], gradient: &[f32], rate_epsilon: [f32; 2]) {
+    let [rate, epsilon] = rate_epsilon;
+    for (((p, m), v), g) in params.iter_mut().zip(first).zip(second).zip(gradient) {
+        *m += (1.0 - BETA1) * (*g - *m);
+        *v += (1.0 - BETA2) * (*g * *g - *v);
+        *p -= rate * *m / (v.sqrt() + epsilon);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_agree_with_the_defining_formula() {
+        let mut params = vec![1.0_f32, -2.0, 0.5];
+        let mut adam = Adam::new(3);
+        let mut reference = [1.0_f64, -2.0, 0.5];
+        let (mut m, mut v) = ([0.0_f64; 3], [0.0_f64; 3]);
+        let rates = Rates { n_head: 1, head: 0.01, tail: 0.1 };
+        for step in 1..=20_u64 {
+            let gradient: Vec<f32> = (0..3).map(|i| ((step * 3 + i) as f32).sin()).collect();
+            adam.update(&mut params, &gradient, rates, step);
+            for i in 0..3 {
+                let g = f64::from(gradient[i]);
+                m[i] = 0.9 * m[i] + 0.1 * g;
+                v[i] = 0.99 * v[i] + 0.01 * g * g;
+                let (mh, vh) = (m[i] / (1.0 - 0.9_f64.powi(step as i32)), v[i] / (1.0 - 0.99_f64.powi(step as i32)));
+                reference[i] -= if i == 0 { 0.01 } else { 0.1 } * mh / (vh.sqrt() + 1e-15);
+            }
+        }
+        for i in 0..3 {
+            assert!((f64::from(params[i]) - reference[i]).abs() < 1e-4, "{i}: {} against {}", params[i], reference[i]);
+        }
+    }
+
+    #[test]
+    fn untouched_parameters_stay() {
+        let mut params = vec![3.0; 10];
+        let mut adam = Adam::new(10);
+        adam.update(&mut params, &[0.0; 10], Rates { n_head: 0, head: 0.0, tail: 1.0 }, 1);
+        assert_eq!(params, vec![3.0; 10]);
+    }
+}

@@ -1,0 +1,70 @@
+//! All that a run needs to go on exactly where it stopped, as tensors.
+
+use super::TrainError;
+use super::trainer::Trainer;
+use crate::data::tensor_file::{TensorFile, TensorFileError};
+use crate::neif::proposal::DensityGrid;
+
+/// Marks the metadata of a checkpoint.
+const FORMAT: &str = "neif-checkpoint-1";
+
+impl Trainer {
+    /// Parameters, moments, density cache and counters. The random numbers have no state beside seed and step.
+    pub fn checkpoint(&self) -> TensorFile {
+        let mut file = TensorFile::default();
+        file.metadata.insert("format".to_owned(), FORMAT.to_owned());
+        insert(&mut file, "field.params", &self.field.value.params);
+        insert(&mut file, "field.first", &self.field.adam.first);
+        insert(&mut file, "field.second", &self.field.adam.second);
+        if let Some(material) = &self.material {
+            insert(&mut file, "material.params", &material.value.params);
+            insert(&mut file, "material.first", &material.adam.first);
+            insert(&mut file, "material.second", &material.adam.second);
+        }
+        insert(&mut file, "gamma", &[self.gamma, self.gamma_adam.first[0], self.gamma_adam.second[0]]);
+        file.insert_u16("density.cells", &[self.density.len()], self.density.cells().to_vec());
+        file.insert_u64("counters", &[3], vec![self.step, self.updates, self.skipped]);
+        file
+    }
+
+    /// Goes on from a checkpoint of a run with the same configuration and capture.
+    ///
+    /// # Errors
+    /// When the file is no checkpoint or belongs to another shape of model; the trainer is then unchanged.
+    pub fn restore(&mut self, file: &TensorFile) -> Result<(), TrainError> {
+        if file.text("format")? != FORMAT {
+            return Err(TrainError::Checkpoint { file: file.origin().to_owned(), what: "is no checkpoint" });
+        }
+        let vector = |name: &str, n: usize| -> Result<Vec<f32>, TensorFileError> { Ok(file.f32(name, &[n])?.to_vec()) };
+        let n_field = self.field.value.params.len();
+        let field = [vector("field.params", n_field)?, vector("field.first", n_field)?, vector("field.second", n_field)?];
+        let material = match &self.material {
+            Some(m) => {
+                let n = m.value.params.len();
+                Some([vector("material.params", n)?, vector("material.first", n)?, vector("material.second", n)?])
+            }
+            None => None,
+        };
+        let gamma = vector("gamma", 3)?;
+        let counters = file.u64("counters", &[3])?.to_vec();
+        let density = DensityGrid::from_cells(file.u16("density.cells", &[self.density.len()])?.to_vec())
+            .ok_or_else(|| TrainError::Checkpoint { file: file.origin().to_owned(), what: "has another density grid" })?;
+        let all = field.iter().chain(material.iter().flatten()).flatten();
+        if !all.chain(&gamma).all(|v| v.is_finite()) {
+            return Err(TrainError::Checkpoint { file: file.origin().to_owned(), what: "holds values that are not finite" });
+        }
+        [self.field.value.params, self.field.adam.first, self.field.adam.second] = field;
+        if let (Some(m), Some(stored)) = (&mut self.material, material) {
+            [m.value.params, m.adam.first, m.adam.second] = stored;
+        }
+        (self.gamma, self.gamma_adam.first[0], self.gamma_adam.second[0]) = (gamma[0], gamma[1], gamma[2]);
+        self.density = density;
+        (self.step, self.updates, self.skipped) = (counters[0], counters[1], counters[2]);
+        self.transpose();
+        Ok(())
+    }
+}
+
+fn insert(file: &mut TensorFile, name: &str, values: &[f32]) {
+    file.insert_f32(name, &[values.len()], values.to_vec());
+}

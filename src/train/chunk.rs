@@ -1,0 +1,317 @@
+//! One share of a training step: drawn pixels, their rays, the loss, and the way back.
+//!
+//! The batch is always cut into the same chunks, whichever thread takes them, and their gradients are summed in
+//! order: the result does not depend on the number of threads.
+
+use std::ops::Range;
+
+use glam::Vec3;
+
+use super::config::TrainConfig;
+use super::loss::pixel_loss;
+use super::pixels::{BackgroundSample, PixelStore};
+use super::random::SlotRandom;
+use crate::geometry::orthonormal_basis;
+use crate::neif::EnvironmentTransform;
+use crate::neif::contraction::FieldFrame;
+use crate::neif::display::Display;
+use crate::neif::lobe::Lobe;
+use crate::neif::material::{Material, MaterialBatch, Surface};
+use crate::neif::mlp::Transposed;
+use crate::neif::proposal::{ConeRay, DensityGrid};
+use crate::neif::radiance_field::{FieldBatch, FieldRay, FieldTransposed, RadianceField};
+use crate::neif::shading::{Blocked, SurfacePoint, outgoing, outgoing_backward};
+
+/// Every so many object pixels one takes part in the smoothness term.
+const SMOOTHNESS_STRIDE: usize = 4;
+/// Distance of the two points of a smoothness difference, in sides of the material's cube.
+const SMOOTHNESS_STEP: f32 = 0.004;
+
+/// Chunks a step is cut into.
+pub(super) const N_CHUNKS: usize = 8;
+/// Blocked or free shares below this are not worth a ray.
+const SHARE_MARGIN: f32 = 0.01;
+
+/// What all chunks of a step read.
+#[derive(Clone, Copy)]
+pub(super) struct StepContext<'a> {
+    pub(super) config: &'a TrainConfig,
+    pub(super) pixels: &'a PixelStore,
+    pub(super) frame: &'a FieldFrame,
+    pub(super) field: &'a RadianceField,
+    pub(super) field_transposed: &'a FieldTransposed,
+    pub(super) density: &'a DensityGrid,
+    pub(super) material: Option<&'a Material>,
+    pub(super) material_transposed: &'a Transposed,
+    pub(super) display: Display,
+    pub(super) step: u64,
+    pub(super) uniform_share: f32,
+}
+
+/// Sums over a chunk's pixels.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct ChunkLoss {
+    pub(super) object: f64,
+    pub(super) background: f64,
+    pub(super) smoothness: f64,
+    pub(super) d_gamma: f64,
+}
+
+/// A drawn object pixel on its way through the step.
+#[derive(Clone, Copy, Debug)]
+struct ObjectSlot {
+    point: SurfacePoint,
+    blocked: Blocked,
+    target: [f32; 3],
+    smoothness: f32,
+    lobe: Lobe,
+    /// Blocked share and its derivative by kappa.
+    share: (f32, f32),
+    /// Ray of the unblocked part, if any.
+    ray: Option<usize>,
+    second: Option<SecondSlot>,
+}
+
+/// The point a lobe meets: its surface, lobe and ray.
+#[derive(Clone, Copy, Debug)]
+struct SecondSlot {
+    /// Index among the material points.
+    surface: usize,
+    point: SurfacePoint,
+    distance: f32,
+    lobe: Lobe,
+    ray: usize,
+}
+
+/// Working memory and gradients of one chunk.
+#[derive(Debug, Default)]
+pub(super) struct Chunk {
+    /// First slot of the random numbers of sample placement.
+    jitter_slot: u64,
+    slots: Vec<ObjectSlot>,
+    backgrounds: Vec<BackgroundSample>,
+    /// Ray of the first background pixel; the others follow.
+    first_background_ray: usize,
+    /// Material points (object pixel, point beside it) of the smoothness term.
+    pairs: Vec<(usize, usize)>,
+    points: Vec<Vec3>,
+    scratch: Vec<f32>,
+    pub(super) material: MaterialBatch,
+    pub(super) batch: FieldBatch,
+    pub(super) d_field_networks: Vec<f32>,
+    pub(super) d_material_network: Vec<f32>,
+    pub(super) loss: ChunkLoss,
+    pub(super) is_finite: bool,
+}
+
+impl Chunk {
+    /// The `index`-th chunk.
+    pub(super) fn new(index: usize) -> Self {
+        // Beyond the slots of the pixels, and a million rays apart.
+        Self { jitter_slot: (1 << 40) + ((index as u64) << 20), ..Self::default() }
+    }
+
+    /// Draws the pixels of slots `objects` and `backgrounds`, evaluates their surfaces and places the samples.
+    pub(super) fn prepare(&mut self, context: &StepContext<'_>, objects: Range<usize>, backgrounds: Range<usize>) {
+        self.slots.clear();
+        self.points.clear();
+        self.pairs.clear();
+        self.batch.rays.clear();
+        if let Some(material) = context.material {
+            self.draw_objects(context, objects);
+            material.forward(&self.points, &mut self.material, &mut self.scratch);
+            self.aim_lobes(context);
+        }
+        self.draw_backgrounds(context, backgrounds);
+        let (seed, step, first) = (context.config.seed, context.step, self.jitter_slot);
+        self.batch.place(context.density, context.config.samples_per_ray, context.uniform_share, |ray| {
+            let mut random = SlotRandom::new(seed, step, first + ray as u64);
+            [random.uniform() - 0.5, random.uniform() - 0.5]
+        });
+    }
+
+    /// Object pixels first, then the points their lobes meet, then the neighbours of the smoothness term.
+    fn draw_objects(&mut self, context: &StepContext<'_>, objects: Range<usize>) {
+        for slot in objects {
+            let mut random = SlotRandom::new(context.config.seed, context.step, slot as u64);
+            let (pixel, second) = context.pixels.draw_object(&mut random);
+            self.points.push(pixel.point.position);
+            self.slots.push(ObjectSlot {
+                point: pixel.point,
+                blocked: pixel.blocked,
+                target: pixel.target,
+                smoothness: pixel.smoothness,
+                lobe: Lobe::from_roughness(1.0),
+                share: (0.0, 0.0),
+                ray: None,
+                second: second.map(|s| SecondSlot { surface: 0, point: s.point, distance: s.distance, lobe: Lobe::from_roughness(1.0), ray: 0 }),
+            });
+        }
+        for slot in &mut self.slots {
+            if let Some(second) = &mut slot.second {
+                second.surface = self.points.len();
+                self.points.push(second.point.position);
+            }
+        }
+        let side = context.material.map_or(1.0, |m| m.side);
+        for index in (0..self.slots.len()).step_by(SMOOTHNESS_STRIDE) {
+            let mut random = SlotRandom::new(context.config.seed, context.step, self.jitter_slot ^ (1 << 41) ^ index as u64);
+            let phi = random.uniform() * std::f32::consts::TAU;
+            let (tangent, bitangent) = orthonormal_basis(self.slots[index].point.normal);
+            let offset = (tangent * phi.cos() + bitangent * phi.sin()) * (SMOOTHNESS_STEP * side);
+            self.pairs.push((index, self.points.len()));
+            self.points.push(self.slots[index].point.position + offset);
+        }
+    }
+
+    /// From roughness to lobes and their rays: the free part of each lobe, and the blocked part's second point.
+    fn aim_lobes(&mut self, context: &StepContext<'_>) {
+        let still = EnvironmentTransform::default().environment_from_world();
+        for (slot, surface) in self.slots.iter_mut().zip(&self.material.surfaces) {
+            slot.lobe = Lobe::from_roughness(surface.roughness);
+            slot.share = slot.blocked.share(slot.lobe.kappa);
+            if slot.second.is_none() {
+                slot.share = (0.0, 0.0);
+            }
+            slot.ray = (slot.share.0 < 1.0 - SHARE_MARGIN).then(|| {
+                self.batch.rays.push(slot.point.lobe_ray(&slot.lobe, 0.0, &still, context.frame));
+                self.batch.rays.len() - 1
+            });
+            if slot.share.0 <= SHARE_MARGIN {
+                slot.second = None;
+            }
+            if let Some(second) = &mut slot.second {
+                second.lobe = Lobe::from_roughness(self.material.surfaces[second.surface].roughness);
+                second.ray = self.batch.rays.len();
+                let seen = second.point.seen_through(slot.lobe.variance, second.distance);
+                self.batch.rays.push(seen.lobe_ray(&second.lobe, slot.lobe.variance, &still, context.frame));
+            }
+        }
+    }
+
+    fn draw_backgrounds(&mut self, context: &StepContext<'_>, backgrounds: Range<usize>) {
+        self.backgrounds.clear();
+        self.first_background_ray = self.batch.rays.len();
+        for slot in backgrounds {
+            let mut random = SlotRandom::new(context.config.seed, context.step, (1 << 32) + slot as u64);
+            let sample = context.pixels.draw_background(&mut random, context.config.preconvolved_share);
+            let cone = ConeRay {
+                origin: context.frame.field_from_world(sample.origin).to_array(),
+                direction: sample.direction.to_array(),
+                base: 0.0,
+                spread: sample.spread,
+                lobe_variance: 0.0,
+            };
+            self.batch.rays.push(FieldRay { cone, direction: sample.direction.to_array(), kappa: f32::INFINITY });
+            self.backgrounds.push(sample);
+        }
+    }
+
+    /// Radiance, loss, and all gradients but the grids'.
+    pub(super) fn run(&mut self, context: &StepContext<'_>) {
+        self.loss = ChunkLoss::default();
+        self.d_field_networks.clear();
+        self.d_field_networks.resize(context.field.n_network_params(), 0.0);
+        context.field.forward(&mut self.batch);
+        self.batch.d_radiance.clear();
+        self.batch.d_radiance.resize(self.batch.rays.len(), [0.0; 3]);
+        self.material.d_surfaces.clear();
+        self.material.d_surfaces.resize(self.material.surfaces.len(), Surface::default());
+        self.background_losses(context);
+        for index in 0..self.slots.len() {
+            self.object_loss(context, index);
+        }
+        context.field.backward(context.field_transposed, &mut self.batch, &mut self.d_field_networks);
+        if let Some(material) = context.material {
+            self.roughness_gradients();
+            self.smoothness_losses(context);
+            self.d_material_network.clear();
+            self.d_material_network.resize(material.n_network_params(), 0.0);
+            material.backward(context.material_transposed, &mut self.material, &mut self.d_material_network);
+        }
+        self.is_finite = self.check_finite();
+    }
+
+    fn background_losses(&mut self, context: &StepContext<'_>) {
+        let scale = context.config.background_weight / context.config.background_pixels as f32;
+        for (sample, ray) in self.backgrounds.iter().zip(self.first_background_ray..) {
+            let loss = pixel_loss(context.display, Vec3::from(self.batch.radiance[ray]), sample.target);
+            self.loss.background += f64::from(loss.value);
+            self.loss.d_gamma += f64::from(loss.d_gamma * scale);
+            self.batch.d_radiance[ray] = (loss.d_linear * scale).to_array();
+        }
+    }
+
+    /// Eq. 7 and its way back for one object pixel.
+    fn object_loss(&mut self, context: &StepContext<'_>, index: usize) {
+        let slot = self.slots[index];
+        let surface = self.material.surfaces[index];
+        let cos = slot.point.n_dot_v();
+        let share = slot.share.0;
+        let light_free = slot.ray.map_or(Vec3::ZERO, |ray| Vec3::from(self.batch.radiance[ray]));
+        let light_met = slot.second.map_or(Vec3::ZERO, |second| {
+            let light = Vec3::from(self.batch.radiance[second.ray]);
+            outgoing(&self.material.surfaces[second.surface], second.point.n_dot_v(), Vec3::ONE, light)
+        });
+        let light = light_free * (1.0 - share) + light_met * share;
+        let loss = pixel_loss(context.display, outgoing(&surface, cos, Vec3::ONE, light), slot.target);
+        let scale = 1.0 / context.config.object_pixels as f32;
+        self.loss.object += f64::from(loss.value);
+        self.loss.d_gamma += f64::from(loss.d_gamma * scale);
+
+        let d_out = loss.d_linear * scale;
+        let d_light = outgoing_backward(&surface, cos, light, d_out, &mut self.material.d_surfaces[index]);
+        if let Some(ray) = slot.ray {
+            self.batch.d_radiance[ray] = (d_light * (1.0 - share)).to_array();
+        }
+        if let Some(second) = slot.second {
+            let light = Vec3::from(self.batch.radiance[second.ray]);
+            let met = self.material.surfaces[second.surface];
+            let d_surface = &mut self.material.d_surfaces[second.surface];
+            let d_met = outgoing_backward(&met, second.point.n_dot_v(), light, d_light * share, d_surface);
+            self.batch.d_radiance[second.ray] = d_met.to_array();
+            // share depends on kappa = 0.35 / r^4: d kappa / d r = -4 kappa / r.
+            let d_kappa = slot.share.1 * d_light.dot(light_met - light_free);
+            self.material.d_surfaces[index].roughness += d_kappa * slot.lobe.d_kappa;
+        }
+    }
+
+    /// From the rays' lobe variances to the roughness of both points.
+    fn roughness_gradients(&mut self) {
+        for (index, slot) in self.slots.iter().enumerate() {
+            if let Some(ray) = slot.ray {
+                self.material.d_surfaces[index].roughness += self.batch.d_lobe_variance[ray] * slot.lobe.d_variance;
+            }
+            if let Some(second) = slot.second {
+                let d_variance = self.batch.d_lobe_variance[second.ray];
+                self.material.d_surfaces[second.surface].roughness += d_variance * second.lobe.d_variance;
+                self.material.d_surfaces[index].roughness += d_variance * slot.lobe.d_variance;
+            }
+        }
+    }
+
+    /// Eq. 8 by finite differences: `|Δ roughness| + |Δ tint|` over the step, where the image is smooth.
+    fn smoothness_losses(&mut self, context: &StepContext<'_>) {
+        let weight = context.config.smoothness_weight / (SMOOTHNESS_STEP * self.pairs.len().max(1) as f32 * N_CHUNKS as f32);
+        for &(index, beside) in &self.pairs {
+            let weight = weight * self.slots[index].smoothness;
+            let (a, b) = (self.material.surfaces[index], self.material.surfaces[beside]);
+            let (d_roughness, d_tint) = (a.roughness - b.roughness, a.tint - b.tint);
+            self.loss.smoothness += f64::from(weight * (d_roughness.abs() + d_tint.abs().element_sum()));
+            // `signum` of zero is one; equal neighbours should feel nothing.
+            let sign = |v: f32| if v == 0.0 { 0.0 } else { v.signum() * weight };
+            let tint = Vec3::new(sign(d_tint.x), sign(d_tint.y), sign(d_tint.z));
+            for (at, factor) in [(index, 1.0), (beside, -1.0)] {
+                let d = &mut self.material.d_surfaces[at];
+                d.roughness += factor * sign(d_roughness);
+                d.tint += factor * tint;
+            }
+        }
+    }
+
+    fn check_finite(&self) -> bool {
+        let probe = |values: &[f32]| values.iter().map(|v| v * 0.0).sum::<f32>();
+        let sum = probe(&self.d_field_networks) + probe(&self.d_material_network) + self.batch.gradient_probe();
+        sum == 0.0 && (self.loss.object + self.loss.background + self.loss.smoothness).is_finite()
+    }
+}

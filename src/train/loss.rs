@@ -1,0 +1,77 @@
+//! The squared error of a pixel behind the display transform.
+
+use glam::Vec3;
+
+use crate::color::{srgb_from_linear, srgb_slope};
+use crate::neif::display::Display;
+
+/// Target from which a pixel counts as clipped: brighter predictions are not wrong.
+const CLIPPED: f32 = 0.998;
+/// Lower end of the logarithm in the exponent's gradient: `ln 0`.
+const TINY: f32 = 1e-6;
+
+/// Error of one pixel and its gradients.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PixelLoss {
+    /// Sum of squared differences over the colours.
+    pub value: f32,
+    /// By the linear radiance.
+    pub d_linear: Vec3,
+    /// By the exponent.
+    pub d_gamma: f32,
+}
+
+/// `|srgb(C)^gamma - target|²` with its gradients (Eq. 9).
+pub fn pixel_loss(display: Display, linear: Vec3, target: [f32; 3]) -> PixelLoss {
+    let mut loss = PixelLoss::default();
+    for c in 0..3 {
+        // `max` would turn NaN into 0 and hide it from the non-finite check.
+        let x = if linear[c] < 0.0 { 0.0 } else { linear[c] };
+        let srgb = srgb_from_linear(x);
+        let shown = display.value(x);
+        let difference = shown - target[c];
+        if target[c] >= CLIPPED && difference > 0.0 {
+            continue;
+        }
+        loss.value += difference * difference;
+        let d_shown = 2.0 * difference;
+        // d srgb^g = g srgb^(g-1); the ratio shown/srgb is 1 where both vanish.
+        let ratio = if srgb > TINY { shown / srgb } else { 1.0 };
+        loss.d_linear[c] = d_shown * display.gamma * ratio * srgb_slope(x);
+        loss.d_gamma += d_shown * shown * srgb.max(TINY).ln();
+    }
+    loss
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gradients_agree_with_finite_differences() {
+        for gamma in [1.0_f32, 0.8, 1.3] {
+            let (linear, target) = (Vec3::new(0.3, 0.02, 1.4), [0.5, 0.1, 0.9]);
+            let loss = pixel_loss(Display { gamma }, linear, target);
+            let h = 1e-3;
+            for c in 0..3 {
+                let at = |s: f32| pixel_loss(Display { gamma }, linear + Vec3::AXES[c] * s, target).value;
+                let numeric = (at(h) - at(-h)) / (2.0 * h);
+                assert!((loss.d_linear[c] - numeric).abs() < 1e-2 * numeric.abs() + 1e-3, "gamma {gamma}, colour {c}");
+            }
+            let at = |g: f32| pixel_loss(Display { gamma: g }, linear, target).value;
+            let numeric = (at(gamma + h) - at(gamma - h)) / (2.0 * h);
+            assert!((loss.d_gamma - numeric).abs() < 1e-2 * numeric.abs() + 1e-3, "gamma {gamma}");
+        }
+    }
+
+    #[test]
+    fn brighter_than_a_clipped_target_is_not_wrong() {
+        let loss = pixel_loss(Display { gamma: 1.0 }, Vec3::splat(7.0), [1.0; 3]);
+        assert_eq!((loss.value, loss.d_linear), (0.0, Vec3::ZERO));
+    }
+
+    #[test]
+    fn nan_stays_visible() {
+        assert!(pixel_loss(Display { gamma: 1.0 }, Vec3::splat(f32::NAN), [0.5; 3]).value.is_nan());
+    }
+}

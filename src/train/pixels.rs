@@ -1,0 +1,215 @@
+//! The store of training pixels: each traced once, drawn from ever after.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::random::SlotRandom;
+use crate::data::{Dataset, View};
+use crate::geometry::{Camera, SurfaceTracer};
+use crate::neif::shading::SurfacePoint;
+use crate::render::trace::{SecondPoint, TracedPoint, trace_bounce, trace_pixel};
+use super::preconvolution::BlurredView;
+
+/// Coverage from which a pixel counts as all object; below its complement as all background.
+const SOLID: u8 = 250;
+/// No second point.
+const NONE: u32 = u32::MAX;
+
+/// A pixel that shows only the object.
+#[derive(Clone, Copy, Debug)]
+pub struct ObjectPixel {
+    /// What it sees.
+    pub point: SurfacePoint,
+    /// Blocked shares of the lobe and where the point met is stored.
+    pub blocked: crate::neif::shading::Blocked,
+    second: u32,
+    /// sRGB target in `[0, 1]`.
+    pub target: [f32; 3],
+    /// `exp(-|image gradient|)`: how far the material may be assumed smooth here (Eq. 8).
+    pub smoothness: f32,
+}
+
+/// A pixel that shows only the surroundings: where it is.
+#[derive(Clone, Copy, Debug)]
+struct BackgroundPixel {
+    view: u32,
+    pixel: u32,
+}
+
+/// All training pixels.
+#[derive(Debug)]
+pub struct PixelStore {
+    objects: Vec<ObjectPixel>,
+    seconds: Vec<SecondPoint>,
+    /// One pool a blur level, sharp first.
+    backgrounds: Vec<Vec<BackgroundPixel>>,
+    views: Vec<BlurredView>,
+    cameras: Vec<Camera>,
+}
+
+/// A drawn background pixel.
+#[derive(Clone, Copy, Debug)]
+pub struct BackgroundSample {
+    /// Camera position, world.
+    pub origin: Vec3,
+    /// Unit direction, world.
+    pub direction: Vec3,
+    /// Standard deviation of the pixel's cone, radians.
+    pub spread: f32,
+    /// sRGB target in `[0, 1]`.
+    pub target: [f32; 3],
+}
+
+/// How pixels are collected.
+#[derive(Clone, Copy, Debug)]
+pub struct PixelOptions {
+    /// Seed of the thinning and the lobes' rings.
+    pub seed: u64,
+    /// Pixels to keep, over all views.
+    pub max_pixels: usize,
+    /// Blurred levels beside the sharp one.
+    pub n_blurred: usize,
+    /// Whether lobes are tested against the object.
+    pub self_reflection: bool,
+}
+
+impl PixelStore {
+    /// Traces and sorts the pixels of all training views; `on_view` is called after each and stops the work by `false`.
+    pub fn collect(
+        dataset: &Dataset,
+        tracer: Option<&SurfaceTracer>,
+        options: PixelOptions,
+        on_view: &(dyn Fn() -> bool + Sync),
+    ) -> Option<Self> {
+        let n_pixels: usize = dataset.train.iter().map(|v| v.photo.width() as usize * v.photo.height() as usize).sum();
+        let keep = (options.max_pixels as f32 / n_pixels.max(1) as f32).min(1.0);
+        let parts: Vec<Option<ViewPixels>> = dataset
+            .train
+            .par_iter()
+            .enumerate()
+            .map(|(index, view)| on_view().then(|| collect_view(view, index as u32, tracer, &options, keep)))
+            .collect();
+        let mut store = Self {
+            objects: Vec::new(),
+            seconds: Vec::new(),
+            backgrounds: vec![Vec::new(); options.n_blurred + 1],
+            views: Vec::new(),
+            cameras: dataset.train.iter().map(|v| v.camera.clone()).collect(),
+        };
+        for part in parts {
+            store.append(part?);
+        }
+        Some(store)
+    }
+
+    fn append(&mut self, part: ViewPixels) {
+        for (mut pixel, second) in part.objects {
+            if let Some(second) = second {
+                pixel.second = self.seconds.len() as u32;
+                self.seconds.push(second);
+            }
+            self.objects.push(pixel);
+        }
+        for (pool, pixels) in self.backgrounds.iter_mut().zip(part.backgrounds) {
+            pool.extend(pixels);
+        }
+        self.views.push(part.blurred);
+    }
+
+    /// Number of object pixels.
+    pub fn n_objects(&self) -> usize {
+        self.objects.len()
+    }
+
+    /// Number of sharp background pixels.
+    pub fn n_backgrounds(&self) -> usize {
+        self.backgrounds[0].len()
+    }
+
+    /// A random object pixel and the point its lobe meets.
+    pub fn draw_object(&self, random: &mut SlotRandom) -> (&ObjectPixel, Option<&SecondPoint>) {
+        let pixel = &self.objects[random.index(self.objects.len())];
+        (pixel, self.seconds.get(pixel.second as usize))
+    }
+
+    /// A random background pixel, from a blurred level with probability `blurred_share`.
+    pub fn draw_background(&self, random: &mut SlotRandom, blurred_share: f32) -> BackgroundSample {
+        let mut level = 0;
+        if random.uniform() < blurred_share && self.backgrounds.len() > 1 {
+            level = 1 + random.index(self.backgrounds.len() - 1);
+            if self.backgrounds[level].is_empty() {
+                level = 0;
+            }
+        }
+        let pool = &self.backgrounds[level];
+        let at = pool[random.index(pool.len())];
+        let (camera, blurred) = (&self.cameras[at.view as usize], &self.views[at.view as usize].levels[level]);
+        let (x, y) = blurred.position_px(at.pixel);
+        let ray = camera.ray(x, y);
+        let spread = camera.pixel_angle() * blurred.std_px();
+        BackgroundSample { origin: ray.origin, direction: ray.direction, spread, target: blurred.srgb(at.pixel) }
+    }
+}
+
+struct ViewPixels {
+    objects: Vec<(ObjectPixel, Option<SecondPoint>)>,
+    backgrounds: Vec<Vec<BackgroundPixel>>,
+    blurred: BlurredView,
+}
+
+fn collect_view(view: &View, index: u32, tracer: Option<&SurfaceTracer>, options: &PixelOptions, keep: f32) -> ViewPixels {
+    let (width, height) = (view.photo.width(), view.photo.height());
+    let coverage = |i: usize| view.mask.as_ref().map(|mask| mask.coverage[i]);
+    let mut objects = Vec::new();
+    let mut is_background = vec![false; (width * height) as usize];
+    for i in 0..is_background.len() {
+        let (x, y) = ((i as u32 % width) as f32 + 0.5, (i as u32 / width) as f32 + 0.5);
+        let hit = tracer.and_then(|tracer| {
+            let covered = coverage(i).is_none_or(|c| c > u8::MAX - SOLID);
+            if covered { trace_pixel(tracer, &view.camera, x, y) } else { None }
+        });
+        let solid = coverage(i).map_or(hit.is_some(), |c| c >= SOLID);
+        is_background[i] = coverage(i).map_or(hit.is_none(), |c| c <= u8::MAX - SOLID);
+        let mut random = SlotRandom::new(options.seed ^ 0x5bd1, u64::from(index), i as u64);
+        if let (Some(point), Some(tracer), true) = (hit, tracer, solid && random.uniform() < keep) {
+            let traced = trace_lobe(tracer, point, options, &mut random);
+            objects.push(object_pixel(view, i, traced));
+        }
+    }
+    let blurred = BlurredView::new(&view.photo, &is_background, options.n_blurred);
+    let backgrounds = blurred.levels.iter().enumerate().map(|(level, image)| {
+        let mut random = SlotRandom::new(options.seed ^ 0x1b87, u64::from(index), level as u64);
+        let valid = image.valid_pixels();
+        valid.filter(|_| random.uniform() < keep).map(|pixel| BackgroundPixel { view: index, pixel }).collect()
+    });
+    ViewPixels { objects, backgrounds: backgrounds.collect(), blurred }
+}
+
+fn trace_lobe(tracer: &SurfaceTracer, point: SurfacePoint, options: &PixelOptions, random: &mut SlotRandom) -> TracedPoint {
+    if !options.self_reflection {
+        return TracedPoint { point, ..TracedPoint::default() };
+    }
+    let (blocked, second) = trace_bounce(tracer, &point, random.uniform() * std::f32::consts::TAU);
+    TracedPoint { point, blocked, second }
+}
+
+fn object_pixel(view: &View, i: usize, traced: TracedPoint) -> (ObjectPixel, Option<SecondPoint>) {
+    let pixel = ObjectPixel {
+        point: traced.point,
+        blocked: traced.blocked,
+        second: NONE,
+        target: view.photo.srgb(i),
+        smoothness: (-image_gradient(view, i)).exp(),
+    };
+    (pixel, traced.second)
+}
+
+/// Length of the grey image's gradient at pixel `i`, central differences, per pixel.
+fn image_gradient(view: &View, i: usize) -> f32 {
+    let (width, height) = (view.photo.width() as usize, view.photo.height() as usize);
+    let (x, y) = (i % width, i / width);
+    let grey = |x: usize, y: usize| view.photo.srgb(y * width + x).iter().sum::<f32>() / 3.0;
+    let dx = grey((x + 1).min(width - 1), y) - grey(x.saturating_sub(1), y);
+    let dy = grey(x, (y + 1).min(height - 1)) - grey(x, y.saturating_sub(1));
+    0.5 * (dx * dx + dy * dy).sqrt()
+}

@@ -1,0 +1,389 @@
+//! The trainer: a plain value that owns all parameters and takes one optimisation step at a time.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
+use rayon::prelude::*;
+
+use super::TrainError;
+use super::adam::{Adam, Rates};
+use super::chunk::{Chunk, N_CHUNKS, StepContext};
+use super::config::TrainConfig;
+use super::pixels::{PixelOptions, PixelStore};
+use super::placement::{field_frame, up_direction};
+use super::random::SlotRandom;
+use super::snapshot::Snapshot;
+use crate::data::Dataset;
+use crate::geometry::SurfaceTracer;
+use crate::neif::contraction::{FieldFrame, contract, unit_cube};
+use crate::neif::display::Display;
+use crate::neif::environment::{Environment, EnvironmentPlace};
+use crate::neif::hash_grid::FEATURES;
+use crate::neif::mlp::Transposed;
+use crate::neif::object::{Material, ObjectModel};
+use crate::neif::proposal::DensityGrid;
+use crate::neif::radiance_field::{FieldBatch, FieldTransposed, RadianceField};
+
+/// Steps between two rounds of random looks into the density cache's cells.
+const PROBE_EVERY: u64 = 16;
+/// Cells looked into a round.
+const N_PROBES: usize = 8192;
+
+/// Parameters, moments and pixels of a run.
+#[derive(Debug)]
+pub struct Trainer {
+    pub(super) config: TrainConfig,
+    name: String,
+    up: glam::Vec3,
+    pixels: PixelStore,
+    pub(super) tracer: Option<Arc<SurfaceTracer>>,
+    pub(super) frame: FieldFrame,
+    pub(super) field: Learned<RadianceField, FieldTransposed>,
+    pub(super) density: DensityGrid,
+    pub(super) material: Option<Learned<Material, Transposed>>,
+    pub(super) gamma: f32,
+    pub(super) gamma_adam: Adam,
+    pub(super) step: u64,
+    /// Optimiser updates done: steps less the skipped ones.
+    pub(super) updates: u64,
+    pub(super) skipped: u64,
+    chunks: Vec<Chunk>,
+    encoded: Vec<Vec<f32>>,
+    probe: FieldBatch,
+}
+
+/// A field under training: its moments, gradient and transposed weights.
+#[derive(Debug)]
+pub(super) struct Learned<F, T> {
+    pub(super) value: F,
+    pub(super) adam: Adam,
+    gradient: Vec<f32>,
+    transposed: T,
+}
+
+/// What a step did.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StepStats {
+    /// Weighted sum of all terms.
+    pub loss: f32,
+    /// Mean squared error of object pixels, summed over the colours.
+    pub loss_object: f32,
+    /// The same for background pixels.
+    pub loss_background: f32,
+    /// Field rays evaluated.
+    pub rays: u32,
+    /// Field samples evaluated.
+    pub samples: u32,
+    /// Whether a value was not finite, so that nothing was learned.
+    pub skipped: bool,
+}
+
+impl Trainer {
+    /// Traces every training pixel on the current thread pool; `on_progress` gets 0..1.
+    ///
+    /// # Errors
+    /// When cancelled, when the configuration is unusable, or when no pixel can be trained on.
+    pub fn new(
+        config: &TrainConfig,
+        dataset: &Dataset,
+        cancel: &AtomicBool,
+        on_progress: &(dyn Fn(f32) + Sync),
+    ) -> Result<Self, TrainError> {
+        config.validate()?;
+        let tracer = dataset.mesh.as_ref().map(|mesh| Arc::new(SurfaceTracer::new(Arc::clone(mesh))));
+        let options = PixelOptions {
+            seed: config.seed,
+            max_pixels: config.max_pixels,
+            n_blurred: config.preconvolved_levels,
+            self_reflection: config.self_reflection,
+        };
+        let (done, total) = (AtomicUsize::new(0), dataset.train.len().max(1) as f32);
+        let on_view = || {
+            on_progress(done.fetch_add(1, Ordering::Relaxed) as f32 / total);
+            !cancel.load(Ordering::Relaxed)
+        };
+        let pixels = PixelStore::collect(dataset, tracer.as_deref(), options, &on_view).ok_or(TrainError::Cancelled)?;
+        if pixels.n_objects() == 0 && pixels.n_backgrounds() == 0 {
+            return Err(TrainError::NoPixels { dataset: dataset.root.clone() });
+        }
+        Ok(Self::with_pixels(config, dataset, tracer, pixels))
+    }
+
+    fn with_pixels(config: &TrainConfig, dataset: &Dataset, tracer: Option<Arc<SurfaceTracer>>, pixels: PixelStore) -> Self {
+        let mut random = SlotRandom::new(config.seed, u64::MAX, 0);
+        let frame = field_frame(dataset, config.inner_box_scale);
+        let field = RadianceField::new(config.field, || random.uniform());
+        let material = tracer.as_ref().filter(|_| pixels.n_objects() > 0).map(|tracer| {
+            let bounds = tracer.mesh().bounds();
+            // A margin, so that the rim of the cube is never needed.
+            let side = 1.05 * bounds.extent().max_element();
+            Material::new(config.material, bounds.center(), side, || random.uniform())
+        });
+        let mut trainer = Self {
+            config: config.clone(),
+            name: dataset.name.clone(),
+            up: up_direction(dataset),
+            pixels,
+            tracer,
+            frame,
+            encoded: vec![Vec::new(); field.levels().len()],
+            field: Learned::new(field, |f| f.params.len()),
+            density: DensityGrid::default(),
+            material: material.map(|m| Learned::new(m, |m| m.params.len())),
+            gamma: 1.0,
+            gamma_adam: Adam::new(1),
+            step: 0,
+            updates: 0,
+            skipped: 0,
+            chunks: (0..N_CHUNKS).map(Chunk::new).collect(),
+            probe: FieldBatch::default(),
+        };
+        trainer.transpose();
+        trainer
+    }
+
+    /// Takes one step on the current thread pool; `progress` in 0..1 drives the learning rates' decay.
+    pub fn step(&mut self, progress: f32) -> StepStats {
+        self.prepare();
+        self.encode();
+        self.run_chunks();
+        let stats = self.stats();
+        self.step += 1;
+        if stats.skipped {
+            self.skipped += 1;
+            return stats;
+        }
+        self.gather_gradients();
+        self.update(progress);
+        if self.step.is_multiple_of(PROBE_EVERY) {
+            self.probe_density();
+        }
+        stats
+    }
+
+    /// Steps taken.
+    pub fn steps(&self) -> u64 {
+        self.step
+    }
+
+    /// Steps that learned nothing because a value was not finite.
+    pub fn skipped_steps(&self) -> u64 {
+        self.skipped
+    }
+
+    /// Field samples a ray.
+    pub fn samples_per_ray(&self) -> f32 {
+        self.config.samples_per_ray as f32
+    }
+
+    /// The learned exponent of the display transform.
+    pub fn gamma(&self) -> f32 {
+        self.gamma
+    }
+
+    /// The mesh's tracer, when there is an object.
+    pub fn tracer(&self) -> Option<&Arc<SurfaceTracer>> {
+        self.tracer.as_ref()
+    }
+
+    /// The model as it stands: a copy of the parameters.
+    pub fn snapshot(&self) -> Snapshot {
+        let place = EnvironmentPlace {
+            name: self.name.clone(),
+            frame: self.frame,
+            gamma: self.gamma,
+            n_samples: self.config.render_samples,
+            up: self.up,
+        };
+        let object = self.material.as_ref().zip(self.tracer.as_ref()).map(|(material, tracer)| {
+            Arc::new(ObjectModel { tracer: Arc::clone(tracer), material: Arc::new(material.value.clone()) })
+        });
+        let environment = Environment::new(place, self.field.value.clone(), self.density.clone());
+        Snapshot { step: self.step, object, environment: Arc::new(environment) }
+    }
+
+    fn context<'a>(&'a self) -> StepContext<'a> {
+        let explored = self.step as f32 / self.config.exploration_steps.max(1) as f32;
+        StepContext {
+            config: &self.config,
+            pixels: &self.pixels,
+            frame: &self.frame,
+            field: &self.field.value,
+            field_transposed: &self.field.transposed,
+            density: &self.density,
+            material: self.material.as_ref().map(|m| &m.value),
+            material_transposed: self.material.as_ref().map_or(&EMPTY, |m| &m.transposed),
+            display: Display { gamma: self.gamma },
+            step: self.step,
+            uniform_share: (1.0 - explored).max(self.config.uniform_share),
+        }
+    }
+
+    /// Draws and places every chunk's rays.
+    fn prepare(&mut self) {
+        let mut chunks = std::mem::take(&mut self.chunks);
+        let context = self.context();
+        let backgrounds = if self.pixels.n_backgrounds() == 0 { 0 } else { self.config.background_pixels };
+        let objects = if context.material.is_some() { self.config.object_pixels } else { 0 };
+        // Without an object its share of the work goes to the background.
+        let backgrounds = if objects == 0 { backgrounds + self.config.object_pixels } else { backgrounds };
+        let share = |n: usize, i: usize| n * i / N_CHUNKS..n * (i + 1) / N_CHUNKS;
+        chunks.par_iter_mut().enumerate().for_each(|(i, chunk)| chunk.prepare(&context, share(objects, i), share(backgrounds, i)));
+        self.chunks = chunks;
+    }
+
+    /// Encodes level by level over the whole step: each level's table stays in its core's cache.
+    fn encode(&mut self) {
+        let (field, chunks) = (&self.field.value, &self.chunks);
+        let n: usize = chunks.iter().map(|c| c.batch.n()).sum();
+        self.encoded.par_iter_mut().enumerate().rev().for_each(|(level, out)| {
+            out.resize(n * FEATURES, 0.0);
+            let mut rest = out.as_mut_slice();
+            for chunk in chunks {
+                let (head, tail) = rest.split_at_mut(chunk.batch.n() * FEATURES);
+                field.encode_level(level, &chunk.batch, head);
+                rest = tail;
+            }
+        });
+    }
+
+    fn run_chunks(&mut self) {
+        let mut chunks = std::mem::take(&mut self.chunks);
+        let starts: Vec<usize> = chunks
+            .iter()
+            .scan(0, |end, chunk| {
+                let start = *end;
+                *end += chunk.batch.n();
+                Some(start)
+            })
+            .collect();
+        let context = self.context();
+        let encoded = &self.encoded;
+        chunks.par_iter_mut().zip(starts).for_each(|(chunk, start)| {
+            let n = chunk.batch.n();
+            for (level, values) in encoded.iter().enumerate() {
+                context.field.insert_level(level, &values[start * FEATURES..(start + n) * FEATURES], &mut chunk.batch);
+            }
+            chunk.run(&context);
+        });
+        self.chunks = chunks;
+    }
+
+    fn stats(&self) -> StepStats {
+        let sum = |f: fn(&Chunk) -> f64| self.chunks.iter().map(f).sum::<f64>();
+        let object = sum(|c| c.loss.object) / self.config.object_pixels as f64;
+        let background = sum(|c| c.loss.background) / self.config.background_pixels as f64;
+        StepStats {
+            loss: (object + f64::from(self.config.background_weight) * background + sum(|c| c.loss.smoothness)) as f32,
+            loss_object: object as f32,
+            loss_background: background as f32,
+            rays: self.chunks.iter().map(|c| c.batch.rays.len() as u32).sum(),
+            samples: self.chunks.iter().map(|c| c.batch.n() as u32).sum(),
+            skipped: !self.chunks.iter().all(|c| c.is_finite),
+        }
+    }
+
+    /// Sums the chunks' gradients in order: networks, then each level by one task; and refreshes the density cache.
+    fn gather_gradients(&mut self) {
+        let chunks = &self.chunks;
+        let n_networks = self.field.value.n_network_params();
+        let (networks, mut grids) = self.field.gradient.split_at_mut(n_networks);
+        let (field, density) = (&self.field.value, &mut self.density);
+        let material = self.material.as_mut();
+        rayon::scope(|scope| {
+            for (level, shape) in field.levels().iter().enumerate() {
+                let (table, rest) = grids.split_at_mut(shape.n_entries * FEATURES);
+                grids = rest;
+                scope.spawn(move |_| {
+                    table.fill(0.0);
+                    for chunk in chunks {
+                        field.scatter_level(level, &chunk.batch, table);
+                    }
+                });
+            }
+            scope.spawn(move |_| sum_in_order(networks, chunks.iter().map(|c| c.d_field_networks.as_slice())));
+            scope.spawn(move |_| {
+                for chunk in chunks {
+                    chunk.batch.observe_densities(|cell, value| density.observe(cell, value));
+                }
+            });
+            if let Some(learned) = material {
+                let material = &learned.value;
+                let (network, mut grids) = learned.gradient.split_at_mut(material.n_network_params());
+                sum_in_order(network, chunks.iter().map(|c| c.d_material_network.as_slice()));
+                for (level, shape) in material.levels().iter().enumerate() {
+                    let (table, rest) = grids.split_at_mut(shape.n_entries * FEATURES);
+                    grids = rest;
+                    scope.spawn(move |_| {
+                        table.fill(0.0);
+                        for chunk in chunks {
+                            material.scatter_level(level, &chunk.material, table);
+                        }
+                    });
+                }
+            }
+        });
+    }
+
+    fn update(&mut self, progress: f32) {
+        self.updates += 1;
+        let warmup = ((self.updates as f32) / self.config.warmup_steps.max(1) as f32).min(1.0);
+        let decay = warmup * self.config.final_rate.powf(progress.clamp(0.0, 1.0));
+        let rates = |n_head| Rates { n_head, head: decay * self.config.network_rate, tail: decay * self.config.grid_rate };
+        let n_head = self.field.value.n_network_params();
+        self.field.adam.update(&mut self.field.value.params, &self.field.gradient, rates(n_head), self.updates);
+        if let Some(m) = &mut self.material {
+            let n_head = m.value.n_network_params();
+            m.adam.update(&mut m.value.params, &m.gradient, rates(n_head), self.updates);
+        }
+        let d_gamma = self.chunks.iter().map(|c| c.loss.d_gamma).sum::<f64>() as f32;
+        let rates = Rates { n_head: 1, head: decay * self.config.gamma_rate, tail: 0.0 };
+        let mut gamma = [self.gamma];
+        self.gamma_adam.update(&mut gamma, &[d_gamma], rates, self.updates);
+        // Outside this range the transform is no display transform any more.
+        self.gamma = gamma[0].clamp(0.2, 5.0);
+        self.transpose();
+    }
+
+    pub(super) fn transpose(&mut self) {
+        self.field.value.transpose(&mut self.field.transposed);
+        if let Some(m) = &mut self.material {
+            m.value.transpose(&mut m.transposed);
+        }
+    }
+
+    /// Looks into random cells of the density cache, so that places no sample goes to are known too.
+    fn probe_density(&mut self) {
+        let mut random = SlotRandom::new(self.config.seed, self.step, u64::MAX);
+        let cells: Vec<usize> = (0..N_PROBES).map(|_| random.index(self.density.len())).collect();
+        let points: Vec<_> = cells
+            .iter()
+            .map(|&cell| {
+                let u = [random.uniform(), random.uniform(), random.uniform()];
+                (unit_cube(contract(DensityGrid::point_in_cell(cell, u)).0), 0.0)
+            })
+            .collect();
+        let densities = self.field.value.densities(&mut self.probe, &points, &mut Vec::new());
+        for (&cell, density) in cells.iter().zip(densities) {
+            self.density.observe(cell as u32, density);
+        }
+    }
+}
+
+static EMPTY: Transposed = Transposed::EMPTY;
+
+impl<F, T: Default> Learned<F, T> {
+    fn new(value: F, n_params: impl Fn(&F) -> usize) -> Self {
+        let n = n_params(&value);
+        Self { value, adam: Adam::new(n), gradient: vec![0.0; n], transposed: T::default() }
+    }
+}
+
+fn sum_in_order<'a>(total: &mut [f32], parts: impl Iterator<Item = &'a [f32]>) {
+    total.fill(0.0);
+    for part in parts {
+        for (sum, value) in total.iter_mut().zip(part) {
+            *sum += value;
+        }
+    }
+}
