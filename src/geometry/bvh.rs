@@ -93,6 +93,11 @@ impl SurfaceTracer {
         }
     }
 
+    /// How far a ray that leaves the surface should start, so as not to hit where it starts: 1e-4 of the size.
+    pub fn self_distance(&self) -> f32 {
+        2e-4 * self.radius
+    }
+
     /// The mesh that is traced.
     pub fn mesh(&self) -> &Arc<Mesh> {
         &self.mesh

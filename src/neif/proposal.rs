@@ -13,6 +13,8 @@ const OUTER_SIDE: usize = 96;
 const INNER_SIDE: usize = 128;
 /// Equal steps from the origin to the inner box's far side.
 const INNER_STEPS: usize = 64;
+/// Cells of the inner grid, which come first.
+const INNER_CELLS: u32 = (INNER_SIDE * INNER_SIDE * INNER_SIDE) as u32;
 /// Steps beyond it, equal in `s / (1 + s)`.
 const OUTER_STEPS: usize = 48;
 /// Look-ups a ray.
@@ -118,16 +120,20 @@ impl DensityGrid {
 #[inline(always)]
 pub fn cell_index(x: [f32; 3]) -> u32 {
     let m = x[0].abs().max(x[1].abs()).max(x[2].abs());
-    let index = |unit: [f32; 3], side: usize| {
-        // The saturating cast maps NaN to 0 and the minimum keeps the rim inside.
-        let cell = unit.map(|v| ((v * side as f32) as i32).clamp(0, side as i32 - 1) as u32);
-        cell[0] + (cell[1] + cell[2] * side as u32) * side as u32
-    };
     if m < 1.0 {
-        index(x.map(|v| v * 0.5 + 0.5), INNER_SIDE)
+        cell_of(x.map(|v| v * 0.5 + 0.5), INNER_SIDE)
     } else {
-        INNER_SIDE.pow(3) as u32 + index(unit_cube(contract_point(x)), OUTER_SIDE)
+        INNER_CELLS + cell_of(unit_cube(contract_point(x)), OUTER_SIDE)
     }
+}
+
+/// The cell of a grid with `side` cells an axis that holds a point of the unit cube; points outside go to the rim.
+#[inline(always)]
+fn cell_of(unit: [f32; 3], side: usize) -> u32 {
+    // The minimum and maximum also map NaN inside the grid.
+    let top = side as f32 - 0.5;
+    let [x, y, z] = unit.map(|v| math::floor_small((v * side as f32).max(0.0).min(top)).1);
+    x + (y + z * side as u32) * side as u32
 }
 
 /// [`contract`] without the scale, which costs a cube root.
@@ -162,18 +168,24 @@ dispatch! {
 
 #[inline(always)]
 fn march_body<const FMA: bool>(grid: &DensityGrid, ray: &ConeRay, split: f32, weights: &mut [f32; N_STEPS]) {
-    let mut depth = [0.0; N_STEPS];
-    let inner_step = split / INNER_STEPS as f32;
-    let mut previous = 0.0;
-    for step in 0..N_STEPS {
-        let next = step_distance(step as f32 + 1.0, split);
-        let density = grid.cells[cell_index(ray.at(0.5 * (previous + next))) as usize];
-        depth[step] = f32_from_bf16(density) * if step < INNER_STEPS { inner_step } else { next - previous };
-        previous = next;
+    // Index arithmetic first, in loops without branches or loads, so that it vectorises.
+    let mut cells = [0_u32; N_STEPS];
+    let mut lengths = [split / INNER_STEPS as f32; N_STEPS];
+    for step in 0..INNER_STEPS {
+        let t = (step as f32 + 0.5) * lengths[step];
+        cells[step] = cell_of(ray.at(t).map(|v| v * 0.5 + 0.5), INNER_SIDE);
+    }
+    for step in INNER_STEPS..N_STEPS {
+        let (near, far) = (outer_distance(step as f32, split), outer_distance(step as f32 + 1.0, split));
+        lengths[step] = far - near;
+        cells[step] = INNER_CELLS + cell_of(unit_cube(contract_point(ray.at(0.5 * (near + far)))), OUTER_SIDE);
     }
     let mut alpha = [0.0; N_STEPS];
     for step in 0..N_STEPS {
-        alpha[step] = 1.0 - math::exp::<FMA>(-depth[step]);
+        alpha[step] = f32_from_bf16(grid.cells[cells[step] as usize]);
+    }
+    for step in 0..N_STEPS {
+        alpha[step] = 1.0 - math::exp::<FMA>(-alpha[step] * lengths[step]);
     }
     let mut transmittance = 1.0;
     for step in 0..N_STEPS {
@@ -203,10 +215,16 @@ fn step_distance(step: f32, split: f32) -> f32 {
     if step <= INNER_STEPS as f32 {
         step * (split / INNER_STEPS as f32)
     } else {
-        // One step short of infinity: the last edge is at OUTER_STEPS box sizes.
-        let u = (step - INNER_STEPS as f32) / (OUTER_STEPS as f32 + 1.0);
-        split + u / (1.0 - u)
+        outer_distance(step, split)
     }
+}
+
+/// Distance of a fractional step beyond the inner box.
+#[inline(always)]
+fn outer_distance(step: f32, split: f32) -> f32 {
+    // One step short of infinity: the last edge is at OUTER_STEPS box sizes.
+    let u = (step - INNER_STEPS as f32) / (OUTER_STEPS as f32 + 1.0);
+    split + u / (1.0 - u)
 }
 
 /// The greatest of each weight and its neighbours, plus the uniform share.

@@ -43,7 +43,7 @@ pub fn trace_pixel(tracer: &SurfaceTracer, camera: &Camera, x_px: f32, y_px: f32
 /// `turn` (radians) turns the rings, so that neighbouring pixels test different directions.
 pub fn trace_bounce(tracer: &SurfaceTracer, point: &SurfacePoint, turn: f32) -> (Blocked, Option<SecondPoint>) {
     let axis = point.reflected();
-    let start = self_distance(tracer);
+    let start = tracer.self_distance();
     let mirror = tracer.intersect(&Ray { origin: point.position, direction: axis }, start, f32::INFINITY);
     let mut blocked = Blocked { core: if mirror.is_some() { 1.0 } else { 0.0 }, rings: [0.0; 2] };
     let mut met = mirror.map(|hit| second_point(tracer, point, axis, &hit));
@@ -68,11 +68,6 @@ pub fn trace_bounce(tracer: &SurfaceTracer, point: &SurfacePoint, turn: f32) -> 
         blocked.rings[ring] = if counts[0] > 0 { counts[1] as f32 / counts[0] as f32 } else { blocked.core };
     }
     (blocked, met)
-}
-
-/// Rays that leave the surface skip this much, world units, so as not to hit where they start.
-fn self_distance(tracer: &SurfaceTracer) -> f32 {
-    1e-4 * tracer.mesh().bounds().diagonal()
 }
 
 fn second_point(tracer: &SurfaceTracer, from: &SurfacePoint, direction: Vec3, hit: &Hit) -> SecondPoint {

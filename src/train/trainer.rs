@@ -57,6 +57,7 @@ pub struct Trainer {
 pub(super) struct Learned<F, T> {
     pub(super) value: F,
     pub(super) adam: Adam,
+    /// Zero between steps: [`Adam::update`] clears it.
     gradient: Vec<f32>,
     transposed: T,
 }
@@ -295,7 +296,6 @@ impl Trainer {
                 let (table, rest) = grids.split_at_mut(shape.n_entries * FEATURES);
                 grids = rest;
                 scope.spawn(move |_| {
-                    table.fill(0.0);
                     for chunk in chunks {
                         field.scatter_level(level, &chunk.batch, table);
                     }
@@ -315,8 +315,7 @@ impl Trainer {
                     let (table, rest) = grids.split_at_mut(shape.n_entries * FEATURES);
                     grids = rest;
                     scope.spawn(move |_| {
-                        table.fill(0.0);
-                        for chunk in chunks {
+                            for chunk in chunks {
                             material.scatter_level(level, &chunk.material, table);
                         }
                     });
@@ -331,15 +330,15 @@ impl Trainer {
         let decay = warmup * self.config.final_rate.powf(progress.clamp(0.0, 1.0));
         let rates = |n_head| Rates { n_head, head: decay * self.config.network_rate, tail: decay * self.config.grid_rate };
         let n_head = self.field.value.n_network_params();
-        self.field.adam.update(&mut self.field.value.params, &self.field.gradient, rates(n_head), self.updates);
+        self.field.adam.update(&mut self.field.value.params, &mut self.field.gradient, rates(n_head), self.updates);
         if let Some(m) = &mut self.material {
             let n_head = m.value.n_network_params();
-            m.adam.update(&mut m.value.params, &m.gradient, rates(n_head), self.updates);
+            m.adam.update(&mut m.value.params, &mut m.gradient, rates(n_head), self.updates);
         }
         let d_gamma = self.chunks.iter().map(|c| c.loss.d_gamma).sum::<f64>() as f32;
         let rates = Rates { n_head: 1, head: decay * self.config.gamma_rate, tail: 0.0 };
         let mut gamma = [self.gamma];
-        self.gamma_adam.update(&mut gamma, &[d_gamma], rates, self.updates);
+        self.gamma_adam.update(&mut gamma, &mut [d_gamma], rates, self.updates);
         // Outside this range the transform is no display transform any more.
         self.gamma = gamma[0].clamp(0.2, 5.0);
         self.transpose();
@@ -380,7 +379,6 @@ impl<F, T: Default> Learned<F, T> {
 }
 
 fn sum_in_order<'a>(total: &mut [f32], parts: impl Iterator<Item = &'a [f32]>) {
-    total.fill(0.0);
     for part in parts {
         for (sum, value) in total.iter_mut().zip(part) {
             *sum += value;

@@ -34,6 +34,17 @@ pub fn exp<const FMA: bool>(x: f32) -> f32 {
     y * f32::from_bits(bits.wrapping_add(127 << 23))
 }
 
+/// `floor(x)` for `x` in `[0, 2^22)`, as a float and as an integer, without the scalar code that a saturating cast becomes.
+///
+/// Adding 2^23 leaves the rounded integer in the mantissa's low bits.
+#[inline(always)]
+pub fn floor_small(x: f32) -> (f32, u32) {
+    const SHIFT: f32 = 8_388_608.0;
+    let rounded = (x + SHIFT) - SHIFT;
+    let floor = if rounded > x { rounded - 1.0 } else { rounded };
+    (floor, (floor + SHIFT).to_bits() & 0x007f_ffff)
+}
+
 /// `1 / (1 + e^-x)`, in `(0, 1)`.
 pub fn sigmoid(x: f32) -> f32 {
     1.0 / (1.0 + exp::<false>(-x))
@@ -57,6 +68,15 @@ mod tests {
                 assert!(relative < 3e-7, "exp({x}) = {y}, off by {relative}");
             }
         }
+    }
+
+    #[test]
+    fn floor_agrees_with_the_library() {
+        for i in 0..100_000 {
+            let x = i as f32 * 0.37;
+            assert_eq!(floor_small(x), (x.floor(), x as u32), "{x}");
+        }
+        assert_eq!(floor_small(4_194_303.0), (4_194_303.0, 4_194_303));
     }
 
     #[test]
