@@ -109,6 +109,14 @@ impl SquaredError {
         self.count += 1;
     }
 
+    /// Both sums together.
+    pub fn plus(self, other: Self) -> Self {
+        Self {
+            sum: self.sum + other.sum,
+            count: self.count + other.count,
+        }
+    }
+
     /// `-10 log10(mean squared error)` in dB (peak 1), at most [`MAX_PSNR_DB`]; `None` without
     /// pixels, and where a pixel was not finite.
     pub fn psnr(&self) -> Option<f64> {
@@ -204,11 +212,10 @@ fn blur(plane: &[f64], width: usize) -> Vec<f64> {
 /// One-dimensional window weights, which sum to 1.
 fn window_weights() -> [f64; SSIM_WINDOW] {
     let centre = (SSIM_WINDOW / 2) as f64;
-    let mut weights: [f64; SSIM_WINDOW] =
+    let weights: [f64; SSIM_WINDOW] =
         std::array::from_fn(|i| (-0.5 * ((i as f64 - centre) / SSIM_SIGMA).powi(2)).exp());
     let sum: f64 = weights.iter().sum();
-    weights.iter_mut().for_each(|w| *w /= sum);
-    weights
+    weights.map(|w| w / sum)
 }
 
 #[cfg(test)]
@@ -218,7 +225,7 @@ mod tests {
     const WIDTH: usize = 24;
     const HEIGHT: usize = 17;
 
-    /// A test picture made of integers only, so that NumPy gets exactly the same values.
+    /// A test picture made of integers only, so that `numpy` gets exactly the same values.
     fn picture(k: usize) -> Vec<[f32; 3]> {
         let pixel = |x: usize, y: usize, c: usize| {
             let pattern = x * (7 + c) + y * (13 - 2 * c) + (x * y * (c + 1)) % 11;
@@ -244,7 +251,7 @@ mod tests {
         );
     }
 
-    /// The expected numbers were computed once with NumPy 2 and scikit-image 0.25 on `picture(0)`,
+    /// The expected numbers were computed once with `numpy` 2 and scikit-image 0.25 on `picture(0)`,
     /// `picture(2)` and `disk()`: `structural_similarity` with the parameters that [`ssim`] names
     /// and `channel_axis=2`, `peak_signal_noise_ratio` with `data_range=1`.
     #[test]

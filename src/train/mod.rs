@@ -4,20 +4,31 @@ mod adam;
 mod checkpoint;
 mod chunk;
 pub mod config;
+pub mod eval;
+mod event_queue;
+pub mod events;
 pub mod latest;
 mod loss;
+mod meter;
 pub mod metrics;
 mod pixels;
 mod placement;
 pub mod plan;
 mod preconvolution;
 mod random;
+mod run;
+pub mod run_folder;
+pub mod run_log;
+pub mod session;
+mod session_thread;
 pub mod snapshot;
 #[cfg(test)]
 mod test_scene;
 pub mod trainer;
 #[cfg(test)]
 mod trainer_tests;
+mod upkeep;
+mod validation;
 
 pub use config::TrainConfig;
 pub use snapshot::Snapshot;

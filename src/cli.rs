@@ -1,0 +1,83 @@
+//! The command line: what can be asked for, and who does it. One file a command.
+
+mod demo;
+mod edits;
+mod env;
+mod eval;
+mod failure;
+mod info;
+mod interrupt;
+mod output;
+mod render;
+mod scenes;
+mod sheet;
+mod train;
+mod training;
+mod turntable;
+mod values;
+mod view;
+
+use std::time::Instant;
+
+use clap::{Parser, Subcommand};
+
+use self::failure::Failure;
+
+/// Relight photographed objects: train a neural illumination field on posed photos, edit the
+/// object's material and its surroundings, and render the result.
+///
+/// Without a command: the window, or where there is no display the demo without one.
+#[derive(Debug, Parser)]
+#[command(name = "neif", version)]
+struct Cli {
+    #[command(subcommand)]
+    command: Option<Command>,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Show captures, runs or environments in the window
+    View(view::ViewArgs),
+    /// Say what a capture, run or environment is and what is wrong with it
+    Info(info::InfoArgs),
+    /// Train on a capture
+    Train(train::TrainArgs),
+    /// Measure a trained run against photos that were held out
+    Eval(eval::EvalArgs),
+    /// Render pictures of a trained run, with edits and other light
+    Render(render::RenderArgs),
+    /// Surroundings alone: train them, look at them
+    #[command(subcommand)]
+    Env(env::EnvCommand),
+}
+
+/// Reads the arguments and does what they ask for. `started` is when the process began, from
+/// which time budgets count.
+pub(crate) fn run(started: Instant) -> Result<(), Failure> {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        // Help and version are asked for and succeed; the rest ends the process with code 2.
+        Err(error) => error.exit(),
+    };
+    init_logging();
+    match cli.command {
+        None => view::window_or_demo(started),
+        Some(Command::View(args)) => view::run(args),
+        Some(Command::Info(args)) => info::run(&args),
+        Some(Command::Train(args)) => train::run(&args, started),
+        Some(Command::Eval(args)) => eval::run(&args),
+        Some(Command::Render(args)) => render::run(&args),
+        Some(Command::Env(env::EnvCommand::Train(args))) => env::train(&args, started),
+        Some(Command::Env(env::EnvCommand::Panorama(args))) => env::panorama(&args),
+    }
+}
+
+/// Warnings go to the standard error; `NEIF_LOG=debug` shows more.
+fn init_logging() {
+    use tracing_subscriber::EnvFilter;
+    let filter = EnvFilter::try_from_env("NEIF_LOG").unwrap_or_else(|_| EnvFilter::new("warn"));
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .init();
+}

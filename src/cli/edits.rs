@@ -1,0 +1,95 @@
+//! Flags that change the material or move the surroundings.
+
+use glam::Vec3;
+use neif::neif::{EnvironmentTransform, MaterialEdit, RoughnessEdit};
+use neif::render::Scene;
+
+use super::values;
+
+/// Moves the surroundings: scale, then rotation, then translation, in world axes about the origin.
+#[derive(Debug, clap::Args)]
+#[expect(clippy::struct_field_names, reason = "the flags are named so")]
+pub(crate) struct EnvironmentFlags {
+    /// Rotate the surroundings about the world's x, then y, then z axis, in degrees
+    #[arg(long, value_name = "X,Y,Z", value_parser = values::vector, allow_hyphen_values = true)]
+    env_rotate: Option<Vec3>,
+    /// Move the surroundings, in scene units
+    #[arg(long, value_name = "X,Y,Z", value_parser = values::vector, allow_hyphen_values = true)]
+    env_translate: Option<Vec3>,
+    /// Scale the surroundings
+    #[arg(long, value_name = "S", value_parser = values::positive)]
+    env_scale: Option<f32>,
+    /// Brighten the surroundings, in photographic stops
+    #[arg(long, value_name = "EV", value_parser = values::finite, allow_hyphen_values = true)]
+    env_exposure: Option<f32>,
+}
+
+impl EnvironmentFlags {
+    /// What the flags say.
+    pub(crate) fn transform(&self) -> EnvironmentTransform {
+        let identity = EnvironmentTransform::default();
+        EnvironmentTransform {
+            rotate_deg: self.env_rotate.unwrap_or(identity.rotate_deg),
+            translate: self.env_translate.unwrap_or(identity.translate),
+            scale: self.env_scale.unwrap_or(identity.scale),
+            exposure_ev: self.env_exposure.unwrap_or(identity.exposure_ev),
+            ..identity
+        }
+    }
+}
+
+/// Changes the material of the whole object.
+#[derive(Debug, clap::Args)]
+pub(crate) struct MaterialFlags {
+    /// Roughness everywhere, 0 (mirror) to 1
+    #[arg(long, value_name = "V", value_parser = values::unit_interval,
+          conflicts_with_all = ["roughness_scale", "roughness_offset"])]
+    roughness: Option<f32>,
+    /// Multiply the roughness
+    #[arg(long, value_name = "V", value_parser = values::not_negative)]
+    roughness_scale: Option<f32>,
+    /// Add to the roughness, after scaling
+    #[arg(long, value_name = "V", value_parser = values::finite, allow_hyphen_values = true)]
+    roughness_offset: Option<f32>,
+    /// Colour the reflections: multiplies the specular tint
+    #[arg(long, value_name = "R,G,B", value_parser = values::colour)]
+    tint: Option<Vec3>,
+    /// Strengthen or weaken the reflections
+    #[arg(long, value_name = "V", value_parser = values::not_negative)]
+    tint_scale: Option<f32>,
+    /// Multiply the diffuse colour, by one number or one for each channel
+    #[arg(long, value_name = "V|R,G,B", value_parser = values::gain)]
+    diffuse_gain: Option<Vec3>,
+}
+
+impl MaterialFlags {
+    /// What the flags say.
+    pub(crate) fn edit(&self) -> MaterialEdit {
+        let identity = MaterialEdit::default();
+        MaterialEdit {
+            roughness: match self.roughness {
+                Some(roughness) => RoughnessEdit::Constant(roughness),
+                None => RoughnessEdit::Map {
+                    scale: self.roughness_scale.unwrap_or(1.0),
+                    offset: self.roughness_offset.unwrap_or(0.0),
+                },
+            },
+            tint_scale: self.tint_scale.unwrap_or(identity.tint_scale),
+            tint_color: self.tint.unwrap_or(identity.tint_color),
+            diffuse_gain: self.diffuse_gain.unwrap_or(identity.diffuse_gain),
+        }
+    }
+}
+
+/// The scene with edits and a moved environment.
+pub(crate) fn apply(
+    scene: Scene,
+    material: &MaterialFlags,
+    environment: &EnvironmentFlags,
+) -> Scene {
+    Scene {
+        transform: environment.transform(),
+        edit: material.edit(),
+        ..scene
+    }
+}

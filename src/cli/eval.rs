@@ -1,0 +1,234 @@
+//! `neif eval`: how good a run is on photos that it has not seen.
+
+use std::{
+    collections::BTreeMap,
+    io::Write as _,
+    path::{Path, PathBuf},
+    sync::{Arc, atomic::AtomicBool},
+};
+
+use neif::data::{Dataset, View, read_exr_linear, write_atomically};
+use neif::neif::Environment;
+use neif::render::{Picture, Scene};
+use neif::train::eval::{
+    EvalReport, NormalError, ViewMetrics, evaluate_views, mean_of_views, panorama_psnr, relit,
+};
+use neif::train::metrics::ImageMetrics;
+
+use super::failure::{Failure, OrUnusable as _};
+use super::output::{self, Display};
+use super::scenes::{self, Split};
+use super::values::{self, NamedPath};
+use super::{interrupt, sheet};
+
+/// Amplification of difference pictures.
+const DIFFERENCE_GAIN: f32 = 4.0;
+/// Width of a picture on the contact sheet, in pixels.
+const SHEET_WIDTH: u32 = 200;
+/// Views (of photo, picture and difference) in a row of the contact sheet.
+const SHEET_COLUMNS: usize = 2;
+
+/// Arguments of `neif eval`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct EvalArgs {
+    /// The run folder
+    #[arg(value_name = "RUN")]
+    run: PathBuf,
+    /// Which photos
+    #[arg(long, value_name = "SPLIT", default_value = "test")]
+    split: Split,
+    /// Measure the edits and relightings of the capture's relight/ folder too
+    #[arg(long)]
+    relight: bool,
+    /// Surroundings trained on another capture, under its name, for relightings that use them
+    #[arg(long, value_name = "NAME=FILE", value_parser = values::named_path)]
+    env: Vec<NamedPath>,
+    /// Folder for pictures: rendered, photo, difference x4, and one contact sheet
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Where the run's capture lies now
+    #[arg(long, value_name = "DATASET")]
+    dataset: Option<PathBuf>,
+    /// Write the figures as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// `neif eval`.
+pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
+    let run = scenes::open_run(&args.run, args.dataset.as_deref())?;
+    let (views, root) = run.load_views(args.split)?;
+    let trained = run.folder.trained();
+    let mut bench = Bench {
+        cancel: interrupt::install()?,
+        display: Display::new(args.json),
+        out: args.out.as_deref(),
+    };
+    let results = bench.measure(&run.scene, &views, args.split.as_str())?;
+    let relight = if args.relight {
+        bench.relight(&run.scene, &root, &args.env)?
+    } else {
+        BTreeMap::new()
+    };
+    let report = EvalReport {
+        split: args.split.as_str().to_owned(),
+        train_seconds: trained.map(|trained| trained.train_secs),
+        steps: trained.map(|trained| trained.steps),
+        mean: mean_of_views(&results),
+        views: results,
+        relight,
+        normal_mae_deg: normal_error(&run.scene, &views, &root)?,
+        pano_psnr: panorama_psnr(&run.scene.environment, &root, bench.cancel).or_unusable()?,
+    };
+    if interrupt::requested() {
+        return Err(Failure::Interrupted);
+    }
+    bench.display.finish();
+    let json = serde_json::to_string(&report)?;
+    if let Some(out) = &args.out {
+        write_atomically(&out.join("report.json"), |file| {
+            file.write_all(json.as_bytes())
+        })?;
+    }
+    output::line(&if args.json { json } else { table(&report) })?;
+    Ok(())
+}
+
+/// Renders and measures sets of views.
+struct Bench<'a> {
+    cancel: &'static AtomicBool,
+    display: Display,
+    out: Option<&'a Path>,
+}
+
+impl Bench<'_> {
+    /// Measures the views; writes their pictures into the folder `set` below the output folder.
+    fn measure(
+        &mut self,
+        scene: &Scene,
+        views: &[View],
+        set: &str,
+    ) -> Result<Vec<ViewMetrics>, Failure> {
+        let folder = self.out.map(|out| out.join(set));
+        if let Some(folder) = &folder {
+            scenes::make_folder(folder)?;
+        }
+        let mut rows = Vec::new();
+        let mut saved: Result<(), Failure> = Ok(());
+        let display = &mut self.display;
+        let results = evaluate_views(scene, views, self.cancel, &mut |i, view, picture| {
+            display.set((i + 1) as f32 / views.len() as f32, "Measuring", set);
+            if let (Some(folder), Ok(())) = (&folder, &saved) {
+                saved = save_pictures(folder, view, picture, &mut rows);
+            }
+        });
+        saved?;
+        let results = results.ok_or(Failure::Interrupted)?;
+        if let Some(folder) = &folder {
+            let contact_sheet = sheet::grid(&rows, SHEET_COLUMNS);
+            sheet::save(&folder.join("contact_sheet.png"), &contact_sheet)?;
+        }
+        Ok(results)
+    }
+
+    /// Measures every edit that has ground truth.
+    fn relight(
+        &mut self,
+        scene: &Scene,
+        root: &Path,
+        environments: &[NamedPath],
+    ) -> Result<BTreeMap<String, ImageMetrics>, Failure> {
+        let mut known: BTreeMap<String, Arc<Environment>> = BTreeMap::new();
+        for NamedPath { name, path } in environments {
+            known.insert(name.clone(), scenes::open_environment(path)?);
+        }
+        let mut relight = BTreeMap::new();
+        for case in Dataset::relight_cases(root).or_unusable()? {
+            for problem in &case.problems {
+                output::note(&format!("{}: {problem}", case.name));
+            }
+            match relit(scene, &case.apply, &known) {
+                Ok(edited) => {
+                    let set = format!("relight/{}", case.name);
+                    let results = self.measure(&edited, &case.views, &set)?;
+                    relight.insert(case.name, mean_of_views(&results));
+                }
+                Err(reason) => output::note(&format!("relight/{}: left out: {reason}", case.name)),
+            }
+        }
+        Ok(relight)
+    }
+}
+
+/// Writes a view's three pictures and adds them to the contact sheet.
+fn save_pictures(
+    folder: &Path,
+    view: &View,
+    picture: &Picture,
+    rows: &mut Vec<Picture>,
+) -> Result<(), Failure> {
+    let photo = sheet::photo(view);
+    let difference = sheet::difference(&photo, picture, DIFFERENCE_GAIN);
+    let name = &view.name;
+    sheet::save(&folder.join(format!("{name}.png")), picture)?;
+    sheet::save(&folder.join(format!("{name}_photo.png")), &photo)?;
+    sheet::save(&folder.join(format!("{name}_difference.png")), &difference)?;
+    let small = [&photo, picture, &difference].map(|p| sheet::thumbnail(p, SHEET_WIDTH));
+    rows.push(sheet::beside(&small.each_ref()));
+    Ok(())
+}
+
+/// Mean angle between the mesh's normals and those of `gt/normal`, where the capture has them.
+fn normal_error(scene: &Scene, views: &[View], root: &Path) -> Result<Option<f64>, Failure> {
+    let mut error = NormalError::default();
+    for view in views {
+        let file = root.join("gt/normal").join(format!("{}.exr", view.name));
+        if file.is_file() {
+            let (width, height, normals) = read_exr_linear(&file).or_unusable()?;
+            if (width, height) == (view.camera.width, view.camera.height) {
+                error.add_view(scene, &view.camera, &normals);
+            }
+        }
+    }
+    Ok(error.mean_deg())
+}
+
+/// The figures for people.
+fn table(report: &EvalReport) -> String {
+    let row = |name: &str, m: &ImageMetrics| {
+        let cell = |value: Option<f64>| value.map_or("-".to_owned(), |v| format!("{v:.2}"));
+        let ssim = m.ssim.map_or("-".to_owned(), |v| format!("{v:.4}"));
+        format!(
+            "{name:<24} {:>7} {:>8} {:>11} {:>8} {ssim:>8}",
+            cell(m.psnr),
+            cell(m.psnr_object),
+            cell(m.psnr_background),
+            cell(m.psnr_masked),
+        )
+    };
+    let mut lines = vec![format!(
+        "{:<24} {:>7} {:>8} {:>11} {:>8} {:>8}   (PSNR in dB)",
+        report.split, "PSNR", "object", "background", "masked", "SSIM"
+    )];
+    lines.extend(
+        report
+            .views
+            .iter()
+            .map(|view| row(&view.name, &view.metrics)),
+    );
+    lines.push(row("mean", &report.mean));
+    lines.extend(
+        report
+            .relight
+            .iter()
+            .map(|(name, metrics)| row(name, metrics)),
+    );
+    let normals = report.normal_mae_deg;
+    lines.extend(normals.map(|deg| format!("normals: mean error {deg:.2} degrees")));
+    lines.extend(
+        report
+            .pano_psnr
+            .map(|psnr| format!("panoramas: PSNR {psnr:.2} dB")),
+    );
+    lines.join("\n")
+}

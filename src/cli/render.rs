@@ -1,0 +1,147 @@
+//! `neif render`: pictures of a trained run, from any camera, edited and in any light.
+
+use std::path::{Path, PathBuf};
+
+use neif::geometry::Camera;
+use neif::render::{Layer, Scene, render};
+
+use super::edits::{EnvironmentFlags, MaterialFlags, apply};
+use super::failure::Failure;
+use super::output::{self, Display};
+use super::scenes::{self, OpenRun, Split};
+use super::values::Size;
+use super::{interrupt, sheet, turntable, values};
+
+/// Arguments of `neif render`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct RenderArgs {
+    /// The run folder
+    #[arg(value_name = "RUN")]
+    run: PathBuf,
+    #[command(flatten)]
+    cameras: CameraFlags,
+    /// Other surroundings: an environment file, a run folder, or `own`
+    #[arg(long, value_name = "ENV", default_value = "own")]
+    env: PathBuf,
+    #[command(flatten)]
+    environment: EnvironmentFlags,
+    #[command(flatten)]
+    material: MaterialFlags,
+    /// What to render: final, diffuse, specular, roughness, tint, normal, environment
+    #[arg(
+        long,
+        value_name = "LAYER,..",
+        value_delimiter = ',',
+        default_value = "final"
+    )]
+    layers: Vec<Layer>,
+    /// The folder for the pictures; made when missing
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+}
+
+/// Where the pictures are taken from.
+#[derive(Debug, clap::Args)]
+struct CameraFlags {
+    /// From where the photos of this split were taken [default: test]
+    #[arg(long, value_name = "SPLIT", conflicts_with_all = ["cameras", "turntable"])]
+    split: Option<Split>,
+    /// From the cameras of a transforms.json; its photos need not exist
+    #[arg(long, value_name = "FILE", conflicts_with = "turntable")]
+    cameras: Option<PathBuf>,
+    /// From N places on a circle around the object
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    turntable: Option<u32>,
+    /// Size of the pictures [default: that of the cameras; 512x512 on a turntable]
+    #[arg(long, value_name = "WxH", value_parser = values::size)]
+    size: Option<Size>,
+    /// Where the run's capture lies now
+    #[arg(long, value_name = "DATASET")]
+    dataset: Option<PathBuf>,
+}
+
+/// A camera and what its pictures are called.
+#[derive(Clone, Debug)]
+pub(crate) struct NamedCamera {
+    /// File name without ending.
+    pub(crate) name: String,
+    /// Where it stands.
+    pub(crate) camera: Camera,
+}
+
+/// `neif render`.
+pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
+    let run = scenes::open_run(&args.run, args.cameras.dataset.as_deref())?;
+    let mut scene = run.scene.clone();
+    if args.env != Path::new("own") {
+        scene.environment = scenes::open_environment(&args.env)?;
+    }
+    let scene = apply(scene, &args.material, &args.environment);
+    let cameras = args.cameras.cameras(&run)?;
+    scenes::make_folder(&args.out)?;
+    let n_pictures = render_all(&scene, &cameras, &args.layers, &args.out)?;
+    output::line(&format!("{}: {n_pictures} pictures", args.out.display()))?;
+    Ok(())
+}
+
+/// Renders every layer from every camera; returns the number of pictures.
+fn render_all(
+    scene: &Scene,
+    cameras: &[NamedCamera],
+    layers: &[Layer],
+    out: &Path,
+) -> Result<usize, Failure> {
+    let cancel = interrupt::install()?;
+    let mut display = Display::new(false);
+    let total = cameras.len() * layers.len();
+    let mut done = 0;
+    for NamedCamera { name, camera } in cameras {
+        for &layer in layers {
+            let picture = render(scene, camera, layer, cancel, &|_| {});
+            let picture = picture.ok_or(Failure::Interrupted)?;
+            sheet::save(&out.join(file_name(name, layer)), &picture)?;
+            done += 1;
+            display.set(
+                done as f32 / total as f32,
+                "Rendering",
+                &format!("{done}/{total}"),
+            );
+        }
+    }
+    Ok(done)
+}
+
+/// `NAME.png` for the final picture, `NAME_layer.png` for the others.
+fn file_name(name: &str, layer: Layer) -> String {
+    match layer {
+        Layer::Final => format!("{name}.png"),
+        other => format!("{name}_{other}.png"),
+    }
+}
+
+impl CameraFlags {
+    fn cameras(&self, run: &OpenRun) -> Result<Vec<NamedCamera>, Failure> {
+        let cameras = if let Some(n) = self.turntable {
+            turntable::cameras(&run.scene, n)
+        } else if let Some(file) = &self.cameras {
+            scenes::read_cameras(file)?
+        } else {
+            let (views, _) = run.load_views(self.split.unwrap_or(Split::Test))?;
+            let named = views.into_iter().map(|view| NamedCamera {
+                name: view.name,
+                camera: view.camera,
+            });
+            named.collect()
+        };
+        Ok(match self.size {
+            Some(Size { width, height }) => cameras
+                .into_iter()
+                .map(|NamedCamera { name, camera }| NamedCamera {
+                    name,
+                    camera: camera.resized(width, height),
+                })
+                .collect(),
+            None => cameras,
+        })
+    }
+}

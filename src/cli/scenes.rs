@@ -1,0 +1,127 @@
+//! Opens what the commands work on: runs, environments, captures.
+
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+use anyhow::Context as _;
+use neif::data::{Dataset, Frame, LoadOptions, Splits, View, read_frames};
+use neif::neif::Environment;
+use neif::render::Scene;
+use neif::train::run_folder::{ENVIRONMENT, RunFolder};
+
+use super::failure::{Failure, OrUnusable as _};
+use super::render::NamedCamera;
+
+/// A trained run with where its capture lies.
+#[derive(Debug)]
+pub(crate) struct OpenRun {
+    /// The folder.
+    pub(crate) folder: RunFolder,
+    /// The trained scene, unedited.
+    pub(crate) scene: Scene,
+    /// The capture, as stored or as given instead.
+    pub(crate) dataset: PathBuf,
+}
+
+/// Opens a run folder; `dataset` says where its capture lies now.
+pub(crate) fn open_run(path: &Path, dataset: Option<&Path>) -> Result<OpenRun, Failure> {
+    let folder = RunFolder::open(path).or_unusable()?;
+    let config = folder.config().or_unusable()?;
+    let scene = folder.scene().or_unusable()?;
+    let dataset = dataset.map_or_else(|| folder.dataset_path(&config), Path::to_owned);
+    Ok(OpenRun {
+        folder,
+        scene,
+        dataset,
+    })
+}
+
+impl OpenRun {
+    /// Reads the photos of a split and the folder they lie in.
+    pub(crate) fn load_views(&self, split: Split) -> Result<(Vec<View>, PathBuf), Failure> {
+        let options = LoadOptions {
+            splits: Splits {
+                train: split == Split::Train,
+                val: split == Split::Val,
+                test: split == Split::Test,
+            },
+            ..LoadOptions::default()
+        };
+        let dataset = Dataset::load(&self.dataset, &options)
+            .context("the run's capture cannot be read (--dataset says where it lies now)")
+            .or_unusable()?;
+        let views = match split {
+            Split::Test => dataset.test,
+            Split::Val => dataset.val,
+            Split::Train => dataset.train,
+        };
+        if views.is_empty() {
+            return Err(Failure::unusable(anyhow::anyhow!(
+                "{}: no {} views",
+                self.dataset.display(),
+                split.as_str()
+            )));
+        }
+        Ok((views, dataset.root))
+    }
+}
+
+/// Which photos of a capture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub(crate) enum Split {
+    /// Held out for the final measure
+    Test,
+    /// Held out for decisions during training
+    Val,
+    /// Trained on
+    Train,
+}
+
+impl Split {
+    /// Its name in files and messages.
+    pub(crate) fn as_str(self) -> &'static str {
+        match self {
+            Self::Test => "test",
+            Self::Val => "val",
+            Self::Train => "train",
+        }
+    }
+}
+
+/// Opens surroundings: an environment file, or the run folder or other folder that holds one.
+pub(crate) fn open_environment(path: &Path) -> Result<Arc<Environment>, Failure> {
+    let inside = path.join(ENVIRONMENT);
+    let file = if path.is_dir() { &inside } else { path };
+    Ok(Arc::new(Environment::load(file).or_unusable()?))
+}
+
+/// The cameras of a `transforms.json` whose photos need not exist; the file must then say `w, h`.
+pub(crate) fn read_cameras(json: &Path) -> Result<Vec<NamedCamera>, Failure> {
+    let frames = read_frames(json).or_unusable()?;
+    let camera = |frame: &Frame| {
+        let (width, height) = frame.intrinsics.size.ok_or_else(|| {
+            Failure::unusable(anyhow::anyhow!("{}: w and h are missing", json.display()))
+        })?;
+        let (camera, _) = frame.camera(width, height).or_unusable()?;
+        let name = frame.name.clone();
+        Ok(NamedCamera { name, camera })
+    };
+    frames.iter().map(camera).collect()
+}
+
+/// Where an environment is written for `--out ENV`: the file itself, or inside a folder.
+pub(crate) fn environment_target(out: &Path) -> PathBuf {
+    if out.extension().is_some() && !out.is_dir() {
+        out.to_owned()
+    } else {
+        out.join(ENVIRONMENT)
+    }
+}
+
+/// Makes a folder and those above it.
+pub(crate) fn make_folder(path: &Path) -> Result<(), Failure> {
+    std::fs::create_dir_all(path).with_context(|| path.display().to_string())?;
+    Ok(())
+}

@@ -1,0 +1,138 @@
+//! `neif train`: from photos to a run folder.
+
+use std::{
+    path::{Path, PathBuf},
+    time::Instant,
+};
+
+use anyhow::Context as _;
+use neif::train::config::TrainConfig;
+use neif::train::plan::Budget;
+use neif::train::session::SessionOptions;
+
+use super::failure::{Failure, OrUnusable as _};
+use super::{output, training, values};
+
+/// Time budget where none is given, in seconds.
+const DEFAULT_BUDGET_SECS: f64 = 300.0;
+
+/// How long to train; the same for captures and environments.
+#[derive(Debug, clap::Args)]
+pub(crate) struct BudgetArgs {
+    /// Wall time of the whole command, loading and saving included: 300s, 5m, 1h [default: 300s]
+    #[arg(long, value_name = "TIME", value_parser = values::duration_secs, conflicts_with = "steps")]
+    budget: Option<f64>,
+    /// Total number of steps instead: gives the same bits on every machine speed
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    steps: Option<u64>,
+}
+
+impl BudgetArgs {
+    /// What was asked for, if anything was.
+    pub(crate) fn given(&self) -> Option<Budget> {
+        let steps = self.steps.map(Budget::Steps);
+        steps.or(self.budget.map(Budget::Seconds))
+    }
+
+    /// What was asked for, or the default.
+    pub(crate) fn or_default(&self) -> Budget {
+        self.given().unwrap_or(Budget::Seconds(DEFAULT_BUDGET_SECS))
+    }
+}
+
+/// Arguments of `neif train`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct TrainArgs {
+    /// The capture: a folder or file of posed photos with masks
+    #[arg(value_name = "DATASET")]
+    dataset: PathBuf,
+    /// The run folder to make, or to continue with --resume
+    #[arg(long, value_name = "RUN")]
+    out: PathBuf,
+    /// Settings: `fast`, or a TOML file with the values that differ from it [default: fast]
+    #[arg(long, value_name = "NAME|FILE.toml", conflicts_with = "resume")]
+    preset: Option<String>,
+    #[command(flatten)]
+    budget: BudgetArgs,
+    /// A mesh instead of the one beside the capture
+    #[arg(long, value_name = "FILE", conflicts_with = "resume")]
+    mesh: Option<PathBuf>,
+    /// Continue the run in --out exactly where it was saved: to the end of its plan, or under the
+    /// --budget (for this command) or --steps (in total) given
+    #[arg(long)]
+    resume: bool,
+    /// Seed of all random choices [default: 0]
+    #[arg(long, value_name = "N", conflicts_with = "resume")]
+    seed: Option<u64>,
+    /// Worker threads; 0 is one for each core [default: 0]
+    #[arg(long, value_name = "N")]
+    threads: Option<usize>,
+    /// Use the whole budget even when the validation error has settled
+    #[arg(long)]
+    no_early_stop: bool,
+    /// Write events as lines of JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// `neif train`.
+pub(crate) fn run(args: &TrainArgs, started: Instant) -> Result<(), Failure> {
+    let outcome = training::train(options(args, started)?, args.json)?;
+    if !args.json {
+        let quality = outcome.validation.map(|v| {
+            let object = v.psnr_object.map(|db| format!(" (object {db:.2} dB)"));
+            format!(
+                ", validation PSNR {:.2} dB{}",
+                v.psnr,
+                object.unwrap_or_default()
+            )
+        });
+        output::line(&format!(
+            "{}: {} steps in {:.1} s of training{}",
+            args.out.display(),
+            outcome.finish.step,
+            outcome.finish.train_secs,
+            quality.unwrap_or_default()
+        ))?;
+    }
+    outcome.verdict()
+}
+
+fn options(args: &TrainArgs, started: Instant) -> Result<SessionOptions, Failure> {
+    let mut options = if args.resume {
+        let resumed = SessionOptions::resume(&args.out, args.budget.given()).or_unusable()?;
+        SessionOptions {
+            dataset: args.dataset.clone(),
+            ..resumed
+        }
+    } else {
+        let config = config(args.preset.as_deref(), args.seed)?;
+        SessionOptions {
+            mesh: args.mesh.clone(),
+            run: Some(args.out.clone()),
+            ..SessionOptions::new(&args.dataset, config, args.budget.or_default())
+        }
+    };
+    options.started = started;
+    options.config.threads = args.threads.unwrap_or(options.config.threads);
+    options.config.early_stop &= !args.no_early_stop;
+    options.config.validate().or_unusable()?;
+    Ok(options)
+}
+
+/// The settings of a preset by name or file, with another seed where one is given.
+pub(crate) fn config(preset: Option<&str>, seed: Option<u64>) -> Result<TrainConfig, Failure> {
+    let preset = preset.unwrap_or("fast");
+    let is_file = Path::new(preset)
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("toml"));
+    let mut config = if is_file {
+        let text = std::fs::read_to_string(preset).with_context(|| preset.to_owned());
+        let config = TrainConfig::from_toml(&text.or_unusable()?);
+        config.with_context(|| preset.to_owned()).or_unusable()?
+    } else {
+        TrainConfig::preset(preset).or_unusable()?
+    };
+    config.seed = seed.unwrap_or(config.seed);
+    Ok(config)
+}

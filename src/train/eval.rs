@@ -1,0 +1,251 @@
+//! Measures a trained scene: held-out views, relighting ground truth, normals, panoramas.
+//!
+//! The report's field names are a contract with scripts (`neif eval --json`).
+
+use std::{
+    collections::BTreeMap,
+    path::Path,
+    sync::{Arc, atomic::AtomicBool},
+};
+
+use glam::Vec3;
+use serde::{Deserialize, Serialize};
+
+use crate::color::srgb_from_linear;
+use crate::data::{DataError, RelightApply, View, read_exr_linear};
+use crate::geometry::Camera;
+use crate::neif::{Environment, EnvironmentTransform, MaterialEdit, RoughnessEdit};
+use crate::render::{Layer, Picture, Scene, compose, panorama, render};
+use crate::train::metrics::{ImageMetrics, SquaredError, compare, mean};
+
+/// Quality of one view.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ViewMetrics {
+    /// Name of the view in the capture.
+    pub name: String,
+    /// The measures.
+    #[serde(flatten)]
+    pub metrics: ImageMetrics,
+}
+
+/// Everything that `neif eval --json` prints.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct EvalReport {
+    /// Which photos: `test`, `val` or `train`.
+    pub split: String,
+    /// Seconds of training, where the run says so.
+    pub train_seconds: Option<f64>,
+    /// Optimiser steps, where the run says so.
+    pub steps: Option<u64>,
+    /// Each view.
+    pub views: Vec<ViewMetrics>,
+    /// Means over the views.
+    pub mean: ImageMetrics,
+    /// Means over the views of each relighting or edit with ground truth.
+    pub relight: BTreeMap<String, ImageMetrics>,
+    /// Mean angle between true and rendered shading normals in degrees, where there is truth.
+    pub normal_mae_deg: Option<f64>,
+    /// Mean PSNR of panoramas in dB, where there is truth.
+    pub pano_psnr: Option<f64>,
+}
+
+/// Renders each view and measures it against its photo; `on_view` gets each picture.
+/// `None` when cancelled.
+pub fn evaluate_views(
+    scene: &Scene,
+    views: &[View],
+    cancel: &AtomicBool,
+    on_view: &mut dyn FnMut(usize, &View, &Picture),
+) -> Option<Vec<ViewMetrics>> {
+    let mut results = Vec::with_capacity(views.len());
+    for (index, view) in views.iter().enumerate() {
+        let picture = render(scene, &view.camera, Layer::Final, cancel, &|_| {})?;
+        let truth: Vec<[f32; 3]> = (0..picture.pixels.len())
+            .map(|i| view.photo.srgb(i))
+            .collect();
+        let mask: Option<Vec<f32>> = view
+            .mask
+            .as_ref()
+            .map(|mask| (0..truth.len()).map(|i| mask.share(i)).collect());
+        let width = picture.width as usize;
+        results.push(ViewMetrics {
+            name: view.name.clone(),
+            metrics: compare(&picture.pixels, &truth, mask.as_deref(), width),
+        });
+        on_view(index, view, &picture);
+    }
+    Some(results)
+}
+
+/// The mean of the measures over views.
+pub fn mean_of_views(views: &[ViewMetrics]) -> ImageMetrics {
+    let metrics: Vec<ImageMetrics> = views.iter().map(|view| view.metrics).collect();
+    mean(&metrics)
+}
+
+/// The scene after an edit with ground truth. Environments of other captures are looked up by name.
+///
+/// # Errors
+/// What is missing or unknown, in words: the edit cannot be measured then.
+pub fn relit(
+    scene: &Scene,
+    apply: &RelightApply,
+    environments: &BTreeMap<String, Arc<Environment>>,
+) -> Result<Scene, String> {
+    if let Some(unknown) = apply.unknown.keys().next() {
+        return Err(format!("the edit `{unknown}` is not known"));
+    }
+    let mut relit = scene.clone();
+    if let Some(name) = &apply.environment_of {
+        let environment = environments.get(name);
+        let missing = || format!("the surroundings of `{name}` are not given");
+        relit.environment = Arc::clone(environment.ok_or_else(missing)?);
+    }
+    if let Some(moved) = apply.environment_transform {
+        relit.transform = EnvironmentTransform {
+            rotate_deg: moved.rotate_deg_xyz,
+            translate: moved.translate,
+            ..EnvironmentTransform::default()
+        };
+    }
+    relit.edit = MaterialEdit {
+        roughness: match apply.roughness {
+            Some(roughness) => RoughnessEdit::Constant(roughness),
+            None => MaterialEdit::default().roughness,
+        },
+        tint_scale: apply.specular_scale.unwrap_or(1.0),
+        ..MaterialEdit::default()
+    };
+    Ok(relit)
+}
+
+/// `env_panos.json`: what the surroundings look like from listed points.
+#[derive(Deserialize)]
+struct PanoramaList {
+    panos: Vec<PanoramaTruth>,
+}
+
+#[derive(Deserialize)]
+struct PanoramaTruth {
+    file: String,
+    position: Vec3,
+}
+
+/// Mean PSNR, in dB, of the surroundings seen from the points of `root/env_panos.json`, after
+/// clipping to 0..1 and sRGB encoding. `None` without that file, or when cancelled.
+///
+/// # Errors
+/// When the file or one of its pictures is damaged.
+pub fn panorama_psnr(
+    environment: &Arc<Environment>,
+    root: &Path,
+    cancel: &AtomicBool,
+) -> Result<Option<f64>, DataError> {
+    let json = root.join("env_panos.json");
+    if !json.is_file() {
+        return Ok(None);
+    }
+    let io = |source| DataError::Io {
+        path: json.clone(),
+        source,
+    };
+    let text = std::fs::read_to_string(&json).map_err(io)?;
+    let list: PanoramaList = serde_json::from_str(&text).map_err(|source| DataError::Json {
+        path: json.clone(),
+        source,
+    })?;
+    let still = EnvironmentTransform::default();
+    let scene = Scene {
+        object: None,
+        environment: Arc::clone(environment),
+        transform: still,
+        edit: MaterialEdit::default(),
+    };
+    let mut sum = 0.0;
+    let mut count = 0;
+    for truth in &list.panos {
+        let (width, _, pixels) = read_exr_linear(&root.join(&truth.file))?;
+        let seen = panorama(environment, &still, truth.position, 0.0, width, cancel);
+        let Some(seen) = seen else {
+            return Ok(None);
+        };
+        let mut error = SquaredError::default();
+        for (truth, seen) in pixels.iter().zip(&seen.pixels) {
+            let truth = truth.map(|v| srgb_from_linear(v.clamp(0.0, 1.0)));
+            error.add(
+                compose(&scene, Layer::Environment, 0.0, [0.0; 3], *seen),
+                truth,
+            );
+        }
+        if let Some(psnr) = error.psnr() {
+            sum += psnr;
+            count += 1;
+        }
+    }
+    Ok((count > 0).then(|| sum / f64::from(count)))
+}
+
+/// A sum of angles between normals.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct NormalError {
+    sum_deg: f64,
+    count: usize,
+}
+
+impl NormalError {
+    /// Adds the pixels of a view whose true world normal is given, `[height * width]`, zero where
+    /// there is no surface. Pixels that miss the mesh are left out.
+    pub fn add_view(&mut self, scene: &Scene, camera: &Camera, truth: &[[f32; 3]]) {
+        let Some(object) = &scene.object else {
+            return;
+        };
+        for (i, normal) in truth.iter().enumerate() {
+            let truth = Vec3::from(*normal);
+            // Antialiased silhouettes hold shortened normals, which mean nothing.
+            if truth.length_squared() < 0.81 {
+                continue;
+            }
+            let (x, y) = (i as u32 % camera.width, i as u32 / camera.width);
+            let ray = camera.ray(x as f32 + 0.5, y as f32 + 0.5);
+            if let Some(hit) = object.tracer.intersect(&ray, 0.0, f32::INFINITY) {
+                self.sum_deg += f64::from(hit.normal.angle_between(truth).to_degrees());
+                self.count += 1;
+            }
+        }
+    }
+
+    /// Mean angle in degrees; none without pixels.
+    pub fn mean_deg(&self) -> Option<f64> {
+        (self.count > 0).then(|| self.sum_deg / self.count as f64)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_report_has_the_promised_fields_in_order() {
+        let view = ViewMetrics {
+            name: "r_000".to_owned(),
+            metrics: ImageMetrics::default(),
+        };
+        let report = EvalReport {
+            split: "test".to_owned(),
+            train_seconds: Some(1.5),
+            steps: None,
+            mean: mean_of_views(std::slice::from_ref(&view)),
+            views: vec![view],
+            relight: BTreeMap::from([("rough_02".to_owned(), ImageMetrics::default())]),
+            normal_mae_deg: None,
+            pano_psnr: Some(20.0),
+        };
+        let keys = r#""psnr":null,"psnr_object":null,"psnr_background":null,"psnr_masked":null,"ssim":null,"lpips":null,"flip":null"#;
+        assert_eq!(
+            serde_json::to_string(&report).unwrap(),
+            format!(
+                r#"{{"split":"test","train_seconds":1.5,"steps":null,"views":[{{"name":"r_000",{keys}}}],"mean":{{{keys}}},"relight":{{"rough_02":{{{keys}}}}},"normal_mae_deg":null,"pano_psnr":20.0}}"#
+            )
+        );
+    }
+}

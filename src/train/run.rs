@@ -1,0 +1,237 @@
+//! A run in progress: steps to the end of its plan and obeys commands between two steps.
+
+use std::{
+    path::PathBuf,
+    sync::{Arc, atomic::Ordering},
+};
+
+use crossbeam::channel::TryRecvError;
+
+use crate::data::Dataset;
+use crate::train::events::{Finish, FinishReason, TrainCommand, TrainEvent};
+use crate::train::meter::{Clock, Meter};
+use crate::train::plan::{Budget, Plan};
+use crate::train::run_folder::{RunConfig, RunFolder};
+use crate::train::run_log::RunLog;
+use crate::train::session::SessionError;
+use crate::train::session_thread::Worker;
+use crate::train::trainer::Trainer;
+use crate::train::validation::{Settling, Validator};
+
+/// Steps in a row that may be skipped before the run is given up.
+const MAX_SKIPS_IN_A_ROW: u64 = 500;
+
+/// A run in progress. What it does beside stepping is in `upkeep.rs`.
+pub(super) struct Run<'a> {
+    pub(super) worker: &'a Worker,
+    pub(super) trainer: Trainer,
+    pub(super) dataset: Arc<Dataset>,
+    /// Where it is saved by itself.
+    pub(super) folder: Option<RunFolder>,
+    /// Folders that belong to this run and so may be written again.
+    pub(super) own_folders: Vec<PathBuf>,
+    pub(super) config: RunConfig,
+    pub(super) plan: Plan,
+    pub(super) clock: Clock,
+    pub(super) meter: Meter,
+    pub(super) log: RunLog,
+    pub(super) validator: Validator,
+    pub(super) settling: Settling,
+    skips_in_a_row: u64,
+    pub(super) due: Due,
+}
+
+/// Seconds of training at which something is due.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Due {
+    pub(super) report: f64,
+    pub(super) validation: f64,
+    pub(super) save: f64,
+}
+
+/// What to do after looking at the commands.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Flow {
+    Go,
+    Stop,
+}
+
+impl<'a> Run<'a> {
+    /// A run that has not begun.
+    pub(super) fn new(
+        worker: &'a Worker,
+        trainer: Trainer,
+        dataset: Arc<Dataset>,
+        folder: Option<RunFolder>,
+    ) -> Self {
+        let options = &worker.options;
+        let object = trainer.snapshot().object;
+        let validator = worker
+            .pool
+            .install(|| Validator::new(&dataset, object.as_deref(), options.config.seed));
+        Self {
+            config: options.describe(folder.as_ref()),
+            own_folders: options.run.iter().cloned().collect(),
+            log: RunLog::default(),
+            plan: Plan::new(options.budget),
+            clock: Clock::default(),
+            meter: Meter::default(),
+            settling: Settling::default(),
+            skips_in_a_row: 0,
+            due: Due::default(),
+            worker,
+            trainer,
+            dataset,
+            folder,
+            validator,
+        }
+    }
+
+    /// Trains until the end, and further each time more training is asked for.
+    pub(super) fn train(&mut self) -> Result<(), SessionError> {
+        loop {
+            let reason = self.train_to_the_end()?;
+            self.finish(reason)?;
+            if reason == FinishReason::Stopped || self.wait_for_more() == Flow::Stop {
+                return Ok(());
+            }
+        }
+    }
+
+    fn train_to_the_end(&mut self) -> Result<FinishReason, SessionError> {
+        loop {
+            if self.obey()? == Flow::Stop {
+                return Ok(FinishReason::Stopped);
+            }
+            if self.plan.is_done(self.position()) {
+                return Ok(if self.plan.is_cooling_down() {
+                    FinishReason::Settled
+                } else {
+                    FinishReason::Budget
+                });
+            }
+            self.step()?;
+            self.attend();
+        }
+    }
+
+    /// Where the run is on its plan.
+    pub(super) fn position(&self) -> f64 {
+        self.plan.position(self.clock.secs(), self.trainer.steps())
+    }
+
+    fn step(&mut self) -> Result<(), SessionError> {
+        let fraction = self.plan.fraction(self.position());
+        let stats = self.worker.pool.install(|| self.trainer.step(fraction));
+        self.meter.add(&stats);
+        self.skips_in_a_row = if stats.skipped {
+            self.skips_in_a_row + 1
+        } else {
+            0
+        };
+        if self.skips_in_a_row > MAX_SKIPS_IN_A_ROW {
+            return Err(SessionError::NotFinite(self.skips_in_a_row));
+        }
+        Ok(())
+    }
+
+    /// Carries out the commands that have arrived; waits for more while paused.
+    fn obey(&mut self) -> Result<Flow, SessionError> {
+        let mut paused = false;
+        loop {
+            if self.worker.shared.stop.load(Ordering::Relaxed) {
+                return Ok(Flow::Stop);
+            }
+            let command = match self.next_command(paused) {
+                Ok(command) => command,
+                Err(TryRecvError::Empty) => return Ok(Flow::Go),
+                // Nobody can send commands any more: nobody wants the run.
+                Err(TryRecvError::Disconnected) => return Ok(Flow::Stop),
+            };
+            match command {
+                TrainCommand::Pause if !paused => {
+                    paused = true;
+                    self.pause();
+                }
+                TrainCommand::StepOnce => {
+                    paused = true;
+                    self.step()?;
+                    self.pause();
+                }
+                TrainCommand::Resume if paused => {
+                    paused = false;
+                    self.go_on();
+                }
+                TrainCommand::Stop => return Ok(Flow::Stop),
+                TrainCommand::Save(path) => self.save_to(&path),
+                TrainCommand::Extend(more) => self.extend(more),
+                TrainCommand::Pause | TrainCommand::Resume => {}
+            }
+        }
+    }
+
+    fn next_command(&self, wait: bool) -> Result<TrainCommand, TryRecvError> {
+        let commands = &self.worker.commands;
+        if wait {
+            commands
+                .recv()
+                .map_err(|_closed| TryRecvError::Disconnected)
+        } else {
+            commands.try_recv()
+        }
+    }
+
+    fn pause(&mut self) {
+        self.clock.pause();
+        self.publish();
+        self.report();
+        self.tell(TrainEvent::Paused);
+    }
+
+    fn go_on(&mut self) {
+        self.clock.resume();
+        self.tell(TrainEvent::Resumed);
+    }
+
+    fn extend(&mut self, more: Budget) {
+        self.plan
+            .extend(self.clock.secs(), self.trainer.steps(), more);
+        self.settling = Settling::default();
+    }
+
+    /// Publishes, validates and saves the result.
+    fn finish(&mut self, reason: FinishReason) -> Result<(), SessionError> {
+        self.clock.pause();
+        self.publish();
+        self.report();
+        self.validate();
+        let finish = Finish {
+            reason,
+            step: self.trainer.steps(),
+            train_secs: self.clock.secs(),
+        };
+        // Noted before the save, so that the saved log is complete; told after it, so that who
+        // hears of the end finds the files.
+        self.log.note(&TrainEvent::Finished(finish));
+        self.save()?;
+        self.worker.events.send(TrainEvent::Finished(finish));
+        Ok(())
+    }
+
+    /// Waits after the end of the run until it is extended or nobody is left to extend it.
+    fn wait_for_more(&mut self) -> Flow {
+        while let Ok(command) = self.worker.commands.recv() {
+            match command {
+                TrainCommand::Extend(more) => {
+                    self.extend(more);
+                    self.go_on();
+                    return Flow::Go;
+                }
+                TrainCommand::Save(path) => self.save_to(&path),
+                TrainCommand::Stop => return Flow::Stop,
+                TrainCommand::Pause | TrainCommand::Resume | TrainCommand::StepOnce => {}
+            }
+        }
+        Flow::Stop
+    }
+}

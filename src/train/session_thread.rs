@@ -1,0 +1,150 @@
+//! The training thread: makes its thread pool, reads the capture, prepares the run, hands over.
+
+use std::sync::Arc;
+
+use crossbeam::channel::Receiver;
+use rayon::{ThreadPool, ThreadPoolBuilder};
+
+use crate::data::{Dataset, LoadOptions, Splits};
+use crate::train::TrainError;
+use crate::train::event_queue::EventQueue;
+use crate::train::events::{Finish, FinishReason, TrainCommand, TrainEvent};
+use crate::train::run::Run;
+use crate::train::run_folder::RunFolder;
+use crate::train::session::{SessionError, SessionOptions, Shared, Start};
+use crate::train::trainer::Trainer;
+
+/// What the person reads while photos are decoded.
+const READING: &str = "Reading the capture";
+/// What the person reads while pixels are traced.
+const PREPARING: &str = "Preparing the training pixels";
+
+/// What the thread owns before there is a run, and keeps during it.
+pub(super) struct Worker {
+    pub(super) options: SessionOptions,
+    pub(super) shared: Arc<Shared>,
+    pub(super) commands: Receiver<TrainCommand>,
+    pub(super) events: EventQueue,
+    pub(super) pool: ThreadPool,
+}
+
+impl Worker {
+    /// Makes the thread pool; the rest happens on the thread.
+    pub(super) fn new(
+        options: SessionOptions,
+        shared: Arc<Shared>,
+        commands: Receiver<TrainCommand>,
+        events: EventQueue,
+    ) -> Result<Self, SessionError> {
+        let nice = options.nice;
+        let pool = ThreadPoolBuilder::new()
+            .num_threads(options.config.threads)
+            .thread_name(|i| format!("neif-train-{i}"))
+            .start_handler(move |_| {
+                if nice {
+                    give_way();
+                }
+            })
+            .build()
+            .map_err(|error| SessionError::Threads(error.to_string()))?;
+        Ok(Self {
+            options,
+            shared,
+            commands,
+            events,
+            pool,
+        })
+    }
+
+    /// Prepares and trains; reports how it ended.
+    pub(super) fn run(self) -> Result<(), SessionError> {
+        if self.options.nice {
+            give_way();
+        }
+        let result = self.prepare_and_train();
+        if let Err(error) = &result {
+            self.events.send(TrainEvent::Failed(error.to_string()));
+        }
+        self.events.close();
+        result
+    }
+
+    fn prepare_and_train(&self) -> Result<(), SessionError> {
+        if let Some(mut run) = self.prepare()? {
+            return run.train();
+        }
+        self.events.send(TrainEvent::Finished(Finish {
+            reason: FinishReason::Stopped,
+            step: 0,
+            train_secs: 0.0,
+        }));
+        Ok(())
+    }
+
+    /// Loads everything; `None` when it was told to stop meanwhile.
+    fn prepare(&self) -> Result<Option<Run<'_>>, SessionError> {
+        let options = &self.options;
+        // A run that must not be overwritten shows before the loading; the folder is made after
+        // it, so that unusable input leaves nothing behind.
+        if let (Some(path), Start::Fresh) = (&options.run, options.start) {
+            RunFolder::check_free(path)?;
+        }
+        let dataset = Arc::new(self.load()?);
+        let folder = match (&options.run, options.start) {
+            (None, _) => None,
+            (Some(path), Start::Fresh) => Some(RunFolder::create(path)?),
+            (Some(path), _) => Some(RunFolder::open(path)?),
+        };
+        self.shared.dataset.publish(Arc::clone(&dataset));
+        let report = |fraction| self.loading(PREPARING, fraction);
+        let trainer = self
+            .pool
+            .install(|| Trainer::new(&options.config, &dataset, &self.shared.stop, &report));
+        let trainer = match trainer {
+            Err(TrainError::Cancelled) => return Ok(None),
+            other => other?,
+        };
+        let mut run = Run::new(self, trainer, dataset, folder);
+        if options.start != Start::Fresh {
+            run.restore()?;
+        }
+        run.begin()?;
+        Ok(Some(run))
+    }
+
+    fn load(&self) -> Result<Dataset, SessionError> {
+        self.loading(READING, 0.0);
+        let report = |done, all| self.loading(READING, done as f32 / all as f32);
+        let options = LoadOptions {
+            splits: Splits::TRAIN_VAL,
+            mesh: self.options.mesh.clone(),
+            on_progress: &report,
+            ..LoadOptions::default()
+        };
+        let load = || Dataset::load(&self.options.dataset, &options);
+        let mut dataset = self.pool.install(load)?;
+        if self.options.environment_only {
+            dataset.mesh = None;
+        }
+        Ok(dataset)
+    }
+
+    fn loading(&self, what: &str, fraction: f32) {
+        let what = what.to_owned();
+        self.events.send(TrainEvent::Loading { what, fraction });
+    }
+}
+
+/// Lowers the priority of the calling thread as far as it goes: training then takes only time
+/// that nothing else wants, and the window stays smooth (measured: 13 to 25 frames per second).
+#[cfg(target_os = "linux")]
+fn give_way() {
+    // On Linux `None` is the calling thread, not the process.
+    if let Err(error) = rustix::process::setpriority_process(None, 19) {
+        tracing::debug!("cannot lower the priority: {error}");
+    }
+}
+
+/// Elsewhere priorities are per process, which would slow the window too.
+#[cfg(not(target_os = "linux"))]
+fn give_way() {}

@@ -1,0 +1,228 @@
+//! What a run does beside stepping: begins, publishes, reports, validates, saves.
+
+use std::{path::Path, sync::Arc, time::Instant};
+
+use crate::train::events::TrainEvent;
+use crate::train::meter::Clock;
+use crate::train::plan::{Budget, Plan};
+use crate::train::run::Run;
+use crate::train::run_folder::{RunFolder, RunFolderError, RunState};
+use crate::train::session::{SessionError, Start};
+
+/// Seconds between two saves of the run folder.
+const AUTOSAVE_SECS: f64 = 60.0;
+/// Seconds between two reports and snapshots, once the first impression is made.
+const REPORT_SECS: f64 = 1.0;
+/// The same during the first [`EARLY_SECS`], when much changes.
+const EARLY_REPORT_SECS: f64 = 0.25;
+/// Length of the beginning, in seconds of training.
+const EARLY_SECS: f64 = 10.0;
+/// Shortest time between two validations, in seconds.
+const VALIDATE_SECS: f64 = 10.0;
+/// Validation takes at most one part in this many of the time.
+const VALIDATE_SHARE: f64 = 50.0;
+/// The last save may take this much longer than the first, which was measured.
+const RESERVE_FACTOR: f64 = 1.3;
+/// Seconds kept for the end of the process.
+const RESERVE_SECS: f64 = 0.15;
+/// Share of a time budget under which the person is told how little is left for training.
+const SMALL_SHARE: f64 = 0.2;
+/// The quick end of a settled run, as a share of the time it took to settle.
+const COOL_DOWN_SHARE: f64 = 0.15;
+
+/// Keys of the session's own entries in the checkpoint.
+const PLAN_KEY: &str = "session.plan";
+const TRAINED_SECS_KEY: &str = "session.trained_secs";
+
+impl Run<'_> {
+    /// Puts the trainer and the plan where the saved run ended.
+    pub(super) fn restore(&mut self) -> Result<(), SessionError> {
+        let Some(folder) = &self.folder else {
+            return Ok(());
+        };
+        let Some(checkpoint) = folder.checkpoint()? else {
+            self.warn("the run was never saved: it begins anew".to_owned());
+            return Ok(());
+        };
+        self.trainer.restore(&checkpoint)?;
+        self.log = folder.log();
+        let damaged = |key: &str| RunFolderError::Config {
+            path: checkpoint.origin().to_owned(),
+            what: format!("metadata entry `{key}` is damaged"),
+        };
+        let entry = |key| checkpoint.text(key).map_err(RunFolderError::from);
+        let secs: f64 = entry(TRAINED_SECS_KEY)?
+            .parse()
+            .map_err(|_not_a_number| damaged(TRAINED_SECS_KEY))?;
+        let plan = serde_json::from_str(entry(PLAN_KEY)?).map_err(|_json| damaged(PLAN_KEY))?;
+        self.clock = Clock::starting_at(secs);
+        if self.worker.options.start == Start::Continue {
+            self.plan = plan;
+        }
+        Ok(())
+    }
+
+    /// Announces the run, saves it a first time and measures what the end will cost.
+    pub(super) fn begin(&mut self) -> Result<(), SessionError> {
+        let first = self.dataset.train.first();
+        let (width, height) = first.map_or((0, 0), |view| (view.camera.width, view.camera.height));
+        let problems = self.dataset.problems.iter();
+        self.tell(TrainEvent::Loaded {
+            n_train: self.dataset.train.len(),
+            n_val: self.dataset.val.len(),
+            width,
+            height,
+            has_object: self.trainer.snapshot().object.is_some(),
+            problems: problems.map(ToString::to_string).collect(),
+        });
+        let begun = Instant::now();
+        self.publish();
+        // A disk that is full or read-only shows now, not after the training.
+        if let (Some(folder), Some(mesh)) = (&self.folder, &self.dataset.mesh) {
+            folder.save_mesh(mesh)?;
+        }
+        self.save()?;
+        self.validate();
+        self.plan_time(begun.elapsed().as_secs_f64());
+        self.clock.resume();
+        self.due.report = self.clock.secs() + EARLY_REPORT_SECS;
+        self.due.save = self.clock.secs() + AUTOSAVE_SECS;
+        Ok(())
+    }
+
+    /// Takes what is spent already, and what the end will take, from a budget in seconds.
+    fn plan_time(&mut self, end_secs: f64) {
+        let options = &self.worker.options;
+        let budget = match (options.start, options.budget) {
+            (Start::Continue, _) | (_, Budget::Steps(_)) => return,
+            (_, Budget::Seconds(budget)) => budget,
+        };
+        let spent = options.started.elapsed().as_secs_f64();
+        let available = (budget - spent - end_secs * RESERVE_FACTOR - RESERVE_SECS).max(0.0);
+        if available < SMALL_SHARE * budget {
+            self.warn(format!(
+                "loading and saving leave {available:.1} s of the budget of {budget:.0} s"
+            ));
+        }
+        self.plan = Plan::new(Budget::Seconds(self.clock.secs() + available));
+    }
+
+    /// Does what is due by the clock.
+    pub(super) fn attend(&mut self) {
+        let now = self.clock.secs();
+        if now >= self.due.report {
+            self.publish();
+            self.report();
+            let is_early = now < EARLY_SECS;
+            let interval = if is_early {
+                EARLY_REPORT_SECS
+            } else {
+                REPORT_SECS
+            };
+            self.due.report = now + interval;
+        }
+        if now >= self.due.validation {
+            self.validate();
+            self.cool_down_when_settled();
+        }
+        if now >= self.due.save {
+            if let Err(error) = self.save() {
+                self.warn(format!("cannot save: {error}"));
+            }
+            self.due.save = self.clock.secs() + AUTOSAVE_SECS;
+        }
+    }
+
+    /// Puts the newest state of the fields where everybody can take it.
+    pub(super) fn publish(&self) {
+        let snapshot = Arc::new(self.trainer.snapshot());
+        self.worker.shared.snapshot.publish(snapshot);
+        self.worker.events.wake();
+    }
+
+    /// Tells how training goes.
+    pub(super) fn report(&mut self) {
+        let progress = self.meter.report(&self.plan, &self.clock, &self.trainer);
+        self.tell(TrainEvent::Progress(progress));
+    }
+
+    /// Measures the fields on held-out pixels.
+    pub(super) fn validate(&mut self) {
+        let begun = Instant::now();
+        let scene = self.trainer.snapshot().scene();
+        let measure = || self.validator.measure(&scene, &self.dataset);
+        let measured = self.worker.pool.install(measure);
+        let (step, now) = (self.trainer.steps(), self.clock.secs());
+        if let Some(validation) = measured.and_then(|m| m.at(step, now)) {
+            self.settling.add(validation);
+            self.tell(TrainEvent::Validated(validation));
+        }
+        let cost = begun.elapsed().as_secs_f64();
+        self.due.validation = now + VALIDATE_SECS.max(cost * VALIDATE_SHARE);
+    }
+
+    fn cool_down_when_settled(&mut self) {
+        let (now, position) = (self.clock.secs(), self.position());
+        let may = self.worker.options.config.early_stop && !self.plan.is_cooling_down();
+        if may && self.settling.is_settled(&self.plan, now) {
+            self.plan.cool_down(position, now * COOL_DOWN_SHARE);
+        }
+    }
+
+    /// Saves into the run's own folder, if it has one.
+    pub(super) fn save(&mut self) -> Result<(), SessionError> {
+        if let Some(folder) = self.folder.clone() {
+            self.save_into(&folder)?;
+        }
+        Ok(())
+    }
+
+    /// Saves where the person wants it, unless another run lies there.
+    pub(super) fn save_to(&mut self, path: &Path) {
+        let is_own = self.own_folders.iter().any(|folder| folder == path);
+        let folder = if is_own && RunFolder::is_run(path) {
+            RunFolder::open(path)
+        } else {
+            RunFolder::create(path)
+        };
+        let result = folder.map_err(SessionError::from).and_then(|folder| {
+            if let Some(mesh) = &self.dataset.mesh {
+                folder.save_mesh(mesh)?;
+            }
+            self.save_into(&folder)
+        });
+        match result {
+            Ok(()) if is_own => {}
+            Ok(()) => self.own_folders.push(path.to_owned()),
+            Err(error) => self.warn(format!("cannot save: {error}")),
+        }
+    }
+
+    fn save_into(&mut self, folder: &RunFolder) -> Result<(), SessionError> {
+        let mut checkpoint = self.trainer.checkpoint();
+        let plan = serde_json::to_string(&self.plan).unwrap_or_default();
+        let secs = self.clock.secs().to_string();
+        for (key, value) in [(PLAN_KEY, plan), (TRAINED_SECS_KEY, secs)] {
+            checkpoint.metadata.insert(key.to_owned(), value);
+        }
+        folder.save(RunState {
+            config: &self.config,
+            checkpoint: &checkpoint,
+            snapshot: &self.trainer.snapshot(),
+            log: &self.log,
+        })?;
+        self.tell(TrainEvent::Saved(folder.path().to_owned()));
+        Ok(())
+    }
+
+    /// Says what should be known but does not end the run.
+    fn warn(&mut self, message: String) {
+        self.tell(TrainEvent::Warning(message));
+    }
+
+    /// Notes an event in the run's log and sends it out.
+    pub(super) fn tell(&mut self, event: TrainEvent) {
+        self.log.note(&event);
+        self.worker.events.send(event);
+    }
+}
