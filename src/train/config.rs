@@ -73,7 +73,7 @@ impl Default for TrainConfig {
             render_samples: 24,
             inner_box_scale: 1.1,
             field: FieldConfig {
-                grid: GridConfig { n_levels: 8, coarsest: 16, finest: 768, log2_table_size: 16 },
+                grid: GridConfig { n_levels: 8, coarsest: 16, finest: 768, log2_table_size: 15 },
                 n_hidden: 64,
                 view_dependent: true,
             },
@@ -86,7 +86,7 @@ impl Default for TrainConfig {
             gamma_rate: 5e-4,
             warmup_steps: 50,
             final_rate: 0.1,
-            background_weight: 0.5,
+            background_weight: 0.2,
             smoothness_weight: 1e-4,
             preconvolved_share: 0.3,
             preconvolved_levels: 5,
