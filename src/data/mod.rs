@@ -1,1 +1,187 @@
-//! data
+//! Captures: posed photos with masks and a mesh, read from disk into plain values.
+//!
+//! One file a format, reading and writing together. [`Dataset::load`] is the way in: it reads
+//! what it can, reports what it could not as [`Problem`]s, and fails only when nothing is left.
+
+mod atomic;
+mod error;
+mod exr_image;
+mod image;
+mod load;
+mod mesh_io;
+mod photo;
+mod problem;
+mod relight;
+mod transforms_json;
+
+use std::fmt;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use glam::{Affine3A, EulerRot, Quat, Vec3};
+
+use crate::geometry::{Camera, Mesh};
+
+pub use atomic::write_atomically;
+pub use error::DataError;
+pub use exr_image::{ExrSample, read_exr_linear, write_exr};
+pub use image::{read_mask, read_photo, write_png_srgb};
+pub use mesh_io::{find_mesh, read_mesh, write_glb};
+pub use photo::{Mask, Photo};
+pub use problem::{Problem, Severity};
+pub use relight::{EnvironmentMove, RelightApply, RelightCase};
+pub use transforms_json::{Frame, Intrinsics, read_frames};
+
+/// A capture in memory.
+#[derive(Clone, Debug)]
+pub struct Dataset {
+    /// The folder's name.
+    pub name: String,
+    /// The folder that file paths are relative to.
+    pub root: PathBuf,
+    /// Views to learn from.
+    pub train: Vec<View>,
+    /// Views for early stopping and choosing settings.
+    pub val: Vec<View>,
+    /// Views for the final measure only.
+    pub test: Vec<View>,
+    /// The object's mesh in the capture's world frame.
+    pub mesh: Option<Arc<Mesh>>,
+    /// Where the mesh was read from.
+    pub mesh_path: Option<PathBuf>,
+    /// Whether the photos show the surroundings; false for cut-out objects (transparent PNG).
+    pub surroundings_visible: bool,
+    /// What was wrong or assumed, worst first.
+    pub problems: Vec<Problem>,
+}
+
+/// One posed photo.
+#[derive(Clone, Debug)]
+pub struct View {
+    /// The photo's file name without extension.
+    pub name: String,
+    /// The camera, for exactly the photo's size.
+    pub camera: Camera,
+    /// The pixels.
+    pub photo: Photo,
+    /// Where the object is, same size as the photo.
+    pub mask: Option<Mask>,
+}
+
+/// Which splits to load; reading test views is pointless (and slow) while training.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Splits {
+    /// Load training views.
+    pub train: bool,
+    /// Load validation views.
+    pub val: bool,
+    /// Load test views.
+    pub test: bool,
+}
+
+impl Splits {
+    /// Everything.
+    pub const ALL: Self = Self {
+        train: true,
+        val: true,
+        test: true,
+    };
+    /// What training may look at.
+    pub const TRAIN_VAL: Self = Self {
+        train: true,
+        val: true,
+        test: false,
+    };
+    /// The test views alone.
+    pub const TEST: Self = Self {
+        train: false,
+        val: false,
+        test: true,
+    };
+}
+
+/// How a mesh file's coordinates become the capture's: scaled, then rotated, then translated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MeshPlacement {
+    /// Rotation in degrees about the world's x, then y, then z axis.
+    pub rotate_deg_xyz: Vec3,
+    /// Uniform scale.
+    pub scale: f32,
+    /// Translation in scene units.
+    pub translate: Vec3,
+}
+
+impl Default for MeshPlacement {
+    /// As it stands in the file.
+    fn default() -> Self {
+        Self {
+            rotate_deg_xyz: Vec3::ZERO,
+            scale: 1.0,
+            translate: Vec3::ZERO,
+        }
+    }
+}
+
+impl MeshPlacement {
+    /// The transform from the mesh file's coordinates to the capture's.
+    pub fn world_from_mesh(&self) -> Affine3A {
+        let [x, y, z] = self.rotate_deg_xyz.to_array().map(f32::to_radians);
+        Affine3A::from_scale_rotation_translation(
+            Vec3::splat(self.scale),
+            Quat::from_euler(EulerRot::ZYX, z, y, x),
+            self.translate,
+        )
+    }
+}
+
+/// What to load and how.
+#[derive(Clone)]
+pub struct LoadOptions<'a> {
+    /// Which splits.
+    pub splits: Splits,
+    /// A mesh file to use instead of the one found in the capture's folder.
+    pub mesh: Option<PathBuf>,
+    /// How the mesh file lies in the capture's world.
+    pub mesh_placement: MeshPlacement,
+    /// Called with (views done, views in all) from the decoding threads.
+    pub on_progress: &'a (dyn Fn(usize, usize) + Sync),
+}
+
+impl Default for LoadOptions<'_> {
+    /// All splits, the mesh found in the folder, as it stands, silently.
+    fn default() -> Self {
+        Self {
+            splits: Splits::ALL,
+            mesh: None,
+            mesh_placement: MeshPlacement::default(),
+            on_progress: &|_, _| (),
+        }
+    }
+}
+
+impl fmt::Debug for LoadOptions<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("LoadOptions")
+            .field("splits", &self.splits)
+            .field("mesh", &self.mesh)
+            .field("mesh_placement", &self.mesh_placement)
+            .finish_non_exhaustive()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_placement_rotates_about_x_first() {
+        let placement = MeshPlacement {
+            rotate_deg_xyz: Vec3::new(90.0, 0.0, 90.0),
+            scale: 2.0,
+            translate: Vec3::X,
+        };
+        // y -> z by the turn about x, which the turn about z leaves alone.
+        let p = placement.world_from_mesh().transform_point3(Vec3::Y);
+        assert!((p - Vec3::new(1.0, 0.0, 2.0)).length() < 1e-6, "{p}");
+    }
+}

@@ -1,0 +1,107 @@
+//! What can be wrong with a file so that it cannot be used.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use thiserror::Error;
+
+use super::Problem;
+
+/// Why something could not be read or written. Every variant names the file.
+#[derive(Debug, Error)]
+pub enum DataError {
+    /// The operating system refused.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// Not JSON.
+    #[error("{}: not valid JSON: {source}", path.display())]
+    Json {
+        /// The file.
+        path: PathBuf,
+        /// Where and why.
+        source: serde_json::Error,
+    },
+    /// JSON with a wrong or missing field.
+    #[error("{}: {}{field}: {problem}", path.display(), frame_label(*frame))]
+    Field {
+        /// The file.
+        path: PathBuf,
+        /// Index into `frames`, or `None` for the top level.
+        frame: Option<usize>,
+        /// The field's name.
+        field: String,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// A picture that cannot be used.
+    #[error("{}: {problem}", path.display())]
+    Image {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// A mesh that cannot be used.
+    #[error("{}: {problem}", path.display())]
+    Mesh {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// A path that holds no capture.
+    #[error("{}: not a capture: {problem}", path.display())]
+    NotADataset {
+        /// The path.
+        path: PathBuf,
+        /// What was looked for.
+        problem: String,
+    },
+    /// A capture of which no view is usable.
+    #[error("{}: no usable view{}", path.display(), list_problems(problems))]
+    NoViews {
+        /// The capture.
+        path: PathBuf,
+        /// Why, view by view.
+        problems: Vec<Problem>,
+    },
+}
+
+impl DataError {
+    pub(super) fn io(path: &Path, source: io::Error) -> Self {
+        Self::Io {
+            path: path.to_owned(),
+            source,
+        }
+    }
+
+    pub(super) fn image(path: &Path, problem: impl Into<String>) -> Self {
+        Self::Image {
+            path: path.to_owned(),
+            problem: problem.into(),
+        }
+    }
+
+    pub(super) fn mesh(path: &Path, problem: impl ToString) -> Self {
+        Self::Mesh {
+            path: path.to_owned(),
+            problem: problem.to_string(),
+        }
+    }
+}
+
+fn frame_label(frame: Option<usize>) -> String {
+    frame.map_or_else(String::new, |i| format!("frame {i}, "))
+}
+
+fn list_problems(problems: &[Problem]) -> String {
+    problems
+        .iter()
+        .map(|problem| format!("\n  {problem}"))
+        .collect()
+}

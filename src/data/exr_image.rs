@@ -1,0 +1,136 @@
+//! OpenEXR pictures: colour or grey, half or float, read and written.
+//!
+//! Reads the first layer of a flat file; colour channels may carry a layer prefix
+//! (`Combined.R`). Without all of R, G and B, a `Y` channel or an only channel becomes grey.
+
+use std::path::Path;
+
+use exr::image::{AnyChannel, AnyChannels, FlatSamples, SpecificChannels};
+use exr::meta::MetaData;
+use exr::prelude::{Image, ReadChannels as _, ReadLayers as _, WritableImage as _, f16, read};
+
+use super::image::{check_finite, check_size};
+use super::{DataError, write_atomically};
+
+/// How a number is stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ExrSample {
+    /// 16 bits; values beyond ±65504 are clamped there.
+    Half,
+    /// 32 bits.
+    Float,
+}
+
+/// Reads an EXR: `(width, height, [height * width] RGB)`, scene-linear.
+///
+/// Errors on files without colour, deep files, NaN and infinite pixels.
+pub fn read_exr_linear(path: &Path) -> Result<(u32, u32, Vec<[f32; 3]>), DataError> {
+    let unreadable = |e: exr::error::Error| match e {
+        exr::error::Error::Io(source) => DataError::io(path, source),
+        other => DataError::image(path, format!("cannot be decoded: {other}")),
+    };
+    let meta = MetaData::read_from_file(path, false).map_err(unreadable)?;
+    for header in &meta.headers {
+        check_size(path, header.layer_size.0 as u64, header.layer_size.1 as u64)?;
+    }
+    let file = read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .first_valid_layer()
+        .all_attributes()
+        .from_file(path)
+        .map_err(unreadable)?;
+    let layer = file.layer_data;
+    let [red, green, blue] = color_channels(path, &layer.channel_data)?;
+    let n_pixels = layer.size.0 * layer.size.1;
+    if [red, green, blue]
+        .iter()
+        .any(|c| c.sample_data.len() != n_pixels)
+    {
+        return Err(DataError::image(
+            path,
+            "subsampled channels are not supported",
+        ));
+    }
+    let pixels = red
+        .sample_data
+        .values_as_f32()
+        .zip(green.sample_data.values_as_f32())
+        .zip(blue.sample_data.values_as_f32())
+        .map(|((r, g), b)| [r, g, b])
+        .collect();
+    let (width, height) = (layer.size.0 as u32, layer.size.1 as u32);
+    check_finite(path, width, &pixels)?;
+    Ok((width, height, pixels))
+}
+
+/// The channels to take as red, green and blue.
+fn color_channels<'a>(
+    path: &Path,
+    channels: &'a AnyChannels<FlatSamples>,
+) -> Result<[&'a AnyChannel<FlatSamples>; 3], DataError> {
+    let list = &channels.list;
+    let named = |wanted: &str| {
+        list.iter().find(|channel| {
+            let name = channel.name.to_string();
+            name.rsplit('.')
+                .next()
+                .is_some_and(|last| last.eq_ignore_ascii_case(wanted))
+        })
+    };
+    if let (Some(r), Some(g), Some(b)) = (named("R"), named("G"), named("B")) {
+        return Ok([r, g, b]);
+    }
+    let only = if list.len() == 1 { list.first() } else { None };
+    match named("Y").or(only) {
+        Some(grey) => Ok([grey; 3]),
+        None => {
+            let names: Vec<String> = list.iter().map(|c| c.name.to_string()).collect();
+            Err(DataError::image(
+                path,
+                format!("no channels R, G, B or Y, but {}", names.join(", ")),
+            ))
+        }
+    }
+}
+
+/// Writes linear colours as an RGB EXR, ZIP-compressed, atomically.
+///
+/// `pixels_linear`: `[height * width]`, row-major. Panics if the count is wrong.
+pub fn write_exr(
+    path: &Path,
+    width: u32,
+    height: u32,
+    pixels_linear: &[[f32; 3]],
+    sample: ExrSample,
+) -> Result<(), DataError> {
+    let size = (width as usize, height as usize);
+    assert_eq!(pixels_linear.len(), size.0 * size.1, "one colour a pixel");
+    let color = |at: exr::math::Vec2<usize>| pixels_linear[at.1 * size.0 + at.0];
+    let written = write_atomically(path, |file| {
+        let result = match sample {
+            ExrSample::Float => Image::from_channels(
+                size,
+                SpecificChannels::rgb(|at| {
+                    let [r, g, b] = color(at);
+                    (r, g, b)
+                }),
+            )
+            .write()
+            .to_buffered(file),
+            ExrSample::Half => Image::from_channels(
+                size,
+                SpecificChannels::rgb(|at| {
+                    // Without the clamp bright pixels would be stored as infinity.
+                    let [r, g, b] = color(at).map(|c| f16::from_f32(c.clamp(-65504.0, 65504.0)));
+                    (r, g, b)
+                }),
+            )
+            .write()
+            .to_buffered(file),
+        };
+        result.map_err(std::io::Error::other)
+    });
+    written.map_err(|e| DataError::io(path, e))
+}

@@ -1,0 +1,277 @@
+//! glTF 2.0: `.glb` and `.gltf` in (all meshes of the scene, node transforms applied), `.glb` out.
+
+use std::io::Write as _;
+use std::path::Path;
+
+use glam::{Affine3A, Mat4, Vec3};
+use gltf::mesh::Mode;
+use serde_json::json;
+
+use super::Soup;
+use crate::data::{DataError, write_atomically};
+use crate::geometry::Mesh;
+
+/// Deepest nesting of nodes followed; glTF allows no cycles, but files may contain them.
+const MAX_DEPTH: usize = 64;
+
+/// Reads every triangle primitive of the default scene into one mesh.
+pub(super) fn read(path: &Path) -> Result<Soup, DataError> {
+    let bytes = std::fs::read(path).map_err(|e| DataError::io(path, e))?;
+    check_glb_header(path, &bytes)?;
+    let fail = |e: gltf::Error| DataError::mesh(path, format!("not a readable glTF: {e}"));
+    let file = gltf::Gltf::from_slice(&bytes).map_err(fail)?;
+    let buffers = gltf::import_buffers(&file.document, path.parent(), file.blob).map_err(fail)?;
+    let document = file.document;
+    let mut reader = Reader {
+        path,
+        buffers: &buffers,
+        soup: Soup::default(),
+    };
+    let scene = document
+        .default_scene()
+        .or_else(|| document.scenes().next());
+    match scene {
+        Some(scene) => {
+            for node in scene.nodes() {
+                reader.add_node(&node, Affine3A::IDENTITY, 0)?;
+            }
+        }
+        // A file may hold meshes and no scene; then they stand as they are.
+        None => {
+            for mesh in document.meshes() {
+                reader.add_mesh(&mesh, Affine3A::IDENTITY)?;
+            }
+        }
+    }
+    Ok(reader.soup)
+}
+
+/// Refuses a GLB whose header claims another length than the file has: the parser would allocate
+/// what it says.
+fn check_glb_header(path: &Path, bytes: &[u8]) -> Result<(), DataError> {
+    if !bytes.starts_with(b"glTF") {
+        return Ok(());
+    }
+    let length = bytes.get(8..12).and_then(|b| b.first_chunk::<4>());
+    match length.map(|b| u32::from_le_bytes(*b) as usize) {
+        Some(length) if (20..=bytes.len()).contains(&length) => Ok(()),
+        _ => Err(DataError::mesh(path, "the GLB is truncated")),
+    }
+}
+
+/// Collects primitives while walking the nodes.
+struct Reader<'a> {
+    path: &'a Path,
+    buffers: &'a [gltf::buffer::Data],
+    soup: Soup,
+}
+
+impl Reader<'_> {
+    fn add_node(
+        &mut self,
+        node: &gltf::Node<'_>,
+        world_from_parent: Affine3A,
+        depth: usize,
+    ) -> Result<(), DataError> {
+        if depth > MAX_DEPTH {
+            return Err(self.error("nodes are nested too deep"));
+        }
+        let parent_from_node = Mat4::from_cols_array_2d(&node.transform().matrix());
+        let world_from_node = world_from_parent * Affine3A::from_mat4(parent_from_node);
+        if let Some(mesh) = node.mesh() {
+            self.add_mesh(&mesh, world_from_node)?;
+        }
+        for child in node.children() {
+            self.add_node(&child, world_from_node, depth + 1)?;
+        }
+        Ok(())
+    }
+
+    fn add_mesh(
+        &mut self,
+        mesh: &gltf::Mesh<'_>,
+        world_from_mesh: Affine3A,
+    ) -> Result<(), DataError> {
+        for primitive in mesh.primitives() {
+            self.add_primitive(&primitive, world_from_mesh)?;
+        }
+        Ok(())
+    }
+
+    fn add_primitive(
+        &mut self,
+        primitive: &gltf::Primitive<'_>,
+        world_from_mesh: Affine3A,
+    ) -> Result<(), DataError> {
+        let accessors = primitive.attributes().map(|(_, accessor)| accessor);
+        for accessor in accessors.chain(primitive.indices()) {
+            self.check_accessor(&accessor)?;
+        }
+        let buffers = self.buffers;
+        let reader = primitive.reader(|buffer| buffers.get(buffer.index()).map(|data| &data.0[..]));
+        let Some(positions) = reader.read_positions() else {
+            return Err(self.error("a primitive has no readable POSITION"));
+        };
+        let base = self.soup.positions.len();
+        let local: Vec<Vec3> = positions.map(Vec3::from).collect();
+        let n_vertices = local.len();
+        let mut normals: Vec<Vec3> = reader
+            .read_normals()
+            .map(|normals| normals.map(Vec3::from).collect())
+            .unwrap_or_default();
+        normals.resize(n_vertices, Vec3::ZERO);
+        let indices: Vec<u32> = match reader.read_indices() {
+            Some(indices) => indices.into_u32().collect(),
+            None => (0..n_vertices as u32).collect(),
+        };
+        let mirrored = world_from_mesh.matrix3.determinant() < 0.0;
+        for [a, b, c] in triangles(primitive.mode(), &indices) {
+            let face = if mirrored { [a, c, b] } else { [a, b, c] };
+            // An index beyond this primitive must not reach into the next one's vertices.
+            if let Some(bad) = face.iter().find(|v| **v as usize >= n_vertices) {
+                return Err(self.error(&format!(
+                    "a face names vertex {bad} of a primitive with {n_vertices} vertices"
+                )));
+            }
+            self.soup.triangles.push(face.map(|v| v + base as u32));
+        }
+        let placed = local.iter().map(|p| world_from_mesh.transform_point3(*p));
+        self.soup.positions.extend(placed);
+        self.soup.normals.extend(normals.iter().map(|n| {
+            // Normals go by the inverse transpose; a flat transform leaves none.
+            let inverse = world_from_mesh.matrix3.inverse();
+            if inverse.is_finite() {
+                Vec3::from(inverse.transpose() * glam::Vec3A::from(*n))
+            } else {
+                Vec3::ZERO
+            }
+        }));
+        Ok(())
+    }
+
+    /// Refuses accessors that would overrun their buffer or that the crate does not bound-check.
+    fn check_accessor(&self, accessor: &gltf::Accessor<'_>) -> Result<(), DataError> {
+        let Some(view) = accessor.view().filter(|_| accessor.sparse().is_none()) else {
+            return Err(self.error("sparse accessors are not supported"));
+        };
+        let length = self
+            .buffers
+            .get(view.buffer().index())
+            .map_or(0, |b| b.len());
+        let stride = view.stride().unwrap_or_else(|| accessor.size());
+        let end = accessor
+            .count()
+            .checked_sub(1)
+            .and_then(|last| last.checked_mul(stride))
+            .and_then(|offset| offset.checked_add(accessor.offset()))
+            .and_then(|offset| offset.checked_add(accessor.size()));
+        let fits = end.is_some_and(|end| end <= view.length())
+            && view
+                .offset()
+                .checked_add(view.length())
+                .is_some_and(|end| end <= length);
+        if fits {
+            Ok(())
+        } else {
+            Err(self.error(&format!(
+                "accessor {} overruns its buffer",
+                accessor.index()
+            )))
+        }
+    }
+
+    fn error(&self, problem: &str) -> DataError {
+        DataError::mesh(self.path, problem)
+    }
+}
+
+/// The triangles of a primitive; points and lines have none.
+fn triangles(mode: Mode, indices: &[u32]) -> Vec<[u32; 3]> {
+    match mode {
+        Mode::Triangles => indices.as_chunks::<3>().0.to_vec(),
+        Mode::TriangleStrip => indices
+            .windows(3)
+            .enumerate()
+            .map(|(i, w)| {
+                if i % 2 == 0 {
+                    [w[0], w[1], w[2]]
+                } else {
+                    [w[1], w[0], w[2]]
+                }
+            })
+            .collect(),
+        Mode::TriangleFan => super::fan(indices).collect(),
+        Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip => Vec::new(),
+    }
+}
+
+/// Writes positions, normals and triangles as a binary glTF, atomically. No up axis is converted.
+pub fn write_glb(path: &Path, mesh: &Mesh) -> Result<(), DataError> {
+    let vectors = |list: &[Vec3]| -> Vec<u8> {
+        list.iter()
+            .flat_map(|v| v.to_array())
+            .flat_map(f32::to_le_bytes)
+            .collect()
+    };
+    let positions = vectors(&mesh.positions);
+    let normals = vectors(&mesh.normals);
+    let indices: Vec<u8> = mesh
+        .triangles
+        .iter()
+        .flatten()
+        .flat_map(|i| i.to_le_bytes())
+        .collect();
+    let header = glb_json(mesh, positions.len(), indices.len());
+    let mut text = header.to_string().into_bytes();
+    text.resize(text.len().next_multiple_of(4), b' ');
+    let binary = [positions, normals, indices].concat();
+    let length = 12 + 8 + text.len() + 8 + binary.len();
+    let Ok(length) = u32::try_from(length) else {
+        return Err(DataError::mesh(
+            path,
+            "larger than the 4 GiB that a GLB can hold",
+        ));
+    };
+    write_atomically(path, |file| {
+        file.write_all(b"glTF")?;
+        file.write_all(&2_u32.to_le_bytes())?;
+        file.write_all(&length.to_le_bytes())?;
+        file.write_all(&(text.len() as u32).to_le_bytes())?;
+        file.write_all(b"JSON")?;
+        file.write_all(&text)?;
+        file.write_all(&(binary.len() as u32).to_le_bytes())?;
+        file.write_all(b"BIN\0")?;
+        file.write_all(&binary)
+    })
+    .map_err(|e| DataError::io(path, e))
+}
+
+/// The JSON chunk for a buffer of positions, normals and indices in this order.
+fn glb_json(mesh: &Mesh, vector_bytes: usize, index_bytes: usize) -> serde_json::Value {
+    let bounds = crate::geometry::Aabb::from_points(mesh.positions.iter().copied());
+    let (float, unsigned_int) = (5126, 5125);
+    let (array_buffer, element_buffer) = (34962, 34963);
+    let n_vertices = mesh.positions.len();
+    json!({
+        "asset": {"version": "2.0", "generator": concat!("neif ", env!("CARGO_PKG_VERSION"))},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0, "name": "object"}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "NORMAL": 1}, "indices": 2}]}],
+        "accessors": [
+            {"bufferView": 0, "componentType": float, "count": n_vertices, "type": "VEC3",
+             "min": bounds.min.to_array(), "max": bounds.max.to_array()},
+            {"bufferView": 1, "componentType": float, "count": n_vertices, "type": "VEC3"},
+            {"bufferView": 2, "componentType": unsigned_int, "count": 3 * mesh.triangles.len(),
+             "type": "SCALAR"},
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": 0, "byteLength": vector_bytes, "target": array_buffer},
+            {"buffer": 0, "byteOffset": vector_bytes, "byteLength": vector_bytes,
+             "target": array_buffer},
+            {"buffer": 0, "byteOffset": 2 * vector_bytes, "byteLength": index_bytes,
+             "target": element_buffer},
+        ],
+        "buffers": [{"byteLength": 2 * vector_bytes + index_bytes}],
+    })
+}

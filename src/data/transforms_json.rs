@@ -1,0 +1,420 @@
+//! The `transforms.json` family: NeRF-synthetic, instant-ngp, nerfstudio, and our `edit.json`.
+//!
+//! Cameras are camera-to-world 4x4 matrices with OpenGL axes. Intrinsics are `fl_x, fl_y, cx, cy,
+//! w, h, k1..k4, p1, p2` or `camera_angle_x`, for the file or for a frame (which wins). Every
+//! number is checked here; what leaves this file is finite and usable.
+
+use std::path::{Component, Path, PathBuf};
+
+use glam::{Affine3A, Mat3, Vec3};
+use serde_json::{Map, Value};
+
+use super::DataError;
+use crate::geometry::{Camera, Distortion};
+
+/// How far above the JSON's folder a path may climb: `relight/<edit>/edit.json` refers to
+/// `../../test_mask`.
+const MAX_CLIMB: usize = 2;
+/// Extensions tried for names without one, as NeRF-synthetic writes them.
+const EXTENSIONS: [&str; 5] = ["png", "jpg", "jpeg", "exr", "hdr"];
+/// Camera models that [`Distortion`] can express.
+const CAMERA_MODELS: [&str; 7] = [
+    "OPENCV",
+    "FULL_OPENCV",
+    "PINHOLE",
+    "SIMPLE_PINHOLE",
+    "SIMPLE_RADIAL",
+    "RADIAL",
+    "PERSPECTIVE",
+];
+
+/// One listed photo, not yet read.
+#[derive(Clone, Debug)]
+pub struct Frame {
+    /// Position in the file's `frames`.
+    pub index: usize,
+    /// The photo's file name without extension.
+    pub name: String,
+    /// The photo; its extension is completed where the file exists.
+    pub photo: PathBuf,
+    /// The object mask, where one is named.
+    pub mask: Option<PathBuf>,
+    /// For relighting ground truth: which test view the camera is that of.
+    pub test_index: Option<usize>,
+    /// The pose: rotation and position.
+    pub world_from_camera: Affine3A,
+    /// The lens.
+    pub intrinsics: Intrinsics,
+    /// The file that lists it, for messages.
+    pub json: PathBuf,
+}
+
+/// A lens as declared; lengths in pixels of a picture of the declared size.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Intrinsics {
+    /// `w, h`.
+    pub size: Option<(u32, u32)>,
+    /// `fl_x`.
+    pub fl_x: Option<f32>,
+    /// `fl_y`.
+    pub fl_y: Option<f32>,
+    /// `camera_angle_x` in radians.
+    pub camera_angle_x: Option<f32>,
+    /// `camera_angle_y` in radians.
+    pub camera_angle_y: Option<f32>,
+    /// `cx`.
+    pub cx: Option<f32>,
+    /// `cy`.
+    pub cy: Option<f32>,
+    /// `k1..k4, p1, p2`.
+    pub distortion: Distortion,
+}
+
+impl Frame {
+    /// The camera for a photo of the given size, and whether the declared lens had to be scaled
+    /// to it (photos shrunk after calibration).
+    ///
+    /// Errors when the photo's aspect is not the declared one.
+    pub fn camera(&self, photo_width: u32, photo_height: u32) -> Result<(Camera, bool), DataError> {
+        let lens = &self.intrinsics;
+        let (width, height) = lens.size.unwrap_or((photo_width, photo_height));
+        let (w, h) = (width as f32, height as f32);
+        let focal_of = |angle: f32, side: f32| 0.5 * side / (0.5 * angle).tan();
+        let fx = lens.fl_x.or(lens.camera_angle_x.map(|a| focal_of(a, w)));
+        let fy = lens.fl_y.or(lens.camera_angle_y.map(|a| focal_of(a, h)));
+        let (Some(fx), Some(fy)) = (fx.or(fy), fy.or(fx)) else {
+            return Err(self.error("fl_x", "neither fl_x nor camera_angle_x is given"));
+        };
+        let camera = Camera {
+            width,
+            height,
+            fx,
+            // NeRF-synthetic gives the angle in x only; pixels are square there.
+            fy: if lens.fl_y.is_none() && lens.fl_x.is_some() {
+                fx
+            } else {
+                fy
+            },
+            cx: lens.cx.unwrap_or(0.5 * w),
+            cy: lens.cy.unwrap_or(0.5 * h),
+            distortion: lens.distortion,
+            world_from_camera: self.world_from_camera,
+        };
+        if (width, height) == (photo_width, photo_height) {
+            return Ok((camera, false));
+        }
+        let expected_width = w * photo_height as f32 / h;
+        if (expected_width - photo_width as f32).abs() > 0.01 * photo_width as f32 + 1.0 {
+            return Err(self.error(
+                "w",
+                format!(
+                    "the photo {} is {photo_width} x {photo_height}, but w x h is {width} x {height}",
+                    self.photo.display()
+                ),
+            ));
+        }
+        Ok((camera.resized(photo_width, photo_height), true))
+    }
+
+    fn error(&self, field: &str, problem: impl Into<String>) -> DataError {
+        DataError::Field {
+            path: self.json.clone(),
+            frame: Some(self.index),
+            field: field.to_owned(),
+            problem: problem.into(),
+        }
+    }
+}
+
+/// Reads the frames that `json` lists, in its order; photos are not opened.
+///
+/// Errors name the frame's index and the field. Absolute paths are refused.
+pub fn read_frames(json: &Path) -> Result<Vec<Frame>, DataError> {
+    let text = std::fs::read_to_string(json).map_err(|e| DataError::io(json, e))?;
+    let value: Value = serde_json::from_str(&text).map_err(|source| DataError::Json {
+        path: json.to_owned(),
+        source,
+    })?;
+    let top = Fields {
+        json,
+        frame: None,
+        value: &value,
+    };
+    if value.as_object().is_none() {
+        return Err(top.error("(top level)", "not an object"));
+    }
+    let lens = read_intrinsics(&top, Intrinsics::default())?;
+    let frames = match value.get("frames") {
+        Some(Value::Array(frames)) if !frames.is_empty() => frames,
+        Some(Value::Array(_)) => return Err(top.error("frames", "the list is empty")),
+        Some(_) => return Err(top.error("frames", "not a list")),
+        None => return Err(top.error("frames", "missing")),
+    };
+    frames
+        .iter()
+        .enumerate()
+        .map(|(index, value)| {
+            let fields = Fields {
+                json,
+                frame: Some(index),
+                value,
+            };
+            read_frame(&fields, index, lens)
+        })
+        .collect()
+}
+
+fn read_frame(fields: &Fields<'_>, index: usize, lens: Intrinsics) -> Result<Frame, DataError> {
+    let declared = fields
+        .string("file_path")?
+        .ok_or_else(|| fields.error("file_path", "missing"))?;
+    let photo = with_extension(resolve(fields, "file_path", declared)?);
+    let mask = match fields.string("mask_path")? {
+        Some(declared) => Some(with_extension(resolve(fields, "mask_path", declared)?)),
+        None => None,
+    };
+    Ok(Frame {
+        index,
+        name: photo
+            .file_stem()
+            .map_or_else(String::new, |stem| stem.to_string_lossy().into_owned()),
+        photo,
+        mask,
+        test_index: fields
+            .value
+            .get("test_index")
+            .and_then(Value::as_u64)
+            .map(|i| i as usize),
+        world_from_camera: read_pose(fields)?,
+        intrinsics: read_intrinsics(fields, lens)?,
+        json: fields.json.to_owned(),
+    })
+}
+
+/// The lens of a frame or file, where absent that of `outer`.
+fn read_intrinsics(fields: &Fields<'_>, outer: Intrinsics) -> Result<Intrinsics, DataError> {
+    if let Some(model) = fields.string("camera_model")? {
+        if !CAMERA_MODELS.contains(&model.to_ascii_uppercase().as_str()) {
+            let problem = format!(
+                "\"{model}\" is not supported; undistort the photos to PINHOLE or OPENCV first"
+            );
+            return Err(fields.error("camera_model", problem));
+        }
+    }
+    if fields.value.get("is_fisheye") == Some(&Value::Bool(true)) {
+        let problem = "fisheye lenses are not supported; undistort the photos first";
+        return Err(fields.error("is_fisheye", problem));
+    }
+    let size = match (fields.side("w")?, fields.side("h")?) {
+        (Some(w), Some(h)) => Some((w, h)),
+        (None, None) => outer.size,
+        (Some(_), None) => return Err(fields.error("h", "missing, though w is given")),
+        (None, Some(_)) => return Err(fields.error("w", "missing, though h is given")),
+    };
+    let k = |name: &str, outer: f32| Ok::<f32, DataError>(fields.number(name)?.unwrap_or(outer));
+    let d = outer.distortion;
+    Ok(Intrinsics {
+        size,
+        fl_x: fields.positive("fl_x")?.or(outer.fl_x),
+        fl_y: fields.positive("fl_y")?.or(outer.fl_y),
+        camera_angle_x: fields.angle("camera_angle_x")?.or(outer.camera_angle_x),
+        camera_angle_y: fields.angle("camera_angle_y")?.or(outer.camera_angle_y),
+        cx: fields.number("cx")?.or(outer.cx),
+        cy: fields.number("cy")?.or(outer.cy),
+        distortion: Distortion {
+            k1: k("k1", d.k1)?,
+            k2: k("k2", d.k2)?,
+            k3: k("k3", d.k3)?,
+            k4: k("k4", d.k4)?,
+            p1: k("p1", d.p1)?,
+            p2: k("p2", d.p2)?,
+        },
+    })
+}
+
+/// `transform_matrix` as a rotation and a position; a uniform scale is taken out.
+fn read_pose(fields: &Fields<'_>) -> Result<Affine3A, DataError> {
+    const FIELD: &str = "transform_matrix";
+    let fail = |problem: &str| fields.error(FIELD, problem);
+    let value = fields.value.get(FIELD).ok_or_else(|| fail("missing"))?;
+    let rows = value.as_array().ok_or_else(|| fail("not a list of rows"))?;
+    if rows.len() != 3 && rows.len() != 4 {
+        return Err(fail("not 4 rows of 4 numbers"));
+    }
+    let mut m = [[0.0_f32; 4]; 4];
+    m[3][3] = 1.0;
+    for (i, row) in rows.iter().enumerate() {
+        let row = row.as_array().filter(|row| row.len() == 4);
+        let row = row.ok_or_else(|| fail("not 4 rows of 4 numbers"))?;
+        for (j, number) in row.iter().enumerate() {
+            let number = number.as_f64().map(|v| v as f32).filter(|v| v.is_finite());
+            m[i][j] = number.ok_or_else(|| {
+                fields.error(FIELD, format!("row {i}, column {j} is not a finite number"))
+            })?;
+        }
+    }
+    let last_is_unit = m[3]
+        .iter()
+        .zip([0.0, 0.0, 0.0, 1.0])
+        .all(|(a, b)| (a - b).abs() < 1e-4);
+    if !last_is_unit {
+        return Err(fail("the last row is not 0 0 0 1"));
+    }
+    let column = |j: usize| Vec3::new(m[0][j], m[1][j], m[2][j]);
+    let rotation = rotation_of(column(0), column(1), column(2)).map_err(fail)?;
+    Ok(Affine3A::from_mat3_translation(rotation, column(3)))
+}
+
+/// The rotation nearest to the given axes, which must be so already up to a uniform scale.
+fn rotation_of(x: Vec3, y: Vec3, z: Vec3) -> Result<Mat3, &'static str> {
+    /// How far lengths and angles may be off: rounded files are within 1e-4.
+    const TOLERANCE: f32 = 0.02;
+    let scale = (x.length() + y.length() + z.length()) / 3.0;
+    if !(scale > 0.0 && scale.is_finite()) {
+        return Err("not invertible");
+    }
+    let axes = [x / scale, y / scale, z / scale];
+    let [x, y, z] = axes;
+    if x.cross(y).dot(z).abs() < TOLERANCE {
+        return Err("not invertible");
+    }
+    let unit = axes.iter().all(|a| (a.length() - 1.0).abs() < TOLERANCE);
+    let square = [x.dot(y), y.dot(z), z.dot(x)]
+        .iter()
+        .all(|d| d.abs() < TOLERANCE);
+    if !(unit && square) {
+        return Err("not a rotation: the axes are sheared or scaled unevenly");
+    }
+    if x.cross(y).dot(z) < 0.0 {
+        return Err("left-handed: the pose mirrors the picture");
+    }
+    let z = z.normalize_or_zero();
+    let x = (x - x.dot(z) * z).normalize_or_zero();
+    Ok(Mat3::from_cols(x, z.cross(x), z))
+}
+
+/// The file that a declared relative path means, without leaving the capture.
+fn resolve(fields: &Fields<'_>, field: &str, declared: &str) -> Result<PathBuf, DataError> {
+    let portable = declared.replace('\\', "/");
+    let folder = fields.json.parent().unwrap_or_else(|| Path::new(""));
+    let mut below: Vec<&std::ffi::OsStr> = Vec::new();
+    let mut climb = 0;
+    for component in Path::new(&portable).components() {
+        match component {
+            Component::Normal(part) => below.push(part),
+            Component::CurDir => (),
+            Component::ParentDir => {
+                if below.pop().is_none() {
+                    climb += 1;
+                }
+            }
+            Component::RootDir | Component::Prefix(_) => {
+                return Err(fields.error(field, format!("\"{declared}\" is an absolute path")));
+            }
+        }
+    }
+    // Drive letters are prefixes on Windows only; refuse them everywhere.
+    let has_drive = portable.as_bytes().get(1) == Some(&b':');
+    if below.is_empty() || has_drive || portable.contains('\0') {
+        return Err(fields.error(field, format!("\"{declared}\" is not a relative file path")));
+    }
+    if climb > MAX_CLIMB {
+        return Err(fields.error(field, format!("\"{declared}\" leads out of the capture")));
+    }
+    let mut path = folder.to_owned();
+    path.extend(std::iter::repeat_n("..", climb));
+    path.extend(below);
+    Ok(path)
+}
+
+/// `path`, or where that does not exist, `path` with a picture's extension that does.
+fn with_extension(path: PathBuf) -> PathBuf {
+    if path.is_file() {
+        return path;
+    }
+    let name = path.file_name().unwrap_or_default().to_os_string();
+    EXTENSIONS
+        .iter()
+        .map(|extension| {
+            let mut name = name.clone();
+            name.push(".");
+            name.push(extension);
+            path.with_file_name(name)
+        })
+        .find(|candidate| candidate.is_file())
+        .unwrap_or(path)
+}
+
+/// A JSON object with the place it stands at, for messages.
+struct Fields<'a> {
+    json: &'a Path,
+    frame: Option<usize>,
+    value: &'a Value,
+}
+
+impl Fields<'_> {
+    fn error(&self, field: &str, problem: impl Into<String>) -> DataError {
+        DataError::Field {
+            path: self.json.to_owned(),
+            frame: self.frame,
+            field: field.to_owned(),
+            problem: problem.into(),
+        }
+    }
+
+    /// The field, where it is present and not null.
+    fn get(&self, field: &str) -> Option<&Value> {
+        self.value
+            .as_object()
+            .and_then(|object: &Map<String, Value>| object.get(field))
+            .filter(|value| !value.is_null())
+    }
+
+    fn string(&self, field: &str) -> Result<Option<&str>, DataError> {
+        self.get(field)
+            .map(|value| {
+                value
+                    .as_str()
+                    .ok_or_else(|| self.error(field, "not a text"))
+            })
+            .transpose()
+    }
+
+    fn number(&self, field: &str) -> Result<Option<f32>, DataError> {
+        self.get(field)
+            .map(|value| {
+                let number = value.as_f64().map(|v| v as f32).filter(|v| v.is_finite());
+                number.ok_or_else(|| self.error(field, format!("{value} is not a finite number")))
+            })
+            .transpose()
+    }
+
+    fn number_that(
+        &self,
+        field: &str,
+        wanted: &str,
+        accept: impl Fn(f32) -> bool,
+    ) -> Result<Option<f32>, DataError> {
+        match self.number(field)? {
+            Some(v) if !accept(v) => Err(self.error(field, format!("{v} is not {wanted}"))),
+            number => Ok(number),
+        }
+    }
+
+    fn positive(&self, field: &str) -> Result<Option<f32>, DataError> {
+        self.number_that(field, "greater than 0", |v| v > 0.0)
+    }
+
+    fn angle(&self, field: &str) -> Result<Option<f32>, DataError> {
+        let pi = std::f32::consts::PI;
+        self.number_that(field, "an angle between 0 and pi", |v| v > 0.0 && v < pi)
+    }
+
+    /// A picture side; some files write `1080.0`.
+    fn side(&self, field: &str) -> Result<Option<u32>, DataError> {
+        let side = self.number_that(field, "a picture size", |v| {
+            (1.0..=1e6).contains(&v) && v.fract() == 0.0
+        })?;
+        Ok(side.map(|v| v as u32))
+    }
+}
