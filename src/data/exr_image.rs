@@ -44,8 +44,14 @@ pub fn read_exr_linear(path: &Path) -> Result<(u32, u32, Vec<[f32; 3]>), DataErr
     let layer = file.layer_data;
     let [red, green, blue] = color_channels(path, &layer.channel_data)?;
     let n_pixels = layer.size.0 * layer.size.1;
-    if [red, green, blue].iter().any(|c| c.sample_data.len() != n_pixels) {
-        return Err(DataError::image(path, "subsampled channels are not supported"));
+    if [red, green, blue]
+        .iter()
+        .any(|c| c.sample_data.len() != n_pixels)
+    {
+        return Err(DataError::image(
+            path,
+            "subsampled channels are not supported",
+        ));
     }
     let pixels = red
         .sample_data
@@ -68,7 +74,9 @@ fn color_channels<'a>(
     let named = |wanted: &str| {
         list.iter().find(|channel| {
             let name = channel.name.to_string();
-            name.rsplit('.').next().is_some_and(|last| last.eq_ignore_ascii_case(wanted))
+            name.rsplit('.')
+                .next()
+                .is_some_and(|last| last.eq_ignore_ascii_case(wanted))
         })
     };
     if let (Some(r), Some(g), Some(b)) = (named("R"), named("G"), named("B")) {
