@@ -1,0 +1,153 @@
+//! Decides when the preview renders what: at once for the person, within a budget for training.
+//!
+//! A change by hand is rendered as fast as the machine can, coarse to fine. A new snapshot alone
+//! is worth a refresh that costs at most [`REFRESH_SHARE`] of the processor: coarse and often
+//! while training is young and changes much, at full resolution and rarely later.
+
+use std::sync::Arc;
+
+use crate::render::{Passes, PreviewFrame, PreviewScene};
+use crate::train::Snapshot;
+
+/// Share of all cores that refreshes may take while training runs.
+pub const REFRESH_SHARE: f64 = 0.12;
+/// Refreshes are at least this far apart, in seconds.
+const MIN_INTERVAL_SECS: f64 = 1.0;
+/// A finer refresh may be as late as this share of the training time, since changes slow down.
+const PATIENCE: f64 = 0.15;
+/// ... but no later than this, in seconds.
+const MAX_INTERVAL_SECS: f64 = 30.0;
+/// While something is dragged, the snapshot stays the same for so long, so that what did not
+/// change can be reused, in seconds.
+const HOLD_SECS: f64 = 1.0;
+
+/// What the driver needs to know now.
+#[derive(Clone, Debug)]
+pub struct Situation {
+    /// The window's clock, in seconds.
+    pub now_secs: f64,
+    /// Whether steps are being taken.
+    pub is_training: bool,
+    /// Seconds of training so far.
+    pub trained_secs: f64,
+    /// Cores of the machine.
+    pub n_cores: usize,
+}
+
+/// A request for the preview.
+#[derive(Clone, Debug)]
+pub struct Wanted {
+    /// The snapshot that is shown.
+    pub snapshot: Arc<Snapshot>,
+    /// The picture.
+    pub scene: PreviewScene,
+    /// Which passes.
+    pub passes: Passes,
+}
+
+/// Remembers what was asked for and what came of it.
+#[derive(Debug, Default)]
+pub struct PreviewDriver {
+    asked: Option<Wanted>,
+    /// Number of the last request, and whether its last picture is there.
+    request: u64,
+    is_done: bool,
+    /// When the person last changed something.
+    touched_secs: f64,
+    /// When the last refresh was asked for, and from when on the next may be.
+    refreshed_secs: f64,
+    /// Cost of a full picture, in processor seconds, from the last finished passes.
+    full_cost_secs: Option<f64>,
+}
+
+impl PreviewDriver {
+    /// What to ask the preview for now, if anything. `scene` makes the picture of a snapshot.
+    pub fn decide(
+        &mut self,
+        newest: &Arc<Snapshot>,
+        scene: impl Fn(&Snapshot) -> PreviewScene,
+        situation: &Situation,
+    ) -> Option<Wanted> {
+        let now = situation.now_secs;
+        let Some(asked) = &self.asked else {
+            return Some(self.ask(newest, scene(newest), Passes::Refine, now));
+        };
+        // The same snapshot with what is wanted now shows whether the person changed something.
+        let same_snapshot = Arc::clone(&asked.snapshot);
+        let current = scene(&same_snapshot);
+        let is_newer = !Arc::ptr_eq(&same_snapshot, newest);
+        if !current.is_same(&asked.scene) {
+            let is_dragging = now - self.touched_secs < HOLD_SECS;
+            self.touched_secs = now;
+            let held = now - self.refreshed_secs < 3.0 * HOLD_SECS;
+            return Some(if is_newer && !(is_dragging && held) {
+                self.ask(newest, scene(newest), Passes::Refine, now)
+            } else {
+                let refreshed = self.refreshed_secs;
+                let wanted = self.ask(&same_snapshot, current, Passes::Refine, now);
+                self.refreshed_secs = refreshed;
+                wanted
+            });
+        }
+        if !self.is_done {
+            return None;
+        }
+        if !situation.is_training {
+            let is_coarse = matches!(asked.passes, Passes::Only(scale) if scale > 1);
+            return (is_newer || is_coarse).then(|| self.ask(newest, scene(newest), Passes::Refine, now));
+        }
+        if !is_newer {
+            return None;
+        }
+        let (scale, interval) = self.refresh_plan(situation);
+        (now - self.refreshed_secs >= interval).then(|| self.ask(newest, scene(newest), Passes::Only(scale), now))
+    }
+
+    /// Seconds until the next refresh is due, to be woken in time.
+    pub fn wait_secs(&self, situation: &Situation) -> f64 {
+        let (_, interval) = self.refresh_plan(situation);
+        (self.refreshed_secs + interval - situation.now_secs).max(0.0)
+    }
+
+    /// The finest scale that patience and budget allow, and how far apart refreshes are then.
+    fn refresh_plan(&self, situation: &Situation) -> (u32, f64) {
+        let Some(cost) = self.full_cost_secs else { return (4, MIN_INTERVAL_SECS) };
+        let per_sec = REFRESH_SHARE * situation.n_cores as f64;
+        let interval = |scale: u32| (cost / (f64::from(scale * scale) * per_sec)).max(MIN_INTERVAL_SECS);
+        let patience = (PATIENCE * situation.trained_secs).clamp(MIN_INTERVAL_SECS, MAX_INTERVAL_SECS);
+        let scale = [1, 2].into_iter().find(|&scale| interval(scale) <= patience).unwrap_or(4);
+        (scale, interval(scale))
+    }
+
+    fn ask(&mut self, snapshot: &Arc<Snapshot>, scene: PreviewScene, passes: Passes, now_secs: f64) -> Wanted {
+        let wanted = Wanted { snapshot: Arc::clone(snapshot), scene, passes };
+        self.asked = Some(wanted.clone());
+        self.refreshed_secs = now_secs;
+        self.is_done = false;
+        wanted
+    }
+
+    /// Tells the number that the preview gave to what was last wanted.
+    pub fn was_requested(&mut self, number: u64) {
+        self.request = number;
+    }
+
+    /// Takes in a finished picture; returns the training step that it shows.
+    pub fn was_shown(&mut self, frame: &PreviewFrame) -> Option<u64> {
+        if frame.request != self.request {
+            return None;
+        }
+        self.is_done = frame.is_last;
+        let computed = frame.recomputed.background.max(frame.recomputed.object);
+        if computed > 0 && frame.recomputed.background > 0 {
+            self.full_cost_secs = Some(frame.cpu_secs * f64::from(frame.scale * frame.scale));
+        }
+        self.asked.as_ref().map(|asked| asked.snapshot.step)
+    }
+
+    /// Forgets everything: something else was opened.
+    pub fn clear(&mut self) {
+        *self = Self { request: self.request, ..Self::default() };
+    }
+}
+
