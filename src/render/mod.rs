@@ -8,6 +8,8 @@ pub mod priority;
 pub mod progressive;
 pub mod scene;
 pub mod shade;
+#[cfg(test)]
+pub(crate) mod test_scene;
 pub mod trace;
 
 pub use gbuffer::GBuffer;

@@ -209,3 +209,76 @@ impl Worker {
         self.shared.n_frames.fetch_add(1, Ordering::Release);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::time::{Duration, Instant};
+
+    use super::super::scene::Layer;
+    use super::super::test_scene::{camera, scene};
+    use super::*;
+
+    fn request(width: u32) -> PreviewScene {
+        PreviewScene { scene: scene(), camera: camera(width, width), layer: Layer::Final }
+    }
+
+    /// All pictures until the last one of a request.
+    fn frames_until_last(preview: &Preview, news: &crossbeam::channel::Receiver<()>, number: u64) -> Vec<Arc<PreviewFrame>> {
+        let end = Instant::now() + Duration::from_secs(60);
+        let mut frames: Vec<Arc<PreviewFrame>> = Vec::new();
+        while frames.last().is_none_or(|frame| frame.request != number || !frame.is_last) {
+            news.recv_timeout(end.saturating_duration_since(Instant::now())).expect("a picture within a minute");
+            frames.extend(preview.frame());
+        }
+        frames
+    }
+
+    fn preview() -> (Preview, crossbeam::channel::Receiver<()>) {
+        let (sender, news) = crossbeam::channel::bounded(1000);
+        let wake = move || sender.send(()).expect("the test listens");
+        (Preview::new(2, wake).expect("threads"), news)
+    }
+
+    #[test]
+    fn pictures_come_coarse_to_fine() {
+        let (preview, news) = preview();
+        let number = preview.request(request(200), Passes::Refine);
+        let frames = frames_until_last(&preview, &news, number);
+        let last = frames.last().unwrap();
+        assert_eq!((last.scale, last.width, last.height), (1, 200, 200));
+        assert_eq!(frames[0].scale, 4, "nothing was measured yet, so it begins at a quarter");
+        assert!(frames.windows(2).all(|pair| pair[1].scale <= pair[0].scale), "it grew coarser");
+    }
+
+    #[test]
+    fn the_newest_request_wins_and_none_is_coarser_than_a_quarter() {
+        let (preview, news) = preview();
+        let mut number = 0;
+        for i in 0..30 {
+            let mut next = request(160);
+            next.scene.transform.rotate_deg.z = i as f32;
+            number = preview.request(next, Passes::Refine);
+        }
+        let frames = frames_until_last(&preview, &news, number);
+        assert!(frames.len() < 3 * 30, "every request was refined: {} pictures", frames.len());
+        assert!(frames.iter().all(|frame| frame.width >= 40), "coarser than a quarter");
+        assert!(frames.windows(2).all(|pair| pair[1].request >= pair[0].request), "an older one came later");
+    }
+
+    #[test]
+    fn a_refresh_makes_one_picture_of_the_scale_asked_for() {
+        let (preview, news) = preview();
+        let number = preview.request(request(64), Passes::Only(2));
+        let frames = frames_until_last(&preview, &news, number);
+        assert_eq!(frames.iter().map(|frame| (frame.scale, frame.is_last)).collect::<Vec<_>>(), [(2, true)]);
+    }
+
+    #[test]
+    fn a_dropped_preview_ends_at_once() {
+        let (preview, _news) = preview();
+        preview.request(request(2000), Passes::Only(1));
+        let start = Instant::now();
+        drop(preview);
+        assert!(start.elapsed() < Duration::from_secs(20), "took {:?}", start.elapsed());
+    }
+}

@@ -8,7 +8,7 @@
 use std::ops::Range;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
 
@@ -215,6 +215,20 @@ impl Progressive {
     }
 }
 
+/// Processor time that the calling thread has used.
+#[cfg(unix)]
+fn thread_cpu() -> Duration {
+    let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
+    Duration::new(u64::try_from(time.tv_sec).unwrap_or(0), u32::try_from(time.tv_nsec).unwrap_or(0))
+}
+
+/// Elsewhere the time that has passed must do.
+#[cfg(not(unix))]
+fn thread_cpu() -> Duration {
+    static START: std::sync::LazyLock<Instant> = std::sync::LazyLock::new(Instant::now);
+    START.elapsed()
+}
+
 fn index_of(scale: u32) -> usize {
     SCALES.iter().position(|&s| s == scale).expect("scale is one of SCALES")
 }
@@ -242,10 +256,10 @@ impl Pass {
                 if cancel.load(Ordering::Relaxed) {
                     return;
                 }
-                let start = Instant::now();
+                let start = thread_cpu();
                 let done = band.update(&work, scratch);
                 band.compose(&work, out);
-                let nanos = start.elapsed().as_nanos() as usize;
+                let nanos = (thread_cpu() - start).as_nanos() as usize;
                 let parts = done.map(|part| [part.n_pixels, part.nanos]);
                 for (count, value) in counts.iter().zip(parts.as_flattened().iter().chain([&nanos])) {
                     count.fetch_add(*value, Ordering::Relaxed);
@@ -425,5 +439,146 @@ impl Band {
 fn scatter(into: &mut [[f32; 3]], first: u32, pixels: &[u32], values: &[[f32; 3]]) {
     for (pixel, value) in pixels.iter().zip(values) {
         into[(pixel - first) as usize] = *value;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::picture::render;
+    use super::super::test_scene::{camera, environment, object, scene};
+    use super::*;
+    use crate::neif::RoughnessEdit;
+    use glam::Vec3;
+
+    const SIZE: (u32, u32) = (60, 44);
+
+    fn request() -> PreviewScene {
+        PreviewScene { scene: scene(), camera: camera(SIZE.0, SIZE.1), layer: Layer::Final }
+    }
+
+    fn pass(progressive: &mut Progressive, request: &PreviewScene, scale: u32) -> PassOutput {
+        progressive.pass(request, scale, &AtomicBool::new(false)).expect("not cancelled")
+    }
+
+    /// Runs a change after a first picture; checks the result against a fresh full render.
+    fn recomputed_after(change: impl Fn(&mut PreviewScene)) -> Recomputed {
+        let (mut progressive, mut request) = (Progressive::default(), request());
+        pass(&mut progressive, &request, 1);
+        change(&mut request);
+        let output = pass(&mut progressive, &request, 1);
+        assert_same_as_render(&output, &request);
+        output.recomputed
+    }
+
+    fn assert_same_as_render(output: &PassOutput, request: &PreviewScene) {
+        let camera = Camera { ..request.camera.resized(output.width, output.height) };
+        let full = render(&request.scene, &camera, request.layer, &AtomicBool::new(false), &|_| ()).expect("not cancelled");
+        let mut worst = 0.0_f32;
+        for (preview, full) in output.pixels.iter().zip(&full.pixels) {
+            for c in 0..3 {
+                worst = worst.max((f32::from(preview[c]) / 255.0 - full[c]).abs());
+            }
+        }
+        // Bands of other heights turn the few lobe rays of a pixel differently; the rest is rounding.
+        assert!(worst < 0.02, "{:?}: off by {worst}", request.layer);
+    }
+
+    fn n_pixels() -> usize {
+        (SIZE.0 * SIZE.1) as usize
+    }
+
+    #[test]
+    fn the_first_picture_computes_everything_once() {
+        let (mut progressive, request) = (Progressive::default(), request());
+        let output = pass(&mut progressive, &request, 1);
+        assert_same_as_render(&output, &request);
+        let done = output.recomputed;
+        assert_eq!(done.traced, n_pixels());
+        assert!(done.object > 100 && done.background > 100, "{done:?}");
+        assert!(done.object < n_pixels() && done.object + done.background >= n_pixels(), "{done:?}");
+    }
+
+    #[test]
+    fn when_nothing_changed_nothing_is_computed() {
+        assert_eq!(recomputed_after(|_| ()), Recomputed::default());
+    }
+
+    #[test]
+    fn a_material_edit_leaves_geometry_and_surroundings() {
+        let done = recomputed_after(|request| request.scene.edit.roughness = RoughnessEdit::Constant(0.9));
+        assert!(done.traced == 0 && done.background == 0 && done.object > 0, "{done:?}");
+    }
+
+    #[test]
+    fn a_moved_environment_leaves_geometry() {
+        let done = recomputed_after(|request| request.scene.transform.rotate_deg = Vec3::new(0.0, 0.0, 40.0));
+        assert!(done.traced == 0 && done.background > 0 && done.object > 0, "{done:?}");
+    }
+
+    #[test]
+    fn another_environment_leaves_geometry() {
+        let done = recomputed_after(|request| request.scene.environment = environment(77));
+        assert!(done.traced == 0 && done.background > 0 && done.object > 0, "{done:?}");
+    }
+
+    #[test]
+    fn a_new_snapshot_of_the_same_mesh_leaves_geometry() {
+        let done = recomputed_after(|request| {
+            let mut next = crate::neif::ObjectModel::clone(&object(9));
+            next.tracer = Arc::clone(&request.scene.object.as_ref().unwrap().tracer);
+            request.scene.object = Some(Arc::new(next));
+        });
+        assert!(done.traced == 0 && done.background == 0 && done.object > 0, "{done:?}");
+    }
+
+    #[test]
+    fn a_moved_camera_changes_all() {
+        let done = recomputed_after(|request| request.camera = super::super::test_scene::camera(60, 44).resized(58, 44));
+        assert!(done.traced == 58 * 44 && done.background > 0 && done.object > 0, "{done:?}");
+    }
+
+    #[test]
+    fn another_layer_leaves_geometry_and_surroundings() {
+        for layer in [Layer::Diffuse, Layer::Specular, Layer::Roughness, Layer::Tint, Layer::Normal] {
+            let done = recomputed_after(|request| request.layer = layer);
+            assert!(done.traced == 0 && done.background == 0 && done.object > 0, "{layer}: {done:?}");
+        }
+    }
+
+    #[test]
+    fn hiding_the_object_computes_only_what_was_behind_it() {
+        let done = recomputed_after(|request| request.layer = Layer::Environment);
+        assert!(done.traced == 0 && done.object == 0, "{done:?}");
+        assert!(done.background > 0 && done.background < n_pixels() / 2, "{done:?}");
+    }
+
+    #[test]
+    fn an_interrupted_pass_goes_on_where_it_stopped() {
+        let (mut progressive, request) = (Progressive::default(), request());
+        assert!(progressive.pass(&request, 1, &AtomicBool::new(true)).is_none(), "cancelled before it began");
+        assert_same_as_render(&pass(&mut progressive, &request, 1), &request);
+    }
+
+    #[test]
+    fn coarse_passes_are_small_and_right() {
+        let (mut progressive, request) = (Progressive::default(), request());
+        for (scale, size) in [(4, (15, 11)), (2, (30, 22)), (1, SIZE)] {
+            let output = pass(&mut progressive, &request, scale);
+            assert_eq!((output.width, output.height), size);
+            assert_same_as_render(&output, &request);
+        }
+    }
+
+    #[test]
+    fn estimates_follow_what_is_out_of_date() {
+        let (mut progressive, mut request) = (Progressive::default(), request());
+        assert_eq!(progressive.estimate_secs(&request, 1), None, "nothing was measured yet");
+        pass(&mut progressive, &request, 1);
+        assert_eq!(progressive.estimate_secs(&request, 1), Some(0.0));
+        request.scene.edit.tint_scale = 0.5;
+        let edit = progressive.estimate_secs(&request, 1).expect("measured");
+        request.scene.transform.scale = 2.0;
+        let light = progressive.estimate_secs(&request, 1).expect("measured");
+        assert!(0.0 < edit && edit < light, "{edit} {light}");
     }
 }

@@ -9,13 +9,14 @@ use crate::app::state::AppState;
 /// Draws the list.
 pub fn cameras_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     let n = state.views().count();
+    ui.add_space(4.0);
     heading(ui, "Photos");
     if n == 0 {
         ui.label(weak(ui, "None yet."));
         return;
     }
     ui.horizontal(|ui| {
-        for (text, hint, by) in [("◀ Previous", "Key [", -1), ("Next ▶", "Key ]", 1)] {
+        for (text, hint, by) in [("Previous", "Key [", -1), ("Next", "Key ]", 1)] {
             if ui.button(text).on_hover_text(hint).clicked() {
                 commands.push(Command::StepView(by));
             }

@@ -1,9 +1,10 @@
 //! The training panel: what is trained, its controls, its figures and curves.
 
 use egui::{Button, DragValue, Grid, Ui};
-use egui_plot::{Line, Plot, PlotPoints};
+use egui_plot::{GridInput, GridMark, Line, Plot, PlotPoints, Points};
 
 use crate::app::command::{Command, Train};
+use crate::app::panels::status::chip;
 use crate::app::panels::widgets::{count, describe_number, duration, heading, weak};
 use crate::app::state::{AppState, PathPurpose, Source};
 use crate::app::theme;
@@ -14,7 +15,11 @@ const PLOT_HEIGHT: f32 = 96.0;
 
 /// Draws the panel.
 pub fn training_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
-    heading(ui, "Training");
+    ui.horizontal(|ui| {
+        heading(ui, "Training");
+        let phase = &state.training.phase;
+        chip(ui, phase.name(), theme::of_phase(ui.visuals(), phase));
+    });
     capture_ui(ui, state);
     controls_ui(ui, state, commands);
     figures_ui(ui, state);
@@ -125,27 +130,38 @@ fn figures_ui(ui: &mut Ui, state: &AppState) {
     let dash = || "–".to_owned();
     let show = |text: String| if has_figures { text } else { dash() };
     let rows = [
-        ("Step", show(p.planned_steps.map_or_else(|| p.step.to_string(), |n| format!("{} / {n}", p.step)))),
-        ("Steps per second", show(count(p.steps_per_sec))),
-        ("Rays per second", show(count(p.rays_per_sec))),
-        ("Samples per ray", show(format!("{:.1}", p.samples_per_ray))),
+        ("Step", show(p.planned_steps.map_or_else(|| p.step.to_string(), |n| format!("{}/{n}", p.step)))),
+        ("It/s", show(count(p.steps_per_sec))),
+        ("Rays/s", show(count(p.rays_per_sec))),
+        ("Samples/ray", show(format!("{:.1}", p.samples_per_ray))),
         ("Elapsed", show(duration(p.elapsed_secs))),
         ("Left", show(duration(p.eta_secs))),
-        ("Loss", show(format!("{:.5}", p.loss))),
+        ("Loss", show(format!("{:.4}", p.loss))),
+        ("Skipped", show(p.skipped_steps.to_string())),
     ];
     ui.add_space(2.0);
-    Grid::new("training figures").num_columns(2).spacing([12.0, 2.0]).show(ui, |ui| {
-        for (name, value) in rows {
-            ui.label(weak(ui, name));
-            ui.label(egui::RichText::new(value).monospace());
-            ui.end_row();
-        }
-        if p.skipped_steps > 0 {
-            ui.label(weak(ui, "Skipped steps")).on_hover_text("Steps whose gradient was not finite");
-            ui.label(egui::RichText::new(p.skipped_steps.to_string()).monospace());
+    Grid::new("training figures").num_columns(4).spacing([8.0, 2.0]).min_col_width(44.0).show(ui, |ui| {
+        for pair in rows.chunks(2) {
+            for (name, value) in pair {
+                ui.label(weak(ui, *name)).on_hover_text(figure_hint(name));
+                ui.label(value.as_str());
+            }
             ui.end_row();
         }
     });
+}
+
+fn figure_hint(name: &str) -> &'static str {
+    match name {
+        "Step" => "Optimiser steps done",
+        "It/s" => "Optimiser steps per second",
+        "Rays/s" => "Rays per second",
+        "Samples/ray" => "Field samples per ray",
+        "Elapsed" => "Training time, pauses not counted",
+        "Left" => "Time left by the plan",
+        "Loss" => "Mean loss since the last report",
+        _ => "Steps left out because a value was not finite",
+    }
 }
 
 /// How values are drawn.
@@ -168,13 +184,17 @@ fn plot_ui(ui: &mut Ui, title: &str, curves: &[(&str, &Curve, egui::Color32)], s
         }
     });
     let value = move |y: f64| if scale == Scale::Log { y.max(1e-12).log10() } else { y };
-    let text = move |y: f64| match scale {
-        Scale::Log => format!("{:.0e}", 10_f64.powf(y)),
-        Scale::Linear => format!("{y:.0}"),
+    let text = move |y: f64| match (scale, 10_f64.powf(y)) {
+        (Scale::Log, value) if value >= 1e-3 => format!("{}", (value * 1e4).round() / 1e4),
+        (Scale::Log, value) => format!("{value:.0e}"),
+        (Scale::Linear, _) => format!("{y:.0}"),
     };
     let plot = Plot::new(title)
         .height(PLOT_HEIGHT)
         .show_background(false)
+        .show_grid([false, true])
+        .show_x(false)
+        .show_y(false)
         .allow_zoom(false)
         .allow_drag(false)
         .allow_scroll(false)
@@ -184,6 +204,15 @@ fn plot_ui(ui: &mut Ui, title: &str, curves: &[(&str, &Curve, egui::Color32)], s
         .set_margin_fraction(egui::vec2(0.02, 0.12))
         .x_axis_formatter(|mark, _| duration(mark.value))
         .y_axis_formatter(move |mark, _| text(mark.value));
+    let plot = if scale == Scale::Log { plot.y_grid_spacer(decades) } else { plot };
+    let is_empty = curves.iter().all(|(_, curve, _)| curve.points().is_empty());
+    if is_empty {
+        let size = egui::vec2(ui.available_width(), PLOT_HEIGHT);
+        ui.add_sized(size, egui::Label::new(weak(ui, "no values yet")));
+        return;
+    }
+    let first = |curve: &Curve| curve.points().first().map(|p| [p[0], value(p[1])]);
+    let starts: Vec<_> = curves.iter().filter_map(|(name, curve, color)| Some((*name, first(curve)?, *color))).collect();
     let lines: Vec<Line<'static>> = curves
         .iter()
         .map(|(name, curve, color)| {
@@ -195,5 +224,19 @@ fn plot_ui(ui: &mut Ui, title: &str, curves: &[(&str, &Curve, egui::Color32)], s
         for line in lines {
             plot_ui.line(line);
         }
+        // A line of one point cannot be seen.
+        for (name, start, color) in starts {
+            plot_ui.points(Points::new(name, PlotPoints::new(vec![start])).color(color).radius(2.0));
+        }
     });
+}
+
+/// Lines at 1, 2 and 5 times the powers of ten, for values drawn by their logarithm.
+fn decades(input: GridInput) -> Vec<GridMark> {
+    let (low, high) = input.bounds;
+    let range = low.floor().max(-12.0) as i32..=high.ceil().min(12.0) as i32;
+    range
+        .flat_map(|decade| [1.0, 2.0, 5.0].map(|digit| f64::from(decade) + f64::log10(digit)))
+        .map(|value| GridMark { value, step_size: 0.5 })
+        .collect()
 }

@@ -52,7 +52,7 @@ pub fn name_label(ui: &mut Ui, name: &str) -> Response {
 
 /// A small button that brings a default back; dead while nothing is to bring back.
 pub fn reset_button(ui: &mut Ui, what: &str, is_enabled: bool) -> bool {
-    let button = ui.add_enabled(is_enabled, Button::new("⟲").frame(false).small());
+    let button = ui.add_enabled(is_enabled, Button::new(RichText::new("↺").monospace().size(15.0)).frame(false));
     let name = format!("Reset {}", what.to_lowercase());
     button.widget_info(|| WidgetInfo::labeled(Role::Button, is_enabled, &name));
     button.on_hover_text(name).clicked()
@@ -105,10 +105,9 @@ pub fn color_row(ui: &mut Ui, name: &str, color: &mut Vec3) -> bool {
     .inner
 }
 
-/// A heading with room above.
-pub fn heading(ui: &mut Ui, text: &str) {
-    ui.add_space(6.0);
-    ui.label(RichText::new(text).strong().size(15.0));
+/// A heading.
+pub fn heading(ui: &mut Ui, text: &str) -> Response {
+    ui.label(RichText::new(text).strong().size(15.0))
 }
 
 /// Text that matters less.
@@ -134,6 +133,7 @@ pub fn duration(secs: f64) -> String {
 pub fn count(n: f32) -> String {
     match n {
         n if !n.is_finite() => "–".to_owned(),
+        n if n < 10.0 => format!("{n:.1}"),
         n if n < 1e3 => format!("{n:.0}"),
         n if n < 1e6 => format!("{:.1} k", n / 1e3),
         n => format!("{:.1} M", n / 1e6),
@@ -147,6 +147,6 @@ mod tests {
     #[test]
     fn durations_and_counts_read_well() {
         assert_eq!([0.4, 42.0, 185.0, 3723.0, f64::NAN].map(duration), ["0 s", "42 s", "3:05", "1:02:03", "–"]);
-        assert_eq!([7.0, 12_345.0, 4e6].map(count), ["7", "12.3 k", "4.0 M"]);
+        assert_eq!([7.0, 70.0, 12_345.0, 4e6].map(count), ["7.0", "70", "12.3 k", "4.0 M"]);
     }
 }
