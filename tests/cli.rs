@@ -8,7 +8,7 @@ mod capture;
 #[path = "cli/program.rs"]
 mod program;
 
-use std::{fs, path::Path, sync::LazyLock};
+use std::{fs, sync::LazyLock};
 
 use serde_json::Value;
 
@@ -19,7 +19,7 @@ use self::program::{Run, neif, same_picture};
 const SETTINGS: &str = "object_pixels = 64\nbackground_pixels = 64\nsamples_per_ray = 8\n\
                         render_samples = 8\n\
                         field = { grid = { n_levels = 4, coarsest = 8, finest = 64, log2_table_size = 12 }, n_hidden = 16, view_dependent = true }\n\
-                        material = { grid = { n_levels = 2, coarsest = 8, finest = 16, log2_table_size = 10 }, n_hidden = 16 }\n";
+                        material = { grid = { n_levels = 4, coarsest = 4, finest = 16, log2_table_size = 10 }, n_hidden = 16 }\n";
 
 /// A folder with a capture (`scene`), settings (`tiny.toml`) and a trained run (`run`).
 struct Workshop {
@@ -59,10 +59,18 @@ impl Workshop {
 
 #[test]
 fn info_tells_what_a_capture_and_a_run_are() {
-    let info = neif(&["info", &WORKSHOP.path("scene"), "--json"]).succeeds().json();
+    let info = neif(&["info", &WORKSHOP.path("scene"), "--json"])
+        .succeeds()
+        .json();
     assert_eq!(info["kind"], "capture", "{info}");
-    let info = neif(&["info", &WORKSHOP.path("run"), "--json"]).succeeds().json();
-    assert_eq!((&info["kind"], &info["steps"]), (&"run".into(), &120.into()), "{info}");
+    let info = neif(&["info", &WORKSHOP.path("run"), "--json"])
+        .succeeds()
+        .json();
+    assert_eq!(
+        (&info["kind"], &info["steps"]),
+        (&"run".into(), &120.into()),
+        "{info}"
+    );
     let file = WORKSHOP.path("run/environment.safetensors");
     let info = neif(&["info", &file]).succeeds();
     assert!(info.stdout.contains("environment"), "{}", info.stdout);
@@ -82,9 +90,19 @@ fn training_leaves_a_whole_run_folder() {
         assert!(!WORKSHOP.bytes(&format!("run/{name}")).is_empty(), "{name}");
     }
     let log = String::from_utf8(WORKSHOP.bytes("run/log.jsonl")).expect("text");
-    let last: Value = log.lines().last().map(|l| serde_json::from_str(l).expect("json")).expect("a line");
-    assert_eq!((&last["event"], &last["step"]), (&"finished".into(), &120.into()), "{last}");
-    let n_files = fs::read_dir(WORKSHOP.folder.path().join("run")).expect("folder").count();
+    let last: Value = log
+        .lines()
+        .last()
+        .map(|l| serde_json::from_str(l).expect("json"))
+        .expect("a line");
+    assert_eq!(
+        (&last["event"], &last["step"]),
+        (&"finished".into(), &120.into()),
+        "{last}"
+    );
+    let n_files = fs::read_dir(WORKSHOP.folder.path().join("run"))
+        .expect("folder")
+        .count();
     assert_eq!(n_files, 7, "no temporary file is left");
 }
 
@@ -95,7 +113,10 @@ fn the_same_seed_gives_the_same_bits() {
         workshop.train(run, "30").succeeds();
     }
     for file in ["environment.safetensors", "object.safetensors"] {
-        let (a, b) = (workshop.bytes(&format!("a/{file}")), workshop.bytes(&format!("b/{file}")));
+        let (a, b) = (
+            workshop.bytes(&format!("a/{file}")),
+            workshop.bytes(&format!("b/{file}")),
+        );
         assert!(a == b, "{file} differs");
     }
 }
@@ -103,10 +124,12 @@ fn the_same_seed_gives_the_same_bits() {
 #[test]
 fn a_resumed_run_equals_an_uninterrupted_one_bit_for_bit() {
     let workshop = Workshop::new();
-    workshop.train("whole", "3000").succeeds();
+    workshop.train("whole", "800").succeeds();
     let (scene, out) = (workshop.path("scene"), workshop.path("parts"));
     let preset = workshop.path("tiny.toml");
-    let begin = ["train", &scene, "--out", &out, "--preset", &preset, "--steps", "3000", "--json"];
+    let begin = [
+        "train", &scene, "--out", &out, "--preset", &preset, "--steps", "800", "--json",
+    ];
     let interrupted = program::interrupted_after(&begin, "\"event\":\"progress\"");
     assert_eq!(interrupted.code, 130, "{}", interrupted.stderr);
     let finished = interrupted.json_lines().pop().expect("events");
@@ -114,28 +137,54 @@ fn a_resumed_run_equals_an_uninterrupted_one_bit_for_bit() {
     neif(&["train", &scene, "--out", &out, "--resume", "--json"]).succeeds();
     for file in ["environment.safetensors", "object.safetensors"] {
         let whole = workshop.bytes(&format!("whole/{file}"));
-        assert!(whole == workshop.bytes(&format!("parts/{file}")), "{file} differs");
+        assert!(
+            whole == workshop.bytes(&format!("parts/{file}")),
+            "{file} differs"
+        );
     }
 }
 
 #[test]
 fn evaluation_keeps_its_promised_form_and_finds_a_trained_scene() {
     let (run, out) = (WORKSHOP.path("run"), WORKSHOP.path("eval"));
-    let report = neif(&["eval", &run, "--json", "--out", &out]).succeeds().json();
-    assert_eq!((&report["split"], &report["steps"]), (&"test".into(), &120.into()));
-    assert!(report["train_seconds"].as_f64().is_some_and(|s| s > 0.0), "{report}");
+    let report = neif(&["eval", &run, "--json", "--out", &out])
+        .succeeds()
+        .json();
+    assert_eq!(
+        (&report["split"], &report["steps"]),
+        (&"test".into(), &120.into())
+    );
+    assert!(
+        report["train_seconds"].as_f64().is_some_and(|s| s > 0.0),
+        "{report}"
+    );
     assert_eq!(report["relight"], serde_json::json!({}), "{report}");
-    assert!(report["normal_mae_deg"].is_null() && report["pano_psnr"].is_null(), "{report}");
+    assert!(
+        report["normal_mae_deg"].is_null() && report["pano_psnr"].is_null(),
+        "{report}"
+    );
     let views = report["views"].as_array().expect("views");
     assert_eq!(views.len(), 3, "{report}");
     for metrics in views.iter().chain([&report["mean"]]) {
-        for key in ["psnr", "psnr_object", "psnr_background", "psnr_masked", "ssim"] {
+        for key in [
+            "psnr",
+            "psnr_object",
+            "psnr_background",
+            "psnr_masked",
+            "ssim",
+        ] {
             assert!(metrics[key].is_f64(), "{key}: {metrics}");
         }
-        assert!(metrics["lpips"].is_null() && metrics["flip"].is_null(), "{metrics}");
+        assert!(
+            metrics["lpips"].is_null() && metrics["flip"].is_null(),
+            "{metrics}"
+        );
     }
     let psnr = report["mean"]["psnr"].as_f64().expect("a number");
-    assert!(psnr > 12.0, "after 120 steps the room must be recognisable: {psnr} dB");
+    assert!(
+        psnr > 12.0,
+        "after 120 steps the room must be recognisable: {psnr} dB"
+    );
     let sheet = WORKSHOP.folder.path().join("eval/test/contact_sheet.png");
     assert!(sheet.is_file(), "{}", sheet.display());
 }
@@ -154,7 +203,10 @@ fn rendered_pictures_change_as_the_edit_says() {
     assert_eq!(render("plain", &[]), 3, "one picture a test view");
     render("again", &[]);
     let plain = picture("plain/t_000.png");
-    assert!(same_picture(&plain, &picture("again/t_000.png")), "rendering is deterministic");
+    assert!(
+        same_picture(&plain, &picture("again/t_000.png")),
+        "rendering is deterministic"
+    );
     for (name, flags) in [
         ("rotated", ["--env-rotate", "0,0,90"]),
         ("moved", ["--env-translate", "-0.5,0,0"]),
@@ -168,11 +220,34 @@ fn rendered_pictures_change_as_the_edit_says() {
         let edited = picture(&format!("{name}/t_000.png"));
         assert!(!same_picture(&plain, &edited), "{name} must show");
     }
-    render("identity", &["--env-rotate", "0,0,0", "--roughness-scale", "1", "--tint-scale", "1"]);
-    assert!(same_picture(&plain, &picture("identity/t_000.png")), "no edit, no change");
+    render(
+        "identity",
+        &[
+            "--env-rotate",
+            "0,0,0",
+            "--roughness-scale",
+            "1",
+            "--tint-scale",
+            "1",
+        ],
+    );
+    assert!(
+        same_picture(&plain, &picture("identity/t_000.png")),
+        "no edit, no change"
+    );
     render("own", &["--env", &run]);
-    assert!(same_picture(&plain, &picture("own/t_000.png")), "its own surroundings change nothing");
-    let flags = ["--turntable", "2", "--layers", "final,normal,environment", "--size", "20x10"];
+    assert!(
+        same_picture(&plain, &picture("own/t_000.png")),
+        "its own surroundings change nothing"
+    );
+    let flags = [
+        "--turntable",
+        "2",
+        "--layers",
+        "final,normal,environment",
+        "--size",
+        "20x10",
+    ];
     assert_eq!(render("turn", &flags), 6, "two places, three layers");
     let size = image::image_dimensions(picture("turn/turn_000_normal.png")).expect("a picture");
     assert_eq!(size, (20, 10));
@@ -184,7 +259,10 @@ fn rendered_pictures_change_as_the_edit_says() {
 fn surroundings_train_and_show_on_their_own() {
     let (scene, preset) = (WORKSHOP.path("scene"), WORKSHOP.path("tiny.toml"));
     let out = WORKSHOP.path("room.safetensors");
-    neif(&["env", "train", &scene, "--out", &out, "--preset", &preset, "--steps", "30"]).succeeds();
+    neif(&[
+        "env", "train", &scene, "--out", &out, "--preset", &preset, "--steps", "30",
+    ])
+    .succeeds();
     for file in ["pano.exr", "pano.png"] {
         let file = WORKSHOP.path(file);
         let flags = ["--at", "0,0,-0.2", "--width", "32", "--out", &file];
@@ -210,47 +288,45 @@ fn a_time_budget_covers_the_whole_command() {
     assert_eq!(finished["reason"], "budget", "{finished}");
 }
 
+/// Command lines (run inside the workshop's folder) and what their message names.
+const UNUSABLE: &[(&str, &str)] = &[
+    ("info NOWHERE", "NOWHERE"),
+    ("info GARBAGE.safetensors", "GARBAGE.safetensors"),
+    ("train NOWHERE --out NEW", "NOWHERE"),
+    ("train scene --out NEW --preset BROKEN.toml", "speed"),
+    ("train scene --out NEW --preset splendid", "splendid"),
+    ("train scene --out run --steps 1", "--resume"),
+    ("train scene --out NEW --resume", "config.toml"),
+    ("train scene --out NEW --budget 3parsecs", "parsecs"),
+    ("train scene --out NEW --steps 5 --budget 5s", "--budget"),
+    ("train scene --out NEW --steps 0", "--steps"),
+    ("train scene --out NEW --mesh NOWHERE --steps 1", "NOWHERE"),
+    ("eval scene", "not a run folder"),
+    ("eval run --dataset NOWHERE", "NOWHERE"),
+    ("render run --roughness 2 --out NEW", "from 0 to 1"),
+    ("render run --layers shiny --out NEW", "shiny"),
+    ("render run --env GARBAGE.safetensors --out NEW", "GARBAGE"),
+    ("render run --size 0x9 --out NEW", "sides"),
+    ("render run --cameras NOWHERE --out NEW", "NOWHERE"),
+    ("env panorama run --at 0,0 --out x.exr", "three numbers"),
+    ("env panorama run --at 0,0,0 --out x.gif", ".exr or .png"),
+    ("mesh scene", "mesh"),
+    ("frobnicate", "frobnicate"),
+];
+
 #[test]
 fn unusable_input_ends_with_code_2_and_names_what_is_wrong() {
-    let (scene, run, preset) =
-        (WORKSHOP.path("scene"), WORKSHOP.path("run"), WORKSHOP.path("tiny.toml"));
-    let new = WORKSHOP.path("new");
-    let missing = WORKSHOP.path("nowhere");
-    let broken = WORKSHOP.path("broken.toml");
-    fs::write(&broken, "speed = 9\n").expect("settings");
-    let garbage = WORKSHOP.path("garbage.safetensors");
-    fs::write(&garbage, b"not tensors at all").expect("garbage");
-    let cases: &[(&[&str], &str)] = &[
-        (&["info", &missing], "nowhere"),
-        (&["info", &garbage], "garbage.safetensors"),
-        (&["train", &missing, "--out", &new], "nowhere"),
-        (&["train", &scene, "--out", &new, "--preset", &broken], "speed"),
-        (&["train", &scene, "--out", &new, "--preset", "splendid"], "splendid"),
-        (&["train", &scene, "--out", &run, "--preset", &preset, "--steps", "1"], "--resume"),
-        (&["train", &scene, "--out", &missing, "--resume"], "config.toml"),
-        (&["train", &scene, "--out", &new, "--budget", "3 parsecs"], "parsecs"),
-        (&["train", &scene, "--out", &new, "--steps", "5", "--budget", "5s"], "--budget"),
-        (&["train", &scene, "--out", &new, "--steps", "0"], "0"),
-        (&["train", &scene, "--out", &new, "--mesh", &missing, "--steps", "1"], "nowhere"),
-        (&["eval", &scene], "not a run folder"),
-        (&["eval", &run, "--dataset", &missing], "nowhere"),
-        (&["render", &run, "--roughness", "2", "--out", &new], "from 0 to 1"),
-        (&["render", &run, "--layers", "shiny", "--out", &new], "shiny"),
-        (&["render", &run, "--env", &garbage, "--out", &new], "garbage.safetensors"),
-        (&["render", &run, "--size", "0x9", "--out", &new], "sides"),
-        (&["render", &run, "--cameras", &missing, "--out", &new], "nowhere"),
-        (&["env", "panorama", &run, "--at", "0,0", "--out", "x.exr"], "three numbers"),
-        (&["env", "panorama", &run, "--at", "0,0,0", "--out", "x.gif"], ".exr or .png"),
-        (&["mesh", &scene], "mesh"),
-        (&["frobnicate"], "frobnicate"),
-    ];
-    for (args, expected) in cases {
-        let run = neif(args);
-        assert_eq!(run.code, 2, "{args:?}: {}", run.stderr);
-        assert!(run.stderr.contains(expected), "{args:?} must name {expected}: {}", run.stderr);
-        assert!(!run.stderr.contains("panicked"), "{args:?}: {}", run.stderr);
+    let folder = WORKSHOP.folder.path();
+    fs::write(folder.join("BROKEN.toml"), "speed = 9\n").expect("settings");
+    fs::write(folder.join("GARBAGE.safetensors"), "not tensors").expect("garbage");
+    for (line, expected) in UNUSABLE {
+        let words: Vec<&str> = line.split(' ').collect();
+        let run = program::neif_in(folder, &words);
+        assert_eq!(run.code, 2, "{line}: {}", run.stderr);
+        assert!(run.stderr.contains(expected), "{line}: {}", run.stderr);
+        assert!(!run.stderr.contains("panicked"), "{line}: {}", run.stderr);
     }
-    assert!(!Path::new(&new).join("config.toml").exists(), "nothing was begun");
+    assert!(!folder.join("NEW").exists(), "nothing was begun");
 }
 
 #[test]

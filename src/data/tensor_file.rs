@@ -13,6 +13,8 @@ use std::{
 use safetensors::{Dtype, SafeTensorError, SafeTensors};
 use serde_json::json;
 
+use super::write_atomically;
+
 /// Why a tensor file could not be read, written or used; every case names the file.
 #[derive(Debug, thiserror::Error)]
 pub enum TensorFileError {
@@ -265,9 +267,11 @@ impl TensorFile {
     /// # Errors
     /// When the system refuses, e.g. because the disk is full.
     pub fn write(&self, path: &Path) -> Result<(), TensorFileError> {
-        replace_file(path, &self.to_bytes()).map_err(|source| TensorFileError::Io {
-            path: path.to_owned(),
-            source,
+        write_atomically(path, |file| file.write_all(&self.to_bytes())).map_err(|source| {
+            TensorFileError::Io {
+                path: path.to_owned(),
+                source,
+            }
         })
     }
 
@@ -388,19 +392,6 @@ impl TensorFile {
             expected: format!("{dtype} {shape:?}"),
         }
     }
-}
-
-/// Writes beside the target, syncs, then renames over it.
-fn replace_file(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    let folder = match path.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => folder,
-        _ => Path::new("."),
-    };
-    let mut file = tempfile::NamedTempFile::new_in(folder)?;
-    file.write_all(bytes)?;
-    file.as_file().sync_all()?;
-    file.persist(path).map_err(|error| error.error)?;
-    Ok(())
 }
 
 #[cfg(test)]

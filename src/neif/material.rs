@@ -12,6 +12,10 @@ use super::mlp::{Mlp, MlpBuffers, Transposed};
 const N_OUT: usize = 16;
 /// Shift of the diffuse output: training starts at `softplus(-2) = 0.13`, a dark grey.
 const DIFFUSE_SHIFT: f32 = -2.0;
+/// Shift of the roughness output: training starts at about 0.3.
+const ROUGHNESS_SHIFT: f32 = -0.85;
+/// Least learned roughness: below it the lobe is narrower than any pixel, and the gradient is lost.
+const ROUGHNESS_MIN: f32 = 0.02;
 
 /// Shape of a surface field.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -61,7 +65,7 @@ pub struct MaterialBatch {
 }
 
 impl Material {
-    /// A grey, half-rough surface in the cube around a box with the given centre and side.
+    /// A grey, glossy surface in the cube around a box with the given centre and side.
     pub fn new(config: MaterialConfig, center: Vec3, side: f32, mut uniform: impl FnMut() -> f32) -> Self {
         let corner = center - Vec3::splat(0.5 * side);
         let mut material = Self { config, levels: config.grid.levels(), corner, side, params: Vec::new() };
@@ -137,7 +141,8 @@ impl Material {
                 d_row[c] = d.diffuse[c] * sigmoid(row[c] + DIFFUSE_SHIFT);
                 d_row[3 + c] = d.tint[c] * value.tint[c] * (1.0 - value.tint[c]);
             }
-            d_row[6] = d.roughness * value.roughness * (1.0 - value.roughness);
+            let s = (value.roughness - ROUGHNESS_MIN) / (1.0 - ROUGHNESS_MIN);
+            d_row[6] = d.roughness * (1.0 - ROUGHNESS_MIN) * s * (1.0 - s);
         }
         self.net().backward(transposed, &batch.features, &mut batch.net, d_network);
     }
@@ -159,7 +164,7 @@ fn activate(row: &[f32]) -> Surface {
     Surface {
         diffuse: Vec3::from_array(std::array::from_fn(|c| softplus(row[c] + DIFFUSE_SHIFT))),
         tint: Vec3::from_array(std::array::from_fn(|c| sigmoid(row[3 + c]))),
-        roughness: sigmoid(row[6]),
+        roughness: ROUGHNESS_MIN + (1.0 - ROUGHNESS_MIN) * sigmoid(row[6] + ROUGHNESS_SHIFT),
     }
 }
 
@@ -221,12 +226,12 @@ mod tests {
     }
 
     #[test]
-    fn training_starts_from_a_grey_half_rough_surface() {
+    fn training_starts_from_a_grey_glossy_surface() {
         let grid = GridConfig { n_levels: 4, coarsest: 2, finest: 8, log2_table_size: 9 };
         let material = Material::new(MaterialConfig { grid, n_hidden: 16 }, Vec3::ZERO, 2.0, || 0.4);
         let mut batch = MaterialBatch::default();
         material.forward(&[Vec3::ZERO], &mut batch, &mut Vec::new());
         let s = batch.surfaces[0];
-        assert!((s.roughness - 0.5).abs() < 0.1 && (s.tint - 0.5).abs().max_element() < 0.1, "{s:?}");
+        assert!((s.roughness - 0.3).abs() < 0.1 && (s.tint - 0.5).abs().max_element() < 0.1, "{s:?}");
     }
 }

@@ -32,6 +32,10 @@ pub(super) const N_CHUNKS: usize = 8;
 /// Blocked or free shares below this are not worth a ray.
 const SHARE_MARGIN: f32 = 0.01;
 
+/// Roughness while it is not yet learned, and how strongly it is held there.
+const INITIAL_ROUGHNESS: f32 = 0.3;
+const HOLD_STRENGTH: f32 = 1.0;
+
 /// What all chunks of a step read.
 #[derive(Clone, Copy)]
 pub(super) struct StepContext<'a> {
@@ -223,8 +227,8 @@ impl Chunk {
         }
         context.field.backward(context.field_transposed, &mut self.batch, &mut self.d_field_networks);
         if let Some(material) = context.material {
-            self.roughness_gradients();
             self.smoothness_losses(context);
+            self.roughness_gradients(context);
             self.d_material_network.clear();
             self.d_material_network.resize(material.n_network_params(), 0.0);
             material.backward(context.material_transposed, &mut self.material, &mut self.d_material_network);
@@ -277,7 +281,15 @@ impl Chunk {
     }
 
     /// From the rays' lobe variances to the roughness of both points.
-    fn roughness_gradients(&mut self) {
+    fn roughness_gradients(&mut self, context: &StepContext<'_>) {
+        if context.step < u64::from(context.config.roughness_delay) {
+            // The output shares its hidden layer with the others and would drift; a spring holds it.
+            let scale = HOLD_STRENGTH / self.material.surfaces.len() as f32 / N_CHUNKS as f32;
+            for (d, surface) in self.material.d_surfaces.iter_mut().zip(&self.material.surfaces) {
+                d.roughness = scale * (surface.roughness - INITIAL_ROUGHNESS);
+            }
+            return;
+        }
         for (index, slot) in self.slots.iter().enumerate() {
             if let Some(ray) = slot.ray {
                 self.material.d_surfaces[index].roughness += self.batch.d_lobe_variance[ray] * slot.lobe.d_variance;

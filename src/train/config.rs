@@ -47,6 +47,9 @@ pub struct TrainConfig {
     pub preconvolved_share: f32,
     /// Blurred levels beside the sharp one: standard deviations 1, 2, 4, 8, 16 pixels.
     pub preconvolved_levels: usize,
+    /// Steps before roughness is learned: while the environment is still blurred, every surface would seem a mirror,
+    /// and a mirror gives no gradient back to roughness.
+    pub roughness_delay: u32,
     /// Whether reflections that meet the object again are followed once.
     pub self_reflection: bool,
     /// Steps over which the uniform share of the sample placement falls from 1 to `uniform_share`.
@@ -87,6 +90,7 @@ impl Default for TrainConfig {
             smoothness_weight: 1e-4,
             preconvolved_share: 0.3,
             preconvolved_levels: 5,
+            roughness_delay: 300,
             self_reflection: true,
             exploration_steps: 1000,
             uniform_share: 0.1,

@@ -225,7 +225,7 @@ mod tests {
     const WIDTH: usize = 24;
     const HEIGHT: usize = 17;
 
-    /// A test picture made of integers only, so that NumPy gets exactly the same values.
+    /// A test picture made of integers only, so that `numpy` gets exactly the same values.
     fn picture(k: usize) -> Vec<[f32; 3]> {
         let pixel = |x: usize, y: usize, c: usize| {
             let pattern = x * (7 + c) + y * (13 - 2 * c) + (x * y * (c + 1)) % 11;
@@ -251,7 +251,7 @@ mod tests {
         );
     }
 
-    /// The expected numbers were computed once with NumPy 2 and scikit-image 0.25 on `picture(0)`,
+    /// The expected numbers were computed once with `numpy` 2 and scikit-image 0.25 on `picture(0)`,
     /// `picture(2)` and `disk()`: `structural_similarity` with the parameters that [`ssim`] names
     /// and `channel_axis=2`, `peak_signal_noise_ratio` with `data_range=1`.
     #[test]

@@ -22,7 +22,11 @@ pub mod run_log;
 pub mod session;
 mod session_thread;
 pub mod snapshot;
+#[cfg(test)]
+mod test_scene;
 pub mod trainer;
+#[cfg(test)]
+mod trainer_tests;
 mod upkeep;
 mod validation;
 

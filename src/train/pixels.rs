@@ -198,7 +198,8 @@ fn object_pixel(view: &View, i: usize, traced: TracedPoint) -> (ObjectPixel, Opt
         point: traced.point,
         blocked: traced.blocked,
         second: NONE,
-        target: view.photo.srgb(i),
+        // Linear photos are cut where a display would cut them, as 8-bit ones were.
+        target: view.photo.srgb(i).map(|v| v.min(1.0)),
         smoothness: (-image_gradient(view, i)).exp(),
     };
     (pixel, traced.second)

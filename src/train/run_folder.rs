@@ -141,15 +141,24 @@ pub struct RunFolder {
 }
 
 impl RunFolder {
+    /// Looks whether a new run may go there; makes nothing.
+    ///
+    /// # Errors
+    /// When it holds a run already.
+    pub fn check_free(path: &Path) -> Result<(), RunFolderError> {
+        if Self::at(path).holds_a_run() {
+            return Err(RunFolderError::Occupied(path.to_owned()));
+        }
+        Ok(())
+    }
+
     /// Makes the folder for a new run.
     ///
     /// # Errors
     /// When it holds a run already, or the system refuses.
     pub fn create(path: &Path) -> Result<Self, RunFolderError> {
+        Self::check_free(path)?;
         let folder = Self::at(path);
-        if folder.holds_a_run() {
-            return Err(RunFolderError::Occupied(path.to_owned()));
-        }
         std::fs::create_dir_all(path).map_err(|source| io_error(path.to_owned(), source))?;
         Ok(folder)
     }

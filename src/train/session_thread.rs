@@ -84,13 +84,17 @@ impl Worker {
     /// Loads everything; `None` when it was told to stop meanwhile.
     fn prepare(&self) -> Result<Option<Run<'_>>, SessionError> {
         let options = &self.options;
-        // The folder first: a run that must not be overwritten shows before minutes of loading.
+        // A run that must not be overwritten shows before the loading; the folder is made after
+        // it, so that unusable input leaves nothing behind.
+        if let (Some(path), Start::Fresh) = (&options.run, options.start) {
+            RunFolder::check_free(path)?;
+        }
+        let dataset = Arc::new(self.load()?);
         let folder = match (&options.run, options.start) {
             (None, _) => None,
             (Some(path), Start::Fresh) => Some(RunFolder::create(path)?),
             (Some(path), _) => Some(RunFolder::open(path)?),
         };
-        let dataset = Arc::new(self.load()?);
         self.shared.dataset.publish(Arc::clone(&dataset));
         let report = |fraction| self.loading(PREPARING, fraction);
         let trainer = self

@@ -101,7 +101,13 @@ fn ball_colour(ray: &Ray, t: f32) -> Vec3 {
 
 /// What the ray sees of the walls: a colour for each, with broad stripes.
 fn wall_colour(origin: Vec3, direction: Vec3) -> Vec3 {
-    let reach = |o: f32, d: f32| if d.abs() < 1e-6 { f32::MAX } else { (d.signum() * ROOM - o) / d };
+    let reach = |o: f32, d: f32| {
+        if d.abs() < 1e-6 {
+            f32::MAX
+        } else {
+            (d.signum() * ROOM - o) / d
+        }
+    };
     let distances = Vec3::new(
         reach(origin.x, direction.x),
         reach(origin.y, direction.y),
@@ -110,9 +116,17 @@ fn wall_colour(origin: Vec3, direction: Vec3) -> Vec3 {
     let t = distances.min_element();
     let hit = origin + t * direction;
     let base = if t == distances.x {
-        if hit.x > 0.0 { Vec3::new(0.8, 0.3, 0.2) } else { Vec3::new(0.2, 0.6, 0.3) }
+        if hit.x > 0.0 {
+            Vec3::new(0.8, 0.3, 0.2)
+        } else {
+            Vec3::new(0.2, 0.6, 0.3)
+        }
     } else if t == distances.y {
-        if hit.y > 0.0 { Vec3::new(0.2, 0.3, 0.8) } else { Vec3::new(0.7, 0.7, 0.2) }
+        if hit.y > 0.0 {
+            Vec3::new(0.2, 0.3, 0.8)
+        } else {
+            Vec3::new(0.7, 0.7, 0.2)
+        }
     } else if hit.z > 0.0 {
         Vec3::splat(0.9)
     } else {
@@ -128,8 +142,10 @@ fn ball_ply() -> String {
     let mut vertices = String::new();
     for row in 0..=n_rows {
         for column in 0..n_columns {
-            let (polar, azimuth) =
-                (PI * row as f32 / n_rows as f32, TAU * column as f32 / n_columns as f32);
+            let (polar, azimuth) = (
+                PI * row as f32 / n_rows as f32,
+                TAU * column as f32 / n_columns as f32,
+            );
             let (sin, cos) = polar.sin_cos();
             let n = Vec3::new(sin * azimuth.cos(), sin * azimuth.sin(), cos);
             let p = BALL * n;

@@ -37,7 +37,13 @@ impl Run {
 
 /// Runs the program to its end.
 pub(crate) fn neif(args: &[&str]) -> Run {
-    let output = command(args).output().expect("the program starts");
+    neif_in(Path::new("."), args)
+}
+
+/// Runs the program in a folder to its end.
+pub(crate) fn neif_in(folder: &Path, args: &[&str]) -> Run {
+    let output = command(args).current_dir(folder).output();
+    let output = output.expect("the program starts");
     Run {
         code: output.status.code().unwrap_or(-1),
         stdout: String::from_utf8_lossy(&output.stdout).into_owned(),
@@ -54,7 +60,7 @@ pub(crate) fn interrupted_after(args: &[&str], sign: &str) -> Run {
     let mut stdout = String::new();
     for line in lines.by_ref() {
         let line = line.expect("text");
-        stdout += &format!("{line}\n");
+        stdout.extend([&line, "\n"]);
         if line.contains(sign) {
             break;
         }
@@ -63,11 +69,13 @@ pub(crate) fn interrupted_after(args: &[&str], sign: &str) -> Run {
     let kill = Command::new("kill").args(["-INT", &pid]).status();
     assert!(kill.is_ok_and(|status| status.success()), "kill {pid}");
     for line in lines {
-        stdout += &format!("{}\n", line.expect("text"));
+        stdout.extend([&line.expect("text"), "\n"]);
     }
     let mut stderr = String::new();
     let errors = child.stderr.take().expect("an error output");
-    BufReader::new(errors).read_to_string(&mut stderr).expect("text");
+    BufReader::new(errors)
+        .read_to_string(&mut stderr)
+        .expect("text");
     Run {
         code: child.wait().expect("an end").code().unwrap_or(-1),
         stdout,

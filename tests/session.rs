@@ -1,0 +1,150 @@
+//! The training session as the window drives it: pause, single steps, saving, training further.
+
+#[path = "cli/capture.rs"]
+mod capture;
+
+use std::{path::Path, time::Duration};
+
+use neif::train::TrainConfig;
+use neif::train::events::{FinishReason, TrainCommand, TrainEvent};
+use neif::train::plan::Budget;
+use neif::train::run_folder::RunFolder;
+use neif::train::session::{Session, SessionOptions};
+
+/// Longer than anything here takes, even on a busy machine.
+const PATIENCE: Duration = Duration::from_mins(1);
+
+fn tiny_config() -> TrainConfig {
+    let mut config = TrainConfig {
+        threads: 1,
+        object_pixels: 32,
+        background_pixels: 32,
+        samples_per_ray: 8,
+        render_samples: 8,
+        ..TrainConfig::default()
+    };
+    config.field.n_hidden = 16;
+    config.field.grid.n_levels = 4;
+    config.field.grid.finest = 64;
+    config.field.grid.log2_table_size = 12;
+    config.material.n_hidden = 16;
+    config.material.grid.log2_table_size = 10;
+    config
+}
+
+fn start(folder: &Path, budget: Budget) -> Session {
+    let capture = folder.join("scene");
+    capture::write_capture(&capture);
+    let options = SessionOptions::new(&capture, tiny_config(), budget);
+    Session::spawn(options, || {}).expect("a thread")
+}
+
+/// Reads events until one is wanted; that one.
+fn wait_for(session: &Session, wanted: impl Fn(&TrainEvent) -> bool) -> TrainEvent {
+    loop {
+        let event = session
+            .events()
+            .recv_timeout(PATIENCE)
+            .expect("an event in time");
+        assert!(!matches!(event, TrainEvent::Failed(_)), "{event:?}");
+        if wanted(&event) {
+            return event;
+        }
+    }
+}
+
+fn step_of(session: &Session) -> u64 {
+    session.snapshot().map_or(0, |snapshot| snapshot.step)
+}
+
+#[test]
+fn a_paused_session_stands_still_and_steps_on_request() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let session = start(folder.path(), Budget::Steps(1_000_000));
+    wait_for(&session, |event| matches!(event, TrainEvent::Progress(_)));
+    session.send(TrainCommand::Pause);
+    wait_for(&session, |event| *event == TrainEvent::Paused);
+    let paused_at = step_of(&session);
+    assert!(paused_at > 0, "the newest state is published on pause");
+    std::thread::sleep(Duration::from_millis(200));
+    assert_eq!(step_of(&session), paused_at, "nothing moves");
+
+    session.send(TrainCommand::StepOnce);
+    wait_for(&session, |event| *event == TrainEvent::Paused);
+    assert_eq!(step_of(&session), paused_at + 1, "exactly one step");
+
+    session.send(TrainCommand::Resume);
+    wait_for(&session, |event| *event == TrainEvent::Resumed);
+    let went_on = |event: &TrainEvent| matches!(event, TrainEvent::Progress(progress) if progress.step > paused_at + 1);
+    wait_for(&session, went_on);
+
+    session.send(TrainCommand::Stop);
+    let end = wait_for(&session, |event| matches!(event, TrainEvent::Finished(_)));
+    let stopped =
+        matches!(end, TrainEvent::Finished(finish) if finish.reason == FinishReason::Stopped);
+    assert!(stopped, "{end:?}");
+    session.join().expect("a clean end");
+}
+
+#[test]
+fn a_finished_session_saves_and_trains_further() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let session = start(folder.path(), Budget::Steps(5));
+    let is_end = |event: &TrainEvent| matches!(event, TrainEvent::Finished(_));
+    wait_for(&session, is_end);
+    assert_eq!(step_of(&session), 5);
+
+    session.send(TrainCommand::Extend(Budget::Steps(3)));
+    wait_for(&session, is_end);
+    assert_eq!(step_of(&session), 8, "the last state is always published");
+
+    let run = folder.path().join("run");
+    for _ in 0..2 {
+        session.send(TrainCommand::Save(run.clone()));
+        wait_for(&session, |event| *event == TrainEvent::Saved(run.clone()));
+    }
+    let saved = RunFolder::open(&run).expect("a run folder");
+    assert!(saved.scene().expect("a scene").object.is_some());
+    assert_eq!(saved.trained().map(|trained| trained.steps), Some(8));
+    session.join().expect("a clean end");
+
+    let session = start(folder.path(), Budget::Steps(1));
+    wait_for(&session, is_end);
+    session.send(TrainCommand::Save(run));
+    let refused = wait_for(&session, |event| matches!(event, TrainEvent::Warning(_)));
+    let named = matches!(&refused, TrainEvent::Warning(text) if text.contains("holds a run"));
+    assert!(named, "another run is not overwritten: {refused:?}");
+    session.join().expect("a clean end");
+}
+
+#[test]
+fn a_session_stops_while_it_is_still_loading() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let session = start(folder.path(), Budget::Seconds(1e6));
+    session.send(TrainCommand::Stop);
+    let end = wait_for(&session, |event| matches!(event, TrainEvent::Finished(_)));
+    let step = if let TrainEvent::Finished(finish) = end {
+        finish.step
+    } else {
+        u64::MAX
+    };
+    assert_eq!(step, 0);
+    session.join().expect("a clean end");
+}
+
+#[test]
+fn a_missing_capture_is_reported_and_returned() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let nowhere = folder.path().join("nowhere");
+    let options = SessionOptions::new(&nowhere, tiny_config(), Budget::Steps(1));
+    let session = Session::spawn(options, || {}).expect("a thread");
+    let events = std::iter::from_fn(|| session.events().recv_timeout(PATIENCE).ok());
+    let failed = events.filter_map(|event| match event {
+        TrainEvent::Failed(message) => Some(message),
+        _ => None,
+    });
+    let failed = failed.last().expect("a report");
+    assert!(failed.contains("nowhere"), "{failed}");
+    let error = session.join().expect_err("the same error");
+    assert!(error.is_unusable_input(), "{error}");
+}
