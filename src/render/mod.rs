@@ -3,12 +3,19 @@
 pub mod gbuffer;
 pub mod panorama;
 pub mod picture;
+pub mod preview;
+pub mod priority;
+pub mod progressive;
 pub mod scene;
 pub mod shade;
+#[cfg(test)]
+pub(crate) mod test_scene;
 pub mod trace;
 
 pub use gbuffer::GBuffer;
 pub use panorama::panorama;
 pub use picture::{Picture, render};
+pub use preview::{Passes, Preview, PreviewFrame};
+pub use progressive::PreviewScene;
 pub use scene::{Layer, Scene};
 pub use shade::{ShadeScratch, compose, shade_background, shade_object};

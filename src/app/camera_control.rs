@@ -1,0 +1,289 @@
+//! The camera of the viewport: orbit, pan, dolly, framing, and fitting a photo's lens to the window.
+//!
+//! A viewpoint keeps the whole pose, so that it can stand exactly where a photo was taken; moving
+//! it turns about the pivot like a turntable.
+
+use glam::{Affine3A, Mat3, Quat, Vec2, Vec3};
+
+use crate::data::View;
+use crate::geometry::{Aabb, Camera, Distortion};
+
+/// Nearest the view may come to straight up or down, in radians.
+const POLE_MARGIN: f32 = 0.02;
+/// Vertical field of view where no photo gives one, in radians.
+const DEFAULT_FOV: f32 = 0.8;
+/// Room left around a framed object.
+const FRAME_MARGIN: f32 = 1.15;
+
+/// A camera pose with the lens of a photo, and the point it turns about.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Viewpoint {
+    /// Pose and lens; its size is the photo's, not the window's.
+    pub camera: Camera,
+    /// The point to orbit about.
+    pub pivot: Vec3,
+}
+
+/// A movement of the camera, as the mouse makes it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum CameraMove {
+    /// Turns about the pivot, by radians to the right and down.
+    Orbit {
+        /// About the world's up axis.
+        yaw: f32,
+        /// About the camera's right axis.
+        pitch: f32,
+    },
+    /// Shifts in the picture plane, in picture heights at the pivot's distance.
+    Pan {
+        /// To the right.
+        right: f32,
+        /// Up.
+        up: f32,
+    },
+    /// Multiplies the distance to the pivot.
+    Dolly(f32),
+}
+
+/// Where a photo lies in a window that shows all of it: pixels from the window's top left.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PhotoArea {
+    /// Top left corner.
+    pub min: Vec2,
+    /// Width and height.
+    pub size: Vec2,
+}
+
+impl Viewpoint {
+    /// Where a photo was taken.
+    pub fn of_camera(camera: &Camera, pivot: Vec3) -> Self {
+        Self { camera: *camera, pivot }
+    }
+
+    /// Looking at `pivot` from `eye` with an ordinary lens.
+    pub fn look_at(eye: Vec3, pivot: Vec3, up: Vec3) -> Self {
+        Self { camera: Camera::look_at(eye, pivot, up, DEFAULT_FOV, 400, 300), pivot }
+    }
+
+    /// Distance to the pivot, never zero.
+    pub fn distance(&self) -> f32 {
+        // A camera on its pivot could neither pan nor dolly out again.
+        (self.camera.position() - self.pivot).length().max(1e-6)
+    }
+
+    /// Moves the camera; `up` is the world's.
+    pub fn apply(&mut self, movement: CameraMove, up: Vec3) {
+        // The lens polynomial only holds within the photo; away from it a plain lens is right.
+        self.camera.distortion = Distortion::default();
+        match movement {
+            CameraMove::Orbit { yaw, pitch } => self.orbit(yaw, pitch, up),
+            CameraMove::Pan { right, up } => {
+                let height = self.distance() * self.camera.height as f32 / self.camera.fy;
+                let axes = self.camera.world_from_camera.matrix3;
+                let shift = (Vec3::from(axes.x_axis) * right + Vec3::from(axes.y_axis) * up) * height;
+                self.pivot += shift;
+                self.place(self.camera.position() + shift, self.rotation());
+            }
+            CameraMove::Dolly(factor) => {
+                let factor = if factor.is_finite() { factor.clamp(0.05, 20.0) } else { 1.0 };
+                let offset = self.camera.position() - self.pivot;
+                // Past these bounds f32 loses the pose.
+                let length = offset.length() * factor;
+                if (1e-4..1e6).contains(&length) {
+                    self.place(self.pivot + offset * factor, self.rotation());
+                }
+            }
+        }
+    }
+
+    fn orbit(&mut self, yaw: f32, pitch: f32, up: Vec3) {
+        let from_up = self.camera.forward().angle_between(up);
+        // Looking down, pitch lowers the view towards -up: the angle from up grows.
+        let pitch = (from_up + pitch).clamp(POLE_MARGIN, std::f32::consts::PI - POLE_MARGIN) - from_up;
+        let right = Vec3::from(self.camera.world_from_camera.matrix3.x_axis).normalize_or_zero();
+        let turn = Quat::from_axis_angle(up, -yaw) * Quat::from_axis_angle(right, -pitch);
+        let position = self.pivot + turn * (self.camera.position() - self.pivot);
+        self.place(position, (turn * self.rotation()).normalize());
+    }
+
+    fn rotation(&self) -> Quat {
+        Quat::from_mat3a(&self.camera.world_from_camera.matrix3)
+    }
+
+    fn place(&mut self, position: Vec3, rotation: Quat) {
+        if position.is_finite() && rotation.is_finite() {
+            self.camera.world_from_camera = Affine3A::from_rotation_translation(rotation, position);
+        }
+    }
+
+    /// Moves back or forth, and sideways, until `bounds` fill the picture; the direction stays.
+    pub fn frame(&mut self, bounds: &Aabb) {
+        self.pivot = bounds.center();
+        self.camera.distortion = Distortion::default();
+        let radius = (0.5 * bounds.diagonal()).max(1e-3);
+        let half_angle = |size: u32, focal: f32| (0.5 * size as f32 / focal).atan();
+        let half = half_angle(self.camera.width, self.camera.fx).min(half_angle(self.camera.height, self.camera.fy));
+        let distance = FRAME_MARGIN * radius / half.sin().max(1e-3);
+        self.place(self.pivot - self.camera.forward() * distance, self.rotation());
+    }
+
+    /// Where the photo of this viewpoint lies in a window of that size.
+    pub fn photo_area(&self, width: u32, height: u32) -> PhotoArea {
+        let photo = Vec2::new(self.camera.width as f32, self.camera.height as f32).max(Vec2::ONE);
+        let window = Vec2::new(width as f32, height as f32);
+        let size = photo * (window / photo).min_element();
+        PhotoArea { min: 0.5 * (window - size), size }
+    }
+
+    /// The camera of a window of that size, which shows the whole photo and what is around it.
+    pub fn camera_for(&self, width: u32, height: u32) -> Camera {
+        let area = self.photo_area(width, height);
+        let scale = area.size.x / self.camera.width.max(1) as f32;
+        Camera {
+            width,
+            height,
+            fx: self.camera.fx * scale,
+            fy: self.camera.fy * scale,
+            cx: area.min.x + self.camera.cx * scale,
+            cy: area.min.y + self.camera.cy * scale,
+            ..self.camera
+        }
+    }
+}
+
+/// The world's up axis: the mean of the cameras' up vectors, snapped to the nearest axis.
+pub fn up_axis<'a>(cameras: impl IntoIterator<Item = &'a Camera>) -> Vec3 {
+    let mean: Vec3 = cameras.into_iter().map(Camera::up).sum();
+    let axes = [Vec3::Z, Vec3::NEG_Z, Vec3::Y, Vec3::NEG_Y, Vec3::X, Vec3::NEG_X];
+    axes.into_iter().max_by(|a, b| a.dot(mean).total_cmp(&b.dot(mean))).unwrap_or(Vec3::Z)
+}
+
+/// The point nearest to all viewing axes (least squares); `None` where they are parallel.
+pub fn point_looked_at<'a>(cameras: impl IntoIterator<Item = &'a Camera>) -> Option<Vec3> {
+    let mut normal = Mat3::ZERO;
+    let mut rhs = Vec3::ZERO;
+    for camera in cameras {
+        // Projects out the viewing direction d: I - d d^T.
+        let d = camera.forward();
+        let across = Mat3::IDENTITY - Mat3::from_cols(d * d.x, d * d.y, d * d.z);
+        normal += across;
+        rhs += across * camera.position();
+    }
+    // The determinant of n cameras grows as n³; below this the axes are as good as parallel.
+    let point = (normal.determinant() > 1e-4).then(|| normal.inverse() * rhs)?;
+    point.is_finite().then_some(point)
+}
+
+/// The view whose camera is most like this one: by place and direction.
+pub fn nearest_view<'a>(camera: &Camera, views: impl IntoIterator<Item = &'a View>) -> Option<usize> {
+    let misfit = |view: &View| {
+        let apart = (view.camera.position() - camera.position()).length();
+        apart * (1.0 + view.camera.forward().angle_between(camera.forward()))
+            + view.camera.forward().angle_between(camera.forward())
+    };
+    let views = views.into_iter().map(misfit).enumerate();
+    views.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(i, _)| i)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn viewpoint() -> Viewpoint {
+        Viewpoint::look_at(Vec3::new(3.0, 0.0, 1.0), Vec3::ZERO, Vec3::Z)
+    }
+
+    #[test]
+    fn orbiting_keeps_distance_and_target() {
+        let mut view = viewpoint();
+        let distance = view.distance();
+        view.apply(CameraMove::Orbit { yaw: 0.7, pitch: -0.3 }, Vec3::Z);
+        assert!((view.distance() - distance).abs() < 1e-4, "distance {}", view.distance());
+        let seen = view.camera.project(Vec3::ZERO).expect("the pivot is in front");
+        assert!((seen - Vec2::new(200.0, 150.0)).length() < 0.05, "pivot at {seen}");
+        let right = Vec3::from(view.camera.world_from_camera.matrix3.x_axis);
+        assert!(right.z.abs() < 1e-4, "the horizon tilted: {right}");
+    }
+
+    #[test]
+    fn orbiting_stops_at_the_poles() {
+        for pitch in [-10.0, 10.0] {
+            let mut view = viewpoint();
+            view.apply(CameraMove::Orbit { yaw: 0.0, pitch }, Vec3::Z);
+            let angle = view.camera.forward().angle_between(Vec3::Z);
+            let off = angle.min(std::f32::consts::PI - angle);
+            assert!((off - POLE_MARGIN).abs() < 1e-3, "{off} from the pole");
+        }
+    }
+
+    #[test]
+    fn dragging_right_turns_the_scene_right() {
+        let mut view = viewpoint();
+        let p = Vec3::new(1.0, 0.0, 0.0);
+        let before = view.camera.project(p).expect("in front");
+        view.apply(CameraMove::Orbit { yaw: 0.1, pitch: 0.0 }, Vec3::Z);
+        let after = view.camera.project(p).expect("in front");
+        assert!(after.x > before.x, "{before} to {after}");
+    }
+
+    #[test]
+    fn dragging_down_shows_more_of_the_top() {
+        let mut view = viewpoint();
+        view.apply(CameraMove::Orbit { yaw: 0.0, pitch: 0.1 }, Vec3::Z);
+        assert!(view.camera.position().z > 1.0, "{}", view.camera.position());
+    }
+
+    #[test]
+    fn panning_by_a_picture_height_moves_the_picture_by_that() {
+        let mut view = viewpoint();
+        view.apply(CameraMove::Pan { right: 0.0, up: 1.0 }, Vec3::Z);
+        let seen = view.camera.project(Vec3::ZERO).expect("in front");
+        assert!((seen - Vec2::new(200.0, 450.0)).length() < 0.1, "{seen}");
+    }
+
+    #[test]
+    fn dolly_scales_the_distance_within_bounds() {
+        let mut view = viewpoint();
+        let distance = view.distance();
+        view.apply(CameraMove::Dolly(0.5), Vec3::Z);
+        assert!((view.distance() - 0.5 * distance).abs() < 1e-4);
+        for factor in [0.0, f32::NAN, f32::INFINITY, 1e-9].repeat(40) {
+            view.apply(CameraMove::Dolly(factor), Vec3::Z);
+        }
+        assert!(view.distance() > 5e-5 && view.camera.position().is_finite(), "{view:?}");
+    }
+
+    #[test]
+    fn a_window_shows_the_whole_photo_in_its_area() {
+        let mut camera = Camera::look_at(Vec3::X, Vec3::ZERO, Vec3::Z, 1.0, 300, 200);
+        camera.cx = 140.0;
+        let view = Viewpoint::of_camera(&camera, Vec3::ZERO);
+        let (window, area) = (view.camera_for(900, 800), view.photo_area(900, 800));
+        assert_eq!((area.min, area.size), (Vec2::new(0.0, 100.0), Vec2::new(900.0, 600.0)));
+        let p = Vec3::new(0.1, 0.2, -0.1);
+        let (in_photo, in_window) = (camera.project(p).expect("seen"), window.project(p).expect("seen"));
+        assert!((area.min + in_photo * 3.0 - in_window).length() < 1e-2, "{in_photo} {in_window}");
+    }
+
+    #[test]
+    fn framing_shows_all_corners() {
+        let mut view = viewpoint();
+        let bounds = Aabb { min: Vec3::splat(4.0), max: Vec3::new(6.0, 5.0, 5.0) };
+        view.frame(&bounds);
+        for corner in bounds.corners() {
+            let p = view.camera.project(corner).expect("in front");
+            assert!((0.0..400.0).contains(&p.x) && (0.0..300.0).contains(&p.y), "{corner} at {p}");
+        }
+    }
+
+    #[test]
+    fn cameras_around_a_point_look_at_it() {
+        let target = Vec3::new(1.0, 2.0, 3.0);
+        let eyes = [Vec3::new(4.0, 2.0, 3.5), Vec3::new(1.0, 6.0, 3.0), Vec3::new(0.0, 0.0, 6.0)];
+        let cameras = eyes.map(|eye| Camera::look_at(eye, target, Vec3::Y, 1.0, 10, 10));
+        let found = point_looked_at(&cameras).expect("not parallel");
+        assert!((found - target).length() < 1e-3, "{found}");
+        assert_eq!(point_looked_at(&cameras[..1]), None, "one axis has no single nearest point");
+        assert_eq!(up_axis(&cameras), Vec3::Y);
+    }
+}

@@ -1,0 +1,282 @@
+//! Reads files on threads of their own, so that the window never waits for a disk.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use crossbeam::channel::{Receiver, Sender, bounded};
+
+use crate::data::{Dataset, LoadOptions, Photo, read_frames, read_photo};
+use crate::neif::Environment;
+use crate::render::priority::lower_thread_priority;
+use crate::train::Snapshot;
+use crate::train::run_folder::RunFolder;
+
+/// Results that may wait for the window.
+const QUEUE: usize = 64;
+/// Niceness of reading: below the window, above the trainer.
+const NICE: i32 = 4;
+/// Longest side of a photo on screen; larger ones are thinned.
+const MAX_PHOTO_SIDE: usize = 2048;
+
+/// A photo as the screen needs it.
+#[derive(Clone, PartialEq, Eq)]
+pub struct ScreenPhoto {
+    /// Width and height in pixels.
+    pub size: [usize; 2],
+    /// `[height * width]` sRGB with alpha 255.
+    pub pixels: Vec<[u8; 4]>,
+}
+
+impl std::fmt::Debug for ScreenPhoto {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("ScreenPhoto").field("size", &self.size).finish_non_exhaustive()
+    }
+}
+
+/// What a path turned out to be, or what was read.
+#[derive(Debug)]
+pub enum Opened {
+    /// A capture, to be trained on.
+    Capture(PathBuf),
+    /// A saved run: its model at once, its photos later.
+    Run {
+        /// The folder.
+        path: PathBuf,
+        /// The model.
+        snapshot: Arc<Snapshot>,
+    },
+    /// The photos of a run.
+    RunDataset {
+        /// The run's folder.
+        path: PathBuf,
+        /// The capture.
+        dataset: Arc<Dataset>,
+    },
+    /// Surroundings.
+    Environment {
+        /// The file.
+        path: PathBuf,
+        /// Their content, or why they cannot be used.
+        result: Result<Arc<Environment>, String>,
+    },
+    /// The first photo of a capture that is being read.
+    FirstPhoto {
+        /// The capture.
+        path: PathBuf,
+        /// The photo.
+        photo: ScreenPhoto,
+    },
+    /// The photo of a view of the open capture.
+    ViewPhoto {
+        /// Index of the view.
+        view: usize,
+        /// The photo.
+        photo: ScreenPhoto,
+    },
+    /// It cannot be used.
+    Failed {
+        /// What was opened.
+        path: PathBuf,
+        /// Why, with file and field.
+        reason: String,
+    },
+}
+
+/// Starts the threads and collects their results.
+#[derive(Debug)]
+pub struct Opener {
+    results: Receiver<Opened>,
+    sender: Sender<Opened>,
+    wake: Wake,
+}
+
+/// Called when there is news.
+#[derive(Clone)]
+struct Wake(Arc<dyn Fn() + Send + Sync>);
+
+impl std::fmt::Debug for Wake {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Wake")
+    }
+}
+
+impl Opener {
+    /// `wake` is called after each result.
+    pub fn new(wake: impl Fn() + Send + Sync + 'static) -> Self {
+        let (sender, results) = bounded(QUEUE);
+        Self { results, sender, wake: Wake(Arc::new(wake)) }
+    }
+
+    /// The next result, if there is one.
+    pub fn next(&self) -> Option<Opened> {
+        self.results.try_recv().ok()
+    }
+
+    /// Finds out what is at `path` and reads it; a capture is only named, its session reads it.
+    pub fn open(&self, path: &Path) {
+        let path = path.to_owned();
+        self.spawn(move |send| open(path, send));
+    }
+
+    /// Reads surroundings.
+    pub fn load_environment(&self, path: &Path) {
+        let path = path.to_owned();
+        self.spawn(move |send| send(load_environment(path)));
+    }
+
+    /// Reads the first photo of a capture, ahead of everything else.
+    pub fn first_photo(&self, path: &Path) {
+        let path = path.to_owned();
+        self.spawn(move |send| {
+            if let Some(photo) = first_photo(&path) {
+                send(Opened::FirstPhoto { path, photo });
+            }
+        });
+    }
+
+    /// Prepares the photo of a view for the screen.
+    pub fn view_photo(&self, dataset: &Arc<Dataset>, view: usize) {
+        let dataset = Arc::clone(dataset);
+        self.spawn(move |send| {
+            let mut views = dataset.train.iter().chain(&dataset.val).chain(&dataset.test);
+            if let Some(found) = views.nth(view) {
+                send(Opened::ViewPhoto { view, photo: screen_photo(&found.photo) });
+            }
+        });
+    }
+
+    fn spawn(&self, work: impl FnOnce(&dyn Fn(Opened)) + Send + 'static) {
+        let (sender, wake) = (self.sender.clone(), self.wake.clone());
+        let send = move |opened| {
+            // The window has closed when nobody takes results any more.
+            if sender.send(opened).is_ok() {
+                (wake.0)();
+            }
+        };
+        let spawned = std::thread::Builder::new().name("neif-open".to_owned()).spawn(move || {
+            lower_thread_priority(NICE);
+            work(&send);
+        });
+        if let Err(error) = spawned {
+            tracing::error!("cannot start a thread to read files: {error}");
+        }
+    }
+}
+
+fn open(path: PathBuf, send: &dyn Fn(Opened)) {
+    let failed = |reason: String| Opened::Failed { path: path.clone(), reason };
+    if !path.exists() {
+        send(failed(format!("{}: no such file or folder", path.display())));
+    } else if RunFolder::is_run(&path) {
+        open_run(&path, send);
+    } else if path.extension().is_some_and(|extension| extension == "safetensors") {
+        send(load_environment(path));
+    } else if path.is_dir() || path.extension().is_some_and(|extension| extension == "json") {
+        send(Opened::Capture(path));
+    } else {
+        let what = "not a capture (folder or transforms.json), a run folder or an environment (.safetensors)";
+        send(failed(format!("{}: {what}", path.display())));
+    }
+}
+
+fn open_run(path: &Path, send: &dyn Fn(Opened)) {
+    let scene = RunFolder::open(path).and_then(|folder| {
+        let scene = folder.scene()?;
+        Ok((folder, scene))
+    });
+    let (folder, scene) = match scene {
+        Ok(both) => both,
+        Err(error) => {
+            send(Opened::Failed { path: path.to_owned(), reason: error.to_string() });
+            return;
+        }
+    };
+    let snapshot = Arc::new(Snapshot { step: 0, object: scene.object, environment: scene.environment });
+    send(Opened::Run { path: path.to_owned(), snapshot });
+    let dataset = folder.config().map(|config| folder.dataset_path(&config));
+    let Ok(dataset) = dataset else { return };
+    match Dataset::load(&dataset, &LoadOptions::default()) {
+        Ok(dataset) => send(Opened::RunDataset { path: path.to_owned(), dataset: Arc::new(dataset) }),
+        Err(error) => send(Opened::Failed {
+            path: dataset,
+            reason: format!("The run is shown without its photos: {error}"),
+        }),
+    }
+}
+
+fn load_environment(path: PathBuf) -> Opened {
+    let result = Environment::load(&path).map(Arc::new).map_err(|error| error.to_string());
+    Opened::Environment { path, result }
+}
+
+/// The first photo that can be read, without reading the capture; errors are the session's to report.
+fn first_photo(path: &Path) -> Option<ScreenPhoto> {
+    let names = ["transforms_train.json", "transforms.json"];
+    let json = if path.is_file() {
+        path.to_owned()
+    } else {
+        names.iter().map(|name| path.join(name)).find(|json| json.is_file())?
+    };
+    let frames = read_frames(&json).ok()?;
+    let photo = frames.iter().take(5).find_map(|frame| read_photo(&frame.photo).ok())?;
+    Some(screen_photo(&photo))
+}
+
+/// Thins a photo to what a screen can show.
+fn screen_photo(photo: &Photo) -> ScreenPhoto {
+    let (width, height) = (photo.width() as usize, photo.height() as usize);
+    let stride = width.max(height).div_ceil(MAX_PHOTO_SIDE).max(1);
+    let size = [width.div_ceil(stride), height.div_ceil(stride)];
+    let pixels = (0..size[0] * size[1])
+        .map(|i| {
+            let (x, y) = (i % size[0] * stride, i / size[0] * stride);
+            let [r, g, b] = photo.srgb(y * width + x).map(|v| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u8);
+            [r, g, b, 255]
+        })
+        .collect();
+    ScreenPhoto { size, pixels }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn opened(path: &Path) -> Opened {
+        let found = std::cell::RefCell::new(Vec::new());
+        open(path.to_owned(), &|opened| found.borrow_mut().push(opened));
+        let mut found = found.into_inner();
+        assert_eq!(found.len(), 1, "{found:?}");
+        found.remove(0)
+    }
+
+    #[test]
+    fn what_cannot_be_opened_is_said_with_its_path() {
+        let folder = tempfile::tempdir().unwrap();
+        let text = folder.path().join("notes.txt");
+        std::fs::write(&text, "hello").unwrap();
+        for path in [text, folder.path().join("missing")] {
+            match opened(&path) {
+                Opened::Failed { reason, .. } => assert!(reason.contains(&*path.to_string_lossy()), "{reason}"),
+                other => panic!("{other:?}"),
+            }
+        }
+    }
+
+    #[test]
+    fn a_broken_environment_names_its_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("env.safetensors");
+        std::fs::write(&path, [1, 2, 3]).unwrap();
+        match opened(&path) {
+            Opened::Environment { result: Err(reason), .. } => assert!(reason.contains("env.safetensors"), "{reason}"),
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn a_large_photo_is_thinned() {
+        let pixels = vec![[65535, 0, 0]; 5000 * 3];
+        let photo = screen_photo(&Photo::Ldr { width: 5000, height: 3, pixels });
+        assert_eq!((photo.size, photo.pixels[0]), ([1667, 1], [255, 0, 0, 255]));
+    }
+}

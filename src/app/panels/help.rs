@@ -1,0 +1,49 @@
+//! The help: the table of keys and gestures.
+
+use egui::{Grid, RichText, Ui};
+
+use crate::app::command::Command;
+use crate::app::keys::{BINDINGS, Binding};
+use crate::app::panels::widgets::weak;
+use crate::app::state::AppState;
+
+/// Groups in the left column; the others stand in the right one.
+const LEFT_GROUPS: [&str; 3] = ["Camera", "Environment", "Photos"];
+
+/// Draws the help over everything, while it is open.
+pub fn help_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
+    if !state.overlays.is_help_open {
+        return;
+    }
+    let modal = egui::Modal::new(egui::Id::unique("help")).show(ui.ctx(), |ui| {
+        ui.heading("Mouse and keys");
+        ui.add_space(4.0);
+        ui.horizontal_top(|ui| {
+            let is_left = |binding: &&Binding| LEFT_GROUPS.contains(&binding.group);
+            column(ui, "help left", BINDINGS.iter().filter(is_left));
+            ui.add_space(16.0);
+            column(ui, "help right", BINDINGS.iter().filter(|binding| !is_left(binding)));
+        });
+        ui.add_space(6.0);
+        ui.button("Close").clicked()
+    });
+    if modal.inner || modal.should_close() {
+        commands.push(Command::ToggleHelp);
+    }
+}
+
+fn column<'a>(ui: &mut Ui, id: &str, bindings: impl Iterator<Item = &'a Binding>) {
+    Grid::new(id).num_columns(2).spacing([14.0, 4.0]).show(ui, |ui| {
+        let mut group = "";
+        for binding in bindings {
+            if binding.group != group {
+                group = binding.group;
+                ui.label(RichText::new(group).strong());
+                ui.end_row();
+            }
+            ui.label(RichText::new(binding.keys).monospace());
+            ui.label(weak(ui, binding.what));
+            ui.end_row();
+        }
+    });
+}

@@ -1,0 +1,22 @@
+//! The panels: each draws the state and emits commands.
+
+pub mod cameras;
+pub mod environment;
+pub mod help;
+pub mod material;
+pub mod path_dialog;
+pub mod status;
+pub mod toasts;
+pub mod top_bar;
+pub mod training;
+pub mod widgets;
+
+pub use cameras::cameras_ui;
+pub use environment::environment_ui;
+pub use help::help_ui;
+pub use material::material_ui;
+pub use path_dialog::path_dialog_ui;
+pub use status::status_ui;
+pub use toasts::{log_ui, stop_question_ui, toasts_ui};
+pub use top_bar::top_bar_ui;
+pub use training::training_ui;

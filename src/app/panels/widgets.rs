@@ -1,0 +1,152 @@
+//! Small controls that several panels use: rows with a name, a value and a way back.
+
+use egui::{Align, Button, DragValue, Layout, Response, RichText, Sense, Slider, Ui, WidgetInfo, Role};
+use glam::Vec3;
+use std::ops::RangeInclusive;
+
+use crate::app::theme;
+
+/// Width of the names at the left of rows.
+const NAME_WIDTH: f32 = 78.0;
+
+/// A value with its limits and the value to go back to.
+#[derive(Clone, Debug)]
+pub struct Setting {
+    /// The name, also for assistive technology.
+    pub name: &'static str,
+    /// Limits.
+    pub range: RangeInclusive<f32>,
+    /// What a double-click on the name, or the button, brings back.
+    pub default: f32,
+    /// Explained on hovering.
+    pub hint: &'static str,
+}
+
+/// A slider row; true when the value was changed.
+pub fn slider_row(ui: &mut Ui, setting: &Setting, value: &mut f32) -> bool {
+    ui.horizontal(|ui| {
+        let name = name_label(ui, setting.name).on_hover_text(setting.hint);
+        let slider = Slider::new(value, setting.range.clone()).max_decimals(2);
+        let slider = ui.add(slider).labelled_by(name.id).on_hover_text(setting.hint);
+        let mut is_changed = slider.changed();
+        let wants_default = name.double_clicked() | reset_button(ui, setting.name, *value != setting.default);
+        if wants_default && *value != setting.default {
+            *value = setting.default;
+            is_changed = true;
+        }
+        is_changed
+    })
+    .inner
+}
+
+/// The name at the left of a row; it can be double-clicked.
+pub fn name_label(ui: &mut Ui, name: &str) -> Response {
+    let size = egui::vec2(NAME_WIDTH, ui.spacing().interact_size.y);
+    let layout = Layout::left_to_right(Align::Center);
+    ui.allocate_ui_with_layout(size, layout, |ui| {
+        ui.set_min_width(NAME_WIDTH);
+        ui.add(egui::Label::new(name).sense(Sense::click()).selectable(false))
+    })
+    .inner
+}
+
+/// A small button that brings a default back; dead while nothing is to bring back.
+pub fn reset_button(ui: &mut Ui, what: &str, is_enabled: bool) -> bool {
+    let button = ui.add_enabled(is_enabled, Button::new(RichText::new("↺").monospace().size(15.0)).frame(false));
+    let name = format!("Reset {}", what.to_lowercase());
+    button.widget_info(|| WidgetInfo::labeled(Role::Button, is_enabled, &name));
+    button.on_hover_text(name).clicked()
+}
+
+/// A row of three numbers that can be typed or dragged; true when one was changed.
+pub fn vector_row(ui: &mut Ui, name: &str, value: &mut Vec3, speed: f64, suffix: &str) -> bool {
+    ui.horizontal(|ui| {
+        let label = name_label(ui, name);
+        let mut is_changed = false;
+        for (axis, v) in ["X", "Y", "Z"].into_iter().zip(value.as_mut()) {
+            let number = DragValue::new(v).speed(speed).max_decimals(2).suffix(suffix.to_owned());
+            let response = ui.add_sized([46.0, ui.spacing().interact_size.y], number);
+            describe_number(&response, &format!("{name} {axis}"));
+            is_changed |= response.on_hover_text(format!("{name} {axis}: drag or type")).changed();
+        }
+        let wants_default = label.double_clicked() | reset_button(ui, name, *value != Vec3::ZERO);
+        if wants_default && *value != Vec3::ZERO {
+            *value = Vec3::ZERO;
+            is_changed = true;
+        }
+        is_changed
+    })
+    .inner
+}
+
+/// Gives a number field a name for assistive technology.
+pub fn describe_number(response: &Response, name: &str) {
+    response.ctx.accesskit_node_builder(response.id, |node| node.set_label(name.to_owned()));
+}
+
+/// A colour row (linear factors 0 to 1); true when it was changed.
+pub fn color_row(ui: &mut Ui, name: &str, color: &mut Vec3) -> bool {
+    ui.horizontal(|ui| {
+        let label = name_label(ui, name);
+        let mut rgb = color.to_array();
+        let button = ui.color_edit_button_rgb(&mut rgb);
+        describe_number(&button, name);
+        let mut is_changed = button.changed();
+        if is_changed {
+            *color = Vec3::from(rgb);
+        }
+        let wants_default = label.double_clicked() | reset_button(ui, name, *color != Vec3::ONE);
+        if wants_default && *color != Vec3::ONE {
+            *color = Vec3::ONE;
+            is_changed = true;
+        }
+        is_changed
+    })
+    .inner
+}
+
+/// A heading.
+pub fn heading(ui: &mut Ui, text: &str) -> Response {
+    ui.label(RichText::new(text).strong().size(15.0))
+}
+
+/// Text that matters less.
+pub fn weak(ui: &Ui, text: impl Into<String>) -> RichText {
+    RichText::new(text).color(theme::weak(ui.visuals()))
+}
+
+/// Seconds as people say them: `42 s`, `3:05`, `1:02:03`.
+pub fn duration(secs: f64) -> String {
+    if !secs.is_finite() || secs < 0.0 {
+        return "–".to_owned();
+    }
+    let whole = secs.round() as u64;
+    let (hours, minutes, seconds) = (whole / 3600, whole / 60 % 60, whole % 60);
+    match (hours, minutes) {
+        (0, 0) => format!("{seconds} s"),
+        (0, _) => format!("{minutes}:{seconds:02}"),
+        _ => format!("{hours}:{minutes:02}:{seconds:02}"),
+    }
+}
+
+/// A count with a unit prefix: `950`, `12.3 k`, `4.0 M`.
+pub fn count(n: f32) -> String {
+    match n {
+        n if !n.is_finite() => "–".to_owned(),
+        n if n < 10.0 => format!("{n:.1}"),
+        n if n < 1e3 => format!("{n:.0}"),
+        n if n < 1e6 => format!("{:.1} k", n / 1e3),
+        n => format!("{:.1} M", n / 1e6),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn durations_and_counts_read_well() {
+        assert_eq!([0.4, 42.0, 185.0, 3723.0, f64::NAN].map(duration), ["0 s", "42 s", "3:05", "1:02:03", "–"]);
+        assert_eq!([7.0, 70.0, 12_345.0, 4e6].map(count), ["7.0", "70", "12.3 k", "4.0 M"]);
+    }
+}

@@ -1,0 +1,248 @@
+//! Decides when the preview renders what: at once for the person, within a budget for training.
+//!
+//! A change by hand is rendered as fast as the machine can, coarse to fine. A new snapshot alone
+//! is worth a refresh that costs at most [`REFRESH_SHARE`] of the processor: coarse and often
+//! while training is young and changes much, at full resolution and rarely later.
+
+use std::sync::Arc;
+
+use crate::render::{Passes, PreviewFrame, PreviewScene};
+use crate::train::Snapshot;
+
+/// Share of all cores that refreshes may take while training runs.
+pub const REFRESH_SHARE: f64 = 0.12;
+/// Refreshes are at least this far apart, in seconds.
+const MIN_INTERVAL_SECS: f64 = 1.0;
+/// A finer refresh may be as late as this share of the training time, since changes slow down.
+const PATIENCE: f64 = 0.15;
+/// ... but no later than this, in seconds.
+const MAX_INTERVAL_SECS: f64 = 30.0;
+/// While something is dragged, the snapshot stays the same for so long, so that what did not
+/// change can be reused, in seconds.
+const HOLD_SECS: f64 = 1.0;
+
+/// What the driver needs to know now.
+#[derive(Clone, Debug)]
+pub struct Situation {
+    /// The window's clock, in seconds.
+    pub now_secs: f64,
+    /// Whether steps are being taken.
+    pub is_training: bool,
+    /// Seconds of training so far.
+    pub trained_secs: f64,
+    /// Cores of the machine.
+    pub n_cores: usize,
+}
+
+/// A request for the preview.
+#[derive(Clone, Debug)]
+pub struct Wanted {
+    /// The snapshot that is shown.
+    pub snapshot: Arc<Snapshot>,
+    /// The picture.
+    pub scene: PreviewScene,
+    /// Which passes.
+    pub passes: Passes,
+}
+
+/// Remembers what was asked for and what came of it.
+#[derive(Debug, Default)]
+pub struct PreviewDriver {
+    asked: Option<Wanted>,
+    /// Number of the last request, and whether its last picture is there.
+    request: u64,
+    is_done: bool,
+    /// When the person last changed something.
+    touched_secs: f64,
+    /// When the last refresh was asked for, and from when on the next may be.
+    refreshed_secs: f64,
+    /// Cost of a full picture, in processor seconds, from the last finished passes.
+    full_cost_secs: Option<f64>,
+}
+
+impl PreviewDriver {
+    /// What to ask the preview for now, if anything. `scene` makes the picture of a snapshot.
+    pub fn decide(
+        &mut self,
+        newest: &Arc<Snapshot>,
+        scene: impl Fn(&Snapshot) -> PreviewScene,
+        situation: &Situation,
+    ) -> Option<Wanted> {
+        let now = situation.now_secs;
+        let Some(asked) = &self.asked else {
+            return Some(self.ask(newest, scene(newest), Passes::Refine, now));
+        };
+        // The same snapshot with what is wanted now shows whether the person changed something.
+        let same_snapshot = Arc::clone(&asked.snapshot);
+        let current = scene(&same_snapshot);
+        let is_newer = !Arc::ptr_eq(&same_snapshot, newest);
+        if !current.is_same(&asked.scene) {
+            let is_dragging = now - self.touched_secs < HOLD_SECS;
+            self.touched_secs = now;
+            let held = now - self.refreshed_secs < 3.0 * HOLD_SECS;
+            return Some(if is_newer && !(is_dragging && held) {
+                self.ask(newest, scene(newest), Passes::Refine, now)
+            } else {
+                let refreshed = self.refreshed_secs;
+                let wanted = self.ask(&same_snapshot, current, Passes::Refine, now);
+                self.refreshed_secs = refreshed;
+                wanted
+            });
+        }
+        if !self.is_done {
+            return None;
+        }
+        if !situation.is_training {
+            let is_coarse = matches!(asked.passes, Passes::Only(scale) if scale > 1);
+            return (is_newer || is_coarse).then(|| self.ask(newest, scene(newest), Passes::Refine, now));
+        }
+        if !is_newer {
+            return None;
+        }
+        let (scale, interval) = self.refresh_plan(situation);
+        (now - self.refreshed_secs >= interval).then(|| self.ask(newest, scene(newest), Passes::Only(scale), now))
+    }
+
+    /// Seconds until the next refresh is due, to be woken in time.
+    pub fn wait_secs(&self, situation: &Situation) -> f64 {
+        let (_, interval) = self.refresh_plan(situation);
+        (self.refreshed_secs + interval - situation.now_secs).max(0.0)
+    }
+
+    /// The finest scale that patience and budget allow, and how far apart refreshes are then.
+    fn refresh_plan(&self, situation: &Situation) -> (u32, f64) {
+        let Some(cost) = self.full_cost_secs else { return (4, MIN_INTERVAL_SECS) };
+        let per_sec = REFRESH_SHARE * situation.n_cores as f64;
+        let interval = |scale: u32| (cost / (f64::from(scale * scale) * per_sec)).max(MIN_INTERVAL_SECS);
+        let patience = (PATIENCE * situation.trained_secs).clamp(MIN_INTERVAL_SECS, MAX_INTERVAL_SECS);
+        let scale = [1, 2].into_iter().find(|&scale| interval(scale) <= patience).unwrap_or(4);
+        (scale, interval(scale))
+    }
+
+    fn ask(&mut self, snapshot: &Arc<Snapshot>, scene: PreviewScene, passes: Passes, now_secs: f64) -> Wanted {
+        let wanted = Wanted { snapshot: Arc::clone(snapshot), scene, passes };
+        self.asked = Some(wanted.clone());
+        self.refreshed_secs = now_secs;
+        self.is_done = false;
+        wanted
+    }
+
+    /// Tells the number that the preview gave to what was last wanted.
+    pub fn was_requested(&mut self, number: u64) {
+        self.request = number;
+    }
+
+    /// Takes in a finished picture; returns the training step that it shows.
+    pub fn was_shown(&mut self, frame: &PreviewFrame) -> Option<u64> {
+        if frame.request != self.request {
+            return None;
+        }
+        self.is_done = frame.is_last;
+        let computed = frame.recomputed.background.max(frame.recomputed.object);
+        if computed > 0 && frame.recomputed.background > 0 {
+            self.full_cost_secs = Some(frame.cpu_secs * f64::from(frame.scale * frame.scale));
+        }
+        self.asked.as_ref().map(|asked| asked.snapshot.step)
+    }
+
+    /// Forgets everything: something else was opened.
+    pub fn clear(&mut self) {
+        *self = Self { request: self.request, ..Self::default() };
+    }
+}
+
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::progressive::Recomputed;
+    use crate::render::test_scene::{camera, scene};
+    use crate::render::Layer;
+
+    fn snapshot(step: u64) -> Arc<Snapshot> {
+        let scene = scene();
+        Arc::new(Snapshot { step, object: scene.object, environment: scene.environment })
+    }
+
+    fn picture(width: u32) -> impl Fn(&Snapshot) -> PreviewScene {
+        move |snapshot| PreviewScene { scene: snapshot.scene(), camera: camera(width, 100), layer: Layer::Final }
+    }
+
+    fn situation(now_secs: f64, is_training: bool) -> Situation {
+        Situation { now_secs, is_training, trained_secs: now_secs, n_cores: 2 }
+    }
+
+    /// Tells the driver that its last request is done at the cost of a full picture.
+    fn finish(driver: &mut PreviewDriver, wanted: &Wanted, full_cost_secs: f64) {
+        let scale = if let Passes::Only(scale) = wanted.passes { scale } else { 1 };
+        driver.was_requested(1);
+        let frame = PreviewFrame {
+            request: 1,
+            scale,
+            is_last: true,
+            width: 1,
+            height: 1,
+            pixels: Vec::new(),
+            recomputed: Recomputed { traced: 1, background: 1, object: 1 },
+            cpu_secs: full_cost_secs / f64::from(scale * scale),
+        };
+        assert_eq!(driver.was_shown(&frame), Some(wanted.snapshot.step));
+    }
+
+    #[test]
+    fn nothing_is_asked_for_twice() {
+        let (mut driver, first) = (PreviewDriver::default(), snapshot(1));
+        let wanted = driver.decide(&first, picture(100), &situation(0.0, false)).expect("the first picture");
+        assert!(driver.decide(&first, picture(100), &situation(0.1, false)).is_none());
+        finish(&mut driver, &wanted, 1.0);
+        assert!(driver.decide(&first, picture(100), &situation(9.0, false)).is_none());
+    }
+
+    #[test]
+    fn refreshes_stay_within_their_share_and_become_fine() {
+        let mut driver = PreviewDriver::default();
+        let mut wanted = driver.decide(&snapshot(0), picture(100), &situation(0.0, true)).expect("the first picture");
+        let (mut spent, mut scales, cost) = (0.0, Vec::new(), 4.0);
+        for tick in 1..3000 {
+            finish(&mut driver, &wanted, cost);
+            let now = f64::from(tick) * 0.1;
+            if let Some(next) = driver.decide(&snapshot(tick as u64), picture(100), &situation(now, true)) {
+                let Passes::Only(scale) = next.passes else { panic!("a refresh makes one pass") };
+                scales.push(scale);
+                spent += cost / f64::from(scale * scale);
+                wanted = next;
+            }
+        }
+        let share = spent / (300.0 * 2.0);
+        assert!(share <= REFRESH_SHARE * 1.1, "{share} of the processor went to refreshes");
+        assert!(scales.contains(&2) && scales.last() == Some(&1), "never became fine: {scales:?}");
+    }
+
+    #[test]
+    fn a_coarse_refresh_becomes_fine_when_training_rests() {
+        let mut driver = PreviewDriver::default();
+        let first = driver.decide(&snapshot(0), picture(100), &situation(0.0, true)).expect("the first picture");
+        finish(&mut driver, &first, 4.0);
+        let newest = snapshot(1);
+        let refresh = driver.decide(&newest, picture(100), &situation(5.0, true)).expect("a refresh");
+        assert_ne!(refresh.passes, Passes::Refine);
+        finish(&mut driver, &refresh, 4.0);
+        let fine = driver.decide(&newest, picture(100), &situation(5.1, false)).expect("the rest");
+        assert_eq!(fine.passes, Passes::Refine);
+    }
+
+    #[test]
+    fn a_drag_keeps_its_snapshot_so_that_parts_can_be_reused() {
+        let mut driver = PreviewDriver::default();
+        driver.decide(&snapshot(0), picture(100), &situation(0.0, true)).expect("the first picture");
+        let mut steps = Vec::new();
+        for i in 1..20 {
+            let now = f64::from(i) * 0.05;
+            let wanted = driver.decide(&snapshot(i as u64), picture(100 + i), &situation(now, true)).expect("a change");
+            assert_eq!(wanted.passes, Passes::Refine);
+            steps.push(wanted.snapshot.step);
+        }
+        steps.dedup();
+        assert!(steps.len() <= 2, "snapshots changed under the drag: {steps:?}");
+    }
+}

@@ -1,0 +1,354 @@
+//! What the window shows: plain values, without threads, files or textures.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use glam::Vec3;
+
+use crate::app::camera_control::{Viewpoint, nearest_view, point_looked_at, up_axis};
+use crate::app::messages::Messages;
+use crate::app::training_state::TrainingState;
+use crate::data::{Dataset, View};
+use crate::geometry::Aabb;
+use crate::neif::{Environment, EnvironmentTransform, MaterialEdit};
+use crate::render::{Layer, Scene};
+use crate::train::Snapshot;
+
+/// Training time that is asked for at first, in seconds.
+pub const DEFAULT_BUDGET_SECS: f64 = 300.0;
+
+/// What is open.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum Source {
+    /// Nothing yet.
+    #[default]
+    Nothing,
+    /// The capture that comes with the program.
+    Demo(PathBuf),
+    /// A capture.
+    Capture(PathBuf),
+    /// A saved run.
+    Run(PathBuf),
+    /// Surroundings without an object.
+    Environment(PathBuf),
+}
+
+impl Source {
+    /// The file or folder.
+    pub fn path(&self) -> Option<&PathBuf> {
+        match self {
+            Self::Nothing => None,
+            Self::Demo(path) | Self::Capture(path) | Self::Run(path) | Self::Environment(path) => Some(path),
+        }
+    }
+
+    /// The last part of the path, for people.
+    pub fn name(&self) -> String {
+        match (self, self.path()) {
+            (Self::Demo(_), _) => "Bundled demo".to_owned(),
+            (_, Some(path)) => file_name(path),
+            _ => "Nothing open".to_owned(),
+        }
+    }
+}
+
+/// The last part of a path, or all of it where there is none.
+pub fn file_name(path: &std::path::Path) -> String {
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+}
+
+/// Everything a person edits about the picture: one value, so that edits can be compared and kept.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Look {
+    /// The material.
+    pub edit: MaterialEdit,
+    /// Where the surroundings stand.
+    pub transform: EnvironmentTransform,
+    /// Which surroundings: index into [`AppState::environments`]; none is the capture's own.
+    pub environment: Option<usize>,
+}
+
+/// Surroundings that can be chosen.
+#[derive(Clone, Debug)]
+pub struct EnvironmentEntry {
+    /// For people.
+    pub name: String,
+    /// The file.
+    pub path: PathBuf,
+    /// What is known of it.
+    pub content: EnvironmentContent,
+}
+
+/// How far an environment file has been read.
+#[derive(Clone, Debug)]
+pub enum EnvironmentContent {
+    /// Only its name is known.
+    NotLoaded,
+    /// A thread reads it.
+    Loading,
+    /// Ready.
+    Ready(Arc<Environment>),
+    /// It cannot be used.
+    Failed(String),
+}
+
+/// Which part of the capture a view belongs to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Split {
+    /// Learned from.
+    Train,
+    /// For settings.
+    Val,
+    /// For the final measure.
+    Test,
+}
+
+impl Split {
+    /// As in the files' names.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Train => "train",
+            Self::Val => "val",
+            Self::Test => "test",
+        }
+    }
+}
+
+/// The camera and where it came from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ViewState {
+    /// Where the camera is.
+    pub viewpoint: Viewpoint,
+    /// The view whose camera it stands at, index into [`AppState::views`].
+    pub at_view: Option<usize>,
+    /// Where it began.
+    pub home: Viewpoint,
+    /// What to frame.
+    pub bounds: Option<Aabb>,
+    /// The world's up axis.
+    pub up: Vec3,
+    /// Whether the person has moved it.
+    pub was_moved: bool,
+}
+
+impl Default for ViewState {
+    fn default() -> Self {
+        let home = Viewpoint::look_at(Vec3::new(2.0, -2.0, 1.0), Vec3::ZERO, Vec3::Z);
+        Self { viewpoint: home, at_view: None, home, bounds: None, up: Vec3::Z, was_moved: false }
+    }
+}
+
+/// Comparison with the photo of the view the camera stands at.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Compare {
+    /// The wipe's line, 0 (left) to 1 (right) of the photo; none is off.
+    pub wipe: Option<f32>,
+    /// Whether the photo covers everything while a key is held.
+    pub is_photo_held: bool,
+}
+
+/// What a typed path is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PathPurpose {
+    /// Open what is there.
+    Open,
+    /// Save the run there.
+    Save,
+}
+
+/// The window in which a path is chosen.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PathDialog {
+    /// What for.
+    pub purpose: PathPurpose,
+    /// What is typed.
+    pub typed: String,
+    /// What is wrong, if anything.
+    pub note: Option<String>,
+    /// Whether the system's file dialog is up.
+    pub is_browsing: bool,
+}
+
+/// The graphics adapter.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Adapter {
+    /// As the driver calls it.
+    pub name: String,
+    /// Whether the processor does its work.
+    pub is_software: bool,
+}
+
+/// What is known of the shown preview picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ShownPicture {
+    /// Width and height in pixels.
+    pub size: (u32, u32),
+    /// Resolution divisor per axis.
+    pub scale: u32,
+    /// The training step it shows.
+    pub step: u64,
+    /// Whether a finer one follows.
+    pub is_refining: bool,
+}
+
+/// The windows over the main one.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Overlays {
+    /// Open or save a path.
+    pub path_dialog: Option<PathDialog>,
+    /// The table of keys.
+    pub is_help_open: bool,
+    /// All messages.
+    pub is_log_open: bool,
+    /// "Stop without saving?"
+    pub is_stop_asked: bool,
+}
+
+/// All of it.
+#[derive(Clone, Debug)]
+pub struct AppState {
+    /// What is open.
+    pub source: Source,
+    /// How training goes.
+    pub training: TrainingState,
+    /// Training time for the next run, in seconds.
+    pub budget_secs: f64,
+    /// Whether opening a capture starts training.
+    pub is_auto_start: bool,
+    /// The opened capture, once it is read.
+    pub dataset: Option<Arc<Dataset>>,
+    /// The newest state of the fields.
+    pub snapshot: Option<Arc<Snapshot>>,
+    /// The edits.
+    pub look: Look,
+    /// Whether the edits are hidden for comparison.
+    pub is_original_shown: bool,
+    /// Which part of the picture is shown.
+    pub layer: Layer,
+    /// Surroundings to choose from beside the capture's own.
+    pub environments: Vec<EnvironmentEntry>,
+    /// The camera.
+    pub view: ViewState,
+    /// Comparison with the photo.
+    pub compare: Compare,
+    /// What was said.
+    pub messages: Messages,
+    /// Windows over the main one.
+    pub overlays: Overlays,
+    /// Opened lately, newest first.
+    pub recent: Vec<PathBuf>,
+    /// The graphics adapter.
+    pub adapter: Adapter,
+    /// The picture on screen.
+    pub shown: Option<ShownPicture>,
+}
+
+impl Default for AppState {
+    fn default() -> Self {
+        Self {
+            source: Source::default(),
+            training: TrainingState::default(),
+            budget_secs: DEFAULT_BUDGET_SECS,
+            is_auto_start: true,
+            dataset: None,
+            snapshot: None,
+            look: Look::default(),
+            is_original_shown: false,
+            layer: Layer::default(),
+            environments: Vec::new(),
+            view: ViewState::default(),
+            compare: Compare::default(),
+            messages: Messages::default(),
+            overlays: Overlays::default(),
+            recent: Vec::new(),
+            adapter: Adapter::default(),
+            shown: None,
+        }
+    }
+}
+
+impl AppState {
+    /// What the preview shows, with edits unless the original is asked for; none before the first
+    /// snapshot.
+    pub fn scene(&self) -> Option<Scene> {
+        let snapshot = self.snapshot.as_ref()?;
+        Some(self.scene_of(snapshot))
+    }
+
+    /// The same for another snapshot.
+    pub fn scene_of(&self, snapshot: &Snapshot) -> Scene {
+        let scene = snapshot.scene();
+        if self.is_original_shown {
+            return scene;
+        }
+        let environment = self.chosen_environment().cloned().unwrap_or(scene.environment);
+        Scene { environment, transform: self.look.transform, edit: self.look.edit, object: scene.object }
+    }
+
+    /// The chosen surroundings, unless they are the capture's own or not read yet.
+    pub fn chosen_environment(&self) -> Option<&Arc<Environment>> {
+        match &self.environments.get(self.look.environment?)?.content {
+            EnvironmentContent::Ready(environment) => Some(environment),
+            _ => None,
+        }
+    }
+
+    /// All views of the capture: training, validation, test.
+    pub fn views(&self) -> impl Iterator<Item = (Split, &View)> {
+        self.dataset.iter().flat_map(|dataset| {
+            let train = dataset.train.iter().map(|view| (Split::Train, view));
+            let val = dataset.val.iter().map(|view| (Split::Val, view));
+            train.chain(val).chain(dataset.test.iter().map(|view| (Split::Test, view)))
+        })
+    }
+
+    /// A view by its index among [`Self::views`].
+    pub fn view_at(&self, index: usize) -> Option<(Split, &View)> {
+        self.views().nth(index)
+    }
+
+    /// The view whose camera is most like the current one.
+    pub fn nearest_view(&self) -> Option<usize> {
+        nearest_view(&self.view.viewpoint.camera, self.views().map(|(_, view)| view))
+    }
+
+    /// Takes in a capture and puts the camera where its first photo was taken.
+    pub fn set_dataset(&mut self, dataset: Arc<Dataset>) {
+        let first = dataset.train.iter().chain(&dataset.val).chain(&dataset.test).next();
+        if let Some(first) = first {
+            let cameras = || dataset.train.iter().map(|view| &view.camera);
+            let bounds = dataset.mesh.as_ref().map(|mesh| mesh.bounds());
+            let pivot = bounds
+                .map(|bounds| bounds.center())
+                .or_else(|| point_looked_at(cameras()))
+                .unwrap_or_else(|| first.camera.position() + first.camera.forward());
+            let home = Viewpoint::of_camera(&first.camera, pivot);
+            let was_moved = self.view.was_moved;
+            let viewpoint = if was_moved { self.view.viewpoint } else { home };
+            let at_view = (!was_moved).then_some(0);
+            self.view = ViewState { viewpoint, at_view, home, bounds, up: up_axis(cameras()), was_moved };
+        }
+        self.dataset = Some(dataset);
+    }
+
+    /// Puts the camera where a model without photos can be seen.
+    pub fn look_at_model(&mut self, snapshot: &Snapshot) {
+        let up = snapshot.environment.up();
+        let bounds = snapshot.object.as_ref().map(|object| object.tracer.mesh().bounds());
+        let inner = snapshot.environment.inner_box();
+        let home = match bounds {
+            Some(bounds) => {
+                let eye = bounds.center() + (Vec3::new(1.0, -1.0, 0.0) + up * 0.5) * bounds.diagonal();
+                let mut home = Viewpoint::look_at(eye, bounds.center(), up);
+                home.frame(&bounds);
+                home
+            }
+            None => {
+                let side = if up.x.abs() < 0.5 { Vec3::X } else { Vec3::Y };
+                let eye = inner.center() - side * (0.1 * inner.diagonal());
+                Viewpoint::look_at(eye, inner.center(), up)
+            }
+        };
+        self.view = ViewState { viewpoint: home, at_view: None, home, bounds, up, was_moved: false };
+    }
+}

@@ -1,0 +1,234 @@
+//! What the window knows of training: phase, figures and curves, fed by the session's events.
+
+use std::path::PathBuf;
+
+use crate::train::events::{FinishReason, Progress, TrainEvent, Validation};
+
+/// Points a curve keeps; older ones are then merged in pairs.
+const MAX_POINTS: usize = 600;
+
+/// Where training stands.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum Phase {
+    /// Nothing trains.
+    #[default]
+    Idle,
+    /// The capture is read or prepared.
+    Loading {
+        /// What is done.
+        what: String,
+        /// Share that is done, 0 to 1.
+        fraction: f32,
+    },
+    /// Steps are taken.
+    Training,
+    /// Steps wait.
+    Paused,
+    /// The end of the plan; more can be asked for.
+    Finished(FinishReason),
+    /// It ended with an error.
+    Failed(String),
+}
+
+impl Phase {
+    /// One word for the status bar.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Idle => "Idle",
+            Self::Loading { .. } => "Loading",
+            Self::Training => "Training",
+            Self::Paused => "Paused",
+            Self::Finished(FinishReason::Stopped) => "Stopped",
+            Self::Finished(_) => "Finished",
+            Self::Failed(_) => "Failed",
+        }
+    }
+
+    /// Whether the session's thread takes commands.
+    pub fn takes_commands(&self) -> bool {
+        matches!(self, Self::Training | Self::Paused)
+            || matches!(self, Self::Finished(reason) if *reason != FinishReason::Stopped)
+    }
+}
+
+/// What is known of the opened capture.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CaptureInfo {
+    /// Training views.
+    pub n_train: usize,
+    /// Validation views.
+    pub n_val: usize,
+    /// Size of the first photo in pixels.
+    pub size: (u32, u32),
+    /// False when only the surroundings are trained.
+    pub has_object: bool,
+}
+
+/// A line of a plot: `[seconds, value]`, merged in pairs when it grows long.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Curve {
+    points: Vec<[f64; 2]>,
+    /// Values per point, and those waiting for a full point.
+    stride: usize,
+    waiting: Vec<[f64; 2]>,
+}
+
+impl Curve {
+    /// Adds a value; those that are not finite are left out.
+    pub fn push(&mut self, secs: f64, value: f64) {
+        if !(secs.is_finite() && value.is_finite()) {
+            return;
+        }
+        self.waiting.push([secs, value]);
+        if self.waiting.len() >= self.stride.max(1) {
+            self.points.push(mean(&self.waiting));
+            self.waiting.clear();
+        }
+        if self.points.len() >= MAX_POINTS {
+            self.points = self.points.chunks(2).map(mean).collect();
+            self.stride = self.stride.max(1) * 2;
+        }
+    }
+
+    /// The points, oldest first.
+    pub fn points(&self) -> &[[f64; 2]] {
+        &self.points
+    }
+}
+
+fn mean(points: &[[f64; 2]]) -> [f64; 2] {
+    let n = points.len().max(1) as f64;
+    [0, 1].map(|axis| points.iter().map(|p| p[axis]).sum::<f64>() / n)
+}
+
+/// The state of training.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TrainingState {
+    /// Where it stands.
+    pub phase: Phase,
+    /// The last figures.
+    pub progress: Progress,
+    /// Facts of the capture.
+    pub capture: Option<CaptureInfo>,
+    /// Training loss.
+    pub loss: Curve,
+    /// PSNR on held-out pixels.
+    pub psnr: Curve,
+    /// The same on object pixels.
+    pub psnr_object: Curve,
+    /// The last measurement.
+    pub validation: Option<Validation>,
+    /// Where the run was last saved.
+    pub saved: Option<PathBuf>,
+    /// The step of the last save.
+    pub saved_step: Option<u64>,
+}
+
+/// How much a message matters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Level {
+    /// Good to know.
+    Info,
+    /// Something is odd.
+    Warning,
+    /// Something failed.
+    Error,
+}
+
+impl TrainingState {
+    /// Takes in an event; returns what the person should be told, if anything.
+    pub fn take(&mut self, event: TrainEvent) -> Vec<(Level, String)> {
+        match event {
+            TrainEvent::Loading { what, fraction } => self.phase = Phase::Loading { what, fraction },
+            TrainEvent::Loaded { n_train, n_val, width, height, has_object, problems } => {
+                self.capture = Some(CaptureInfo { n_train, n_val, size: (width, height), has_object });
+                self.phase = Phase::Training;
+                return problems.into_iter().map(|problem| (Level::Warning, problem)).collect();
+            }
+            TrainEvent::Progress(progress) => {
+                self.loss.push(progress.elapsed_secs, f64::from(progress.loss));
+                self.progress = progress;
+            }
+            TrainEvent::Validated(validation) => {
+                self.psnr.push(validation.elapsed_secs, validation.psnr);
+                if let Some(psnr) = validation.psnr_object {
+                    self.psnr_object.push(validation.elapsed_secs, psnr);
+                }
+                self.validation = Some(validation);
+            }
+            TrainEvent::Warning(message) => return vec![(Level::Warning, message)],
+            TrainEvent::Saved(path) => {
+                self.saved_step = Some(self.progress.step);
+                let message = format!("Saved to {}", path.display());
+                self.saved = Some(path);
+                return vec![(Level::Info, message)];
+            }
+            TrainEvent::Paused => self.phase = Phase::Paused,
+            TrainEvent::Resumed => self.phase = Phase::Training,
+            TrainEvent::Finished(finish) => {
+                self.phase = Phase::Finished(finish.reason);
+                let how = match finish.reason {
+                    FinishReason::Budget => "Training finished",
+                    FinishReason::Settled => "Training finished early: the validation error has settled",
+                    FinishReason::Stopped => "Training stopped",
+                };
+                return vec![(Level::Info, format!("{how} after {} steps", finish.step))];
+            }
+            TrainEvent::Failed(message) => {
+                self.phase = Phase::Failed(message.clone());
+                return vec![(Level::Error, message)];
+            }
+        }
+        Vec::new()
+    }
+
+    /// Whether there is training that was never saved.
+    pub fn is_unsaved(&self) -> bool {
+        self.progress.step > self.saved_step.unwrap_or(0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::train::events::Finish;
+
+    #[test]
+    fn a_long_curve_keeps_its_range_with_few_points() {
+        let mut curve = Curve::default();
+        for i in 0..10_000 {
+            curve.push(f64::from(i), f64::from(i % 7));
+        }
+        curve.push(f64::NAN, 1.0);
+        assert!(curve.points().len() < MAX_POINTS, "{} points", curve.points().len());
+        assert!(curve.points()[0][0] < 100.0 && curve.points().last().unwrap()[0] > 9_800.0);
+        assert!(curve.points().windows(2).all(|p| p[0][0] < p[1][0]), "out of order");
+    }
+
+    #[test]
+    fn events_lead_through_the_phases() {
+        let mut state = TrainingState::default();
+        state.take(TrainEvent::Loading { what: "x".to_owned(), fraction: 0.5 });
+        assert_eq!(state.phase.name(), "Loading");
+        let told = state.take(TrainEvent::Loaded {
+            n_train: 3,
+            n_val: 1,
+            width: 4,
+            height: 5,
+            has_object: true,
+            problems: vec!["odd".to_owned()],
+        });
+        assert_eq!(told, vec![(Level::Warning, "odd".to_owned())]);
+        state.take(TrainEvent::Progress(Progress { step: 7, loss: 0.5, ..Progress::default() }));
+        assert!(state.is_unsaved() && state.loss.points().len() == 1);
+        state.take(TrainEvent::Saved("run".into()));
+        assert!(!state.is_unsaved());
+        state.take(TrainEvent::Paused);
+        assert_eq!(state.phase, Phase::Paused);
+        let finish = Finish { reason: FinishReason::Stopped, step: 7, train_secs: 1.0 };
+        state.take(TrainEvent::Finished(finish));
+        assert!(!state.phase.takes_commands(), "a stopped session has no thread");
+        state.take(TrainEvent::Failed("bad".to_owned()));
+        assert_eq!(state.phase, Phase::Failed("bad".to_owned()));
+    }
+}

@@ -1,0 +1,238 @@
+//! The window's side of eframe: textures, keys, dropped files, and one frame after the other.
+
+use std::time::{Duration, Instant};
+
+use eframe::{CreationContext, Frame};
+use egui::{ColorImage, Context, TextureHandle, TextureOptions, Ui};
+
+use crate::app::AppOptions;
+use crate::app::command::{Command, Effect, apply};
+use crate::app::keys;
+use crate::app::opener::ScreenPhoto;
+use crate::app::preview_driver::{PreviewDriver, Situation};
+use crate::app::shell;
+use crate::app::state::{Adapter, AppState, ShownPicture};
+use crate::app::theme;
+use crate::app::training_state::Phase;
+use crate::app::viewport::Pictures;
+use crate::app::work::{News, Work};
+use crate::app::{assets, recent};
+use crate::render::{Preview, PreviewScene};
+
+/// Pictures on the graphics card.
+#[derive(Default)]
+struct Textures {
+    preview: Option<TextureHandle>,
+    /// The photo and the view it is of.
+    photo: Option<(usize, TextureHandle)>,
+    first_photo: Option<(TextureHandle, [usize; 2])>,
+    /// The view whose photo was asked for.
+    asked_photo: Option<usize>,
+}
+
+/// The application as eframe drives it.
+pub(super) struct Window {
+    state: AppState,
+    work: Work,
+    preview: Preview,
+    driver: PreviewDriver,
+    n_frames_seen: u64,
+    textures: Textures,
+    viewport: (u32, u32),
+    started: Instant,
+    n_cores: usize,
+    title: String,
+}
+
+impl Window {
+    /// Sets the window up and begins to open what was asked for; reads nothing itself.
+    pub(super) fn new(creation: &CreationContext<'_>, options: AppOptions) -> std::io::Result<Self> {
+        let ctx = &creation.egui_ctx;
+        theme::set_up(ctx);
+        let wake = ctx.clone();
+        let preview = Preview::new(0, move || wake.request_repaint())?;
+        let mut window = Self {
+            state: AppState { adapter: adapter(creation), ..AppState::default() },
+            work: Work::new(ctx),
+            preview,
+            driver: PreviewDriver::default(),
+            n_frames_seen: 0,
+            textures: Textures::default(),
+            viewport: (0, 0),
+            started: Instant::now(),
+            n_cores: std::thread::available_parallelism().map_or(1, usize::from),
+            title: String::new(),
+        };
+        window.state.environments = assets::environments();
+        window.state.recent = recent::load();
+        let mut effects: Vec<Effect> = options.open.into_iter().map(Effect::Open).collect();
+        if effects.is_empty() {
+            effects.push(Effect::OpenDemo);
+        }
+        window.carry_out(effects);
+        Ok(window)
+    }
+
+    fn carry_out(&mut self, effects: Vec<Effect>) {
+        for effect in effects {
+            let news = self.work.carry_out(&mut self.state, effect);
+            self.take(news);
+        }
+    }
+
+    /// What came from the threads since the last frame.
+    fn poll(&mut self, ctx: &Context) {
+        self.state.messages.now_secs = self.started.elapsed().as_secs_f64();
+        for news in self.work.poll(&mut self.state) {
+            match news {
+                News::FirstPhoto(photo) => {
+                    let size = photo.size;
+                    self.textures.first_photo = Some((upload(ctx, "first photo", photo), size));
+                }
+                News::ViewPhoto(view, photo) => {
+                    self.textures.photo = Some((view, upload(ctx, "photo", photo)));
+                }
+                other => self.take(Some(other)),
+            }
+        }
+        self.take_frame(ctx);
+    }
+
+    fn take(&mut self, news: Option<News>) {
+        if let Some(News::Reset) = news {
+            self.driver.clear();
+            self.textures = Textures::default();
+            self.state.shown = None;
+        }
+    }
+
+    /// Uploads the newest preview picture, if there is a new one.
+    fn take_frame(&mut self, ctx: &Context) {
+        let n_frames = self.preview.n_frames();
+        if n_frames == self.n_frames_seen {
+            return;
+        }
+        self.n_frames_seen = n_frames;
+        let Some(frame) = self.preview.frame() else { return };
+        let Some(step) = self.driver.was_shown(&frame) else { return };
+        let size = [frame.width as usize, frame.height as usize];
+        let image = ColorImage::from_rgba_premultiplied(size, frame.pixels.as_flattened());
+        match &mut self.textures.preview {
+            Some(texture) => texture.set(image, TextureOptions::LINEAR),
+            None => self.textures.preview = Some(ctx.load_texture("preview", image, TextureOptions::LINEAR)),
+        }
+        self.textures.first_photo = None;
+        self.state.shown = Some(ShownPicture {
+            size: (frame.width, frame.height),
+            scale: frame.scale,
+            step,
+            is_refining: !frame.is_last,
+        });
+    }
+
+    /// Asks the preview for what is missing, and the opener for the photo to compare with.
+    fn ask(&mut self, ctx: &Context) {
+        self.ask_photo();
+        let Some(snapshot) = self.state.snapshot.clone() else { return };
+        if self.viewport.0 < 16 || self.viewport.1 < 16 {
+            return;
+        }
+        let training = &self.state.training;
+        let situation = Situation {
+            now_secs: self.state.messages.now_secs,
+            is_training: training.phase == Phase::Training,
+            trained_secs: training.progress.elapsed_secs,
+            n_cores: self.n_cores,
+        };
+        let camera = self.state.view.viewpoint.camera_for(self.viewport.0, self.viewport.1);
+        let (state, layer) = (&self.state, self.state.layer);
+        let scene = |snapshot: &_| PreviewScene { scene: state.scene_of(snapshot), camera, layer };
+        if let Some(wanted) = self.driver.decide(&snapshot, scene, &situation) {
+            let number = self.preview.request(wanted.scene, wanted.passes);
+            self.driver.was_requested(number);
+        } else if situation.is_training {
+            let wait = self.driver.wait_secs(&situation).clamp(0.1, 5.0);
+            ctx.request_repaint_after(Duration::from_secs_f64(wait));
+        }
+    }
+
+    fn ask_photo(&mut self) {
+        let Some(view) = self.state.view.at_view else { return };
+        if self.textures.asked_photo != Some(view)
+            && let Some(dataset) = &self.state.dataset
+        {
+            self.textures.asked_photo = Some(view);
+            self.work.opener().view_photo(dataset, view);
+        }
+    }
+
+    fn pictures(&self) -> Pictures {
+        let textures = &self.textures;
+        let photo = textures.photo.as_ref().filter(|(view, _)| Some(*view) == self.state.view.at_view);
+        Pictures {
+            preview: textures.preview.as_ref().map(TextureHandle::id),
+            photo: photo.map(|(_, texture)| texture.id()),
+            first_photo: textures.first_photo.as_ref().map(|(texture, size)| (texture.id(), *size)),
+        }
+    }
+
+    fn set_title(&mut self, ctx: &Context) {
+        let name = self.state.source.name();
+        let title = format!("{name} – neif");
+        if title != self.title {
+            ctx.send_viewport_cmd(egui::ViewportCommand::Title(title.clone()));
+            self.title = title;
+        }
+    }
+}
+
+impl eframe::App for Window {
+    fn ui(&mut self, ui: &mut Ui, _frame: &mut Frame) {
+        let ctx = ui.ctx().clone();
+        self.poll(&ctx);
+        let mut commands = Vec::new();
+        keys::pressed(&ctx, &self.state, &mut commands);
+        self.viewport = shell::draw(ui, &self.state, &self.pictures(), &mut commands);
+        commands.extend(dropped(&ctx));
+        let mut effects = Vec::new();
+        let has_commands = !commands.is_empty();
+        for command in commands {
+            apply(&mut self.state, command, &mut effects);
+        }
+        self.carry_out(effects);
+        self.ask(&ctx);
+        self.set_title(&ctx);
+        if has_commands {
+            ctx.request_repaint();
+        }
+        if let Some(secs) = self.state.messages.next_change_secs() {
+            ctx.request_repaint_after(Duration::from_secs_f64(secs.max(0.05)));
+        }
+    }
+
+    fn clear_color(&self, visuals: &egui::Visuals) -> [f32; 4] {
+        theme::background(visuals.dark_mode).to_normalized_gamma_f32()
+    }
+
+    fn on_exit(&mut self) {
+        self.work.close();
+    }
+}
+
+/// Dropped files, as commands.
+fn dropped(ctx: &Context) -> Vec<Command> {
+    let files = ctx.input(|input| input.raw.dropped_files.clone());
+    files.into_iter().map(|file| Command::Open(file.path().to_owned())).collect()
+}
+
+fn upload(ctx: &Context, name: &str, photo: ScreenPhoto) -> TextureHandle {
+    let image = ColorImage::from_rgba_premultiplied(photo.size, photo.pixels.as_flattened());
+    ctx.load_texture(name, image, TextureOptions::LINEAR)
+}
+
+fn adapter(creation: &CreationContext<'_>) -> Adapter {
+    creation.wgpu_render_state.as_ref().map_or_else(Adapter::default, |render| {
+        let info = render.adapter.get_info();
+        Adapter { name: info.name, is_software: info.device_type == eframe::wgpu::DeviceType::Cpu }
+    })
+}

@@ -1,0 +1,282 @@
+//! What goes on beside drawing: the training session, reading files, the file dialog.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+
+use egui::Context;
+
+use crate::app::assets;
+use crate::app::command::{Browse, Command, Effect, apply};
+use crate::app::dialog::FileDialog;
+use crate::app::opener::{Opened, Opener, ScreenPhoto};
+use crate::app::recent;
+use crate::app::state::{
+    AppState, EnvironmentContent, EnvironmentEntry, Look, PathPurpose, Source, ViewState, file_name,
+};
+use crate::app::training_state::{Level, Phase, TrainingState};
+use crate::neif::Environment;
+use crate::train::config::TrainConfig;
+use crate::train::events::TrainCommand;
+use crate::train::plan::Budget;
+use crate::train::session::{Session, SessionOptions};
+use crate::train::Snapshot;
+
+/// Training wakes the window at most so often.
+const TRAINING_REPAINT: Duration = Duration::from_millis(66);
+/// Settings of runs that the window starts.
+const PRESET: &str = "fast";
+
+/// What the window itself has to do about news.
+#[derive(Debug)]
+pub(super) enum News {
+    /// Something else was opened: pictures of the old one are void.
+    Reset,
+    /// To be shown until the preview begins.
+    FirstPhoto(ScreenPhoto),
+    /// The photo of a view.
+    ViewPhoto(usize, ScreenPhoto),
+}
+
+/// The threads' handles.
+#[derive(Debug)]
+pub(super) struct Work {
+    ctx: Context,
+    session: Option<Session>,
+    snapshot_version: u64,
+    opener: Opener,
+    dialog: Option<FileDialog>,
+}
+
+impl Work {
+    /// Nothing goes on yet; `ctx` is woken when there is news.
+    pub(super) fn new(ctx: &Context) -> Self {
+        let wake = ctx.clone();
+        let opener = Opener::new(move || wake.request_repaint());
+        Self { ctx: ctx.clone(), session: None, snapshot_version: 0, opener, dialog: None }
+    }
+
+    /// Reads files.
+    pub(super) fn opener(&self) -> &Opener {
+        &self.opener
+    }
+
+    /// Does what a command asked of the world.
+    pub(super) fn carry_out(&mut self, state: &mut AppState, effect: Effect) -> Option<News> {
+        match effect {
+            Effect::Open(path) => self.opener.open(&path),
+            Effect::OpenDemo => match assets::demo() {
+                Some(path) => return Some(self.open_capture(state, Source::Demo(path))),
+                None => state.messages.say(
+                    Level::Warning,
+                    "The bundled demo was not found: set NEIF_ASSETS to the assets folder, or open a capture",
+                ),
+            },
+            Effect::StartTraining => self.start(state),
+            Effect::Train(command) => self.send(state, command),
+            Effect::LoadEnvironment(index) => {
+                if let Some(entry) = state.environments.get(index) {
+                    self.opener.load_environment(&entry.path);
+                }
+            }
+            Effect::Browse(kind, purpose) => self.browse(state, kind, purpose),
+        }
+        None
+    }
+
+    fn send(&self, state: &mut AppState, command: TrainCommand) {
+        match &self.session {
+            Some(session) => session.send(command),
+            None => state.messages.say(Level::Warning, "Nothing is being trained"),
+        }
+    }
+
+    fn browse(&mut self, state: &mut AppState, kind: Browse, purpose: PathPurpose) {
+        let wake = self.ctx.clone();
+        match FileDialog::open(kind, purpose, move || wake.request_repaint()) {
+            Ok(dialog) => self.dialog = Some(dialog),
+            Err(error) => state.messages.say(Level::Error, format!("cannot show the file dialog: {error}")),
+        }
+    }
+
+    /// Forgets what was open and shows a capture instead.
+    fn open_capture(&mut self, state: &mut AppState, source: Source) -> News {
+        self.reset(state);
+        if let Some(path) = source.path() {
+            self.opener.first_photo(path);
+        }
+        remember(state, &source);
+        state.source = source;
+        if state.is_auto_start {
+            self.start(state);
+        }
+        News::Reset
+    }
+
+    fn reset(&mut self, state: &mut AppState) {
+        // A dropped session stops by itself and saves in the background where it has a folder.
+        self.session = None;
+        self.snapshot_version = 0;
+        state.training = TrainingState::default();
+        state.dataset = None;
+        state.snapshot = None;
+        state.look = Look::default();
+        state.is_original_shown = false;
+        state.view = ViewState::default();
+        state.compare = crate::app::state::Compare::default();
+    }
+
+    fn start(&mut self, state: &mut AppState) {
+        let budget = Budget::Seconds(state.budget_secs);
+        let options = match &state.source {
+            Source::Demo(path) | Source::Capture(path) => TrainConfig::preset(PRESET)
+                .map(|config| SessionOptions::new(path, config, budget))
+                .map_err(|error| error.to_string()),
+            Source::Run(path) => SessionOptions::resume(path, Some(budget)).map_err(|error| error.to_string()),
+            Source::Nothing | Source::Environment(_) => Err("Open a capture first".to_owned()),
+        };
+        let ctx = self.ctx.clone();
+        let session = options.and_then(|options| {
+            let options = SessionOptions { nice: true, ..options };
+            let wake = move || ctx.request_repaint_after(TRAINING_REPAINT);
+            Session::spawn(options, wake).map_err(|error| error.to_string())
+        });
+        match session {
+            Ok(session) => {
+                self.session = Some(session);
+                self.snapshot_version = 0;
+                let phase = Phase::Loading { what: "Reading the capture".to_owned(), fraction: 0.0 };
+                state.training = TrainingState { phase, ..TrainingState::default() };
+            }
+            Err(reason) => state.messages.say(Level::Error, reason),
+        }
+    }
+
+    /// Takes in what the threads have done since the last frame.
+    pub(super) fn poll(&mut self, state: &mut AppState) -> Vec<News> {
+        self.poll_session(state);
+        let mut news = Vec::new();
+        while let Some(opened) = self.opener.next() {
+            news.extend(self.take(state, opened));
+        }
+        if let Some(answer) = self.dialog.as_ref().and_then(FileDialog::poll) {
+            self.dialog = None;
+            let mut effects = Vec::new();
+            apply(state, Command::Browsed(answer), &mut effects);
+            for effect in effects {
+                news.extend(self.carry_out(state, effect));
+            }
+        }
+        news
+    }
+
+    fn poll_session(&mut self, state: &mut AppState) {
+        let Some(session) = &self.session else { return };
+        while let Ok(event) = session.events().try_recv() {
+            for (level, text) in state.training.take(event) {
+                state.messages.say(level, text);
+            }
+        }
+        if state.dataset.is_none()
+            && let Some(dataset) = session.dataset()
+        {
+            state.set_dataset(dataset);
+        }
+        let version = session.snapshot_version();
+        if version != self.snapshot_version {
+            self.snapshot_version = version;
+            state.snapshot = session.snapshot();
+        }
+    }
+
+    fn take(&mut self, state: &mut AppState, opened: Opened) -> Option<News> {
+        match opened {
+            Opened::Capture(path) => return Some(self.open_capture(state, Source::Capture(path))),
+            Opened::Run { path, snapshot } => {
+                self.reset(state);
+                state.look_at_model(&snapshot);
+                state.snapshot = Some(snapshot);
+                state.source = Source::Run(path);
+                remember(state, &state.source.clone());
+                return Some(News::Reset);
+            }
+            Opened::RunDataset { path, dataset } if state.source == Source::Run(path.clone()) => state.set_dataset(dataset),
+            Opened::Environment { path, result } => return self.take_environment(state, path, result),
+            Opened::FirstPhoto { path, photo } if state.source.path() == Some(&path) && state.snapshot.is_none() => {
+                return Some(News::FirstPhoto(photo));
+            }
+            Opened::ViewPhoto { view, photo } => return Some(News::ViewPhoto(view, photo)),
+            Opened::Failed { reason, .. } => state.messages.say(Level::Error, reason),
+            // Read for something that is no longer open.
+            Opened::RunDataset { .. } | Opened::FirstPhoto { .. } => {}
+        }
+        None
+    }
+
+    fn take_environment(
+        &mut self,
+        state: &mut AppState,
+        path: PathBuf,
+        result: Result<Arc<Environment>, String>,
+    ) -> Option<News> {
+        let environment = match result {
+            Ok(environment) => environment,
+            Err(reason) => {
+                let failed = state.environments.iter_mut().find(|entry| entry.path == path);
+                if let Some(entry) = failed {
+                    entry.content = EnvironmentContent::Failed(reason.clone());
+                }
+                if state.chosen_environment().is_none() {
+                    state.look.environment = None;
+                }
+                state.messages.say(Level::Error, reason);
+                return None;
+            }
+        };
+        if state.source == Source::Nothing {
+            self.reset(state);
+            let snapshot = Arc::new(Snapshot { step: 0, object: None, environment });
+            state.look_at_model(&snapshot);
+            state.snapshot = Some(snapshot);
+            state.source = Source::Environment(path);
+            remember(state, &state.source.clone());
+            return Some(News::Reset);
+        }
+        let content = EnvironmentContent::Ready(environment);
+        let known = state.environments.iter().position(|entry| entry.path == path);
+        match known {
+            Some(i) => state.environments[i].content = content,
+            None => {
+                recent::add(&mut state.recent, &path);
+                state.environments.push(EnvironmentEntry { name: environment_name(&path), path, content });
+                state.look.environment = Some(state.environments.len() - 1);
+            }
+        }
+        None
+    }
+
+    /// Ends the run; waits for it to save where it has a folder.
+    pub(super) fn close(&mut self) {
+        if let Some(session) = self.session.take()
+            && let Err(error) = session.join()
+        {
+            tracing::debug!("the run ended with an error: {error}");
+        }
+    }
+}
+
+/// Runs all call their environment the same; the folder's name says more.
+fn environment_name(path: &Path) -> String {
+    let stem = path.file_stem().map_or_else(|| file_name(path), |stem| stem.to_string_lossy().into_owned());
+    match path.parent().and_then(Path::file_name) {
+        Some(folder) if stem == "environment" => folder.to_string_lossy().into_owned(),
+        _ => stem,
+    }
+}
+
+fn remember(state: &mut AppState, source: &Source) {
+    if let (Some(path), false) = (source.path(), matches!(source, Source::Demo(_))) {
+        recent::add(&mut state.recent, path);
+        recent::save(&state.recent);
+    }
+}

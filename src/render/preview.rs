@@ -1,0 +1,284 @@
+//! The preview worker: takes the newest request, delivers pictures from coarse to fine.
+//!
+//! A newer request supersedes a running one within a band of pixels, except that a first pass is
+//! always finished: while something is dragged there is a picture for every request taken, and
+//! none is ever coarser than a quarter per axis. Threads run below the window's priority and
+//! above the trainer's.
+
+use std::fmt;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+
+use rayon::{ThreadPool, ThreadPoolBuilder};
+
+use super::priority::lower_thread_priority;
+use super::progressive::{PassOutput, PreviewScene, Progressive, Recomputed, SCALES};
+
+/// Niceness of the preview's threads: the window has 0, the trainer 19.
+const NICE: i32 = 5;
+/// Longest first pass of a refinement, in seconds, unless a quarter takes longer.
+const QUICK_SECS: f64 = 0.06;
+
+/// Which passes to make.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Passes {
+    /// The finest that is quick enough, then on to full resolution.
+    Refine,
+    /// This one alone: 4, 2 or 1.
+    Only(u32),
+}
+
+/// A finished picture.
+#[derive(Clone, Debug)]
+pub struct PreviewFrame {
+    /// The request's number, from [`Preview::request`].
+    pub request: u64,
+    /// Resolution divisor per axis: 4, 2 or 1.
+    pub scale: u32,
+    /// Whether no further pass follows.
+    pub is_last: bool,
+    /// Pixels per row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// `[height * width]` sRGB with alpha 255.
+    pub pixels: Vec<[u8; 4]>,
+    /// What had to be computed.
+    pub recomputed: Recomputed,
+    /// Processor time of the pass.
+    pub cpu_secs: f64,
+}
+
+/// Renders on threads of its own. Dropping it ends them.
+pub struct Preview {
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
+}
+
+/// What waits to be rendered.
+#[derive(Debug)]
+struct Request {
+    number: u64,
+    scene: PreviewScene,
+    passes: Passes,
+}
+
+#[derive(Debug, Default)]
+struct Inbox {
+    request: Option<Request>,
+    is_closed: bool,
+}
+
+#[derive(Debug, Default)]
+struct Shared {
+    inbox: Mutex<Inbox>,
+    news: Condvar,
+    /// Set while something newer waits.
+    superseded: AtomicBool,
+    frame: Mutex<Option<Arc<PreviewFrame>>>,
+    n_frames: AtomicU64,
+    n_requests: AtomicU64,
+}
+
+/// A panic elsewhere cannot leave these plain values half written.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl fmt::Debug for Preview {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Preview").field("shared", &self.shared).finish_non_exhaustive()
+    }
+}
+
+impl Preview {
+    /// Starts the threads (0: one per core). `wake` is called after each picture; it must not block.
+    ///
+    /// # Errors
+    /// When the system gives no threads.
+    pub fn new(n_threads: usize, wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
+        let shared = Arc::new(Shared::default());
+        let pool = ThreadPoolBuilder::new()
+            .num_threads(n_threads)
+            .thread_name(|i| format!("neif-preview-{i}"))
+            .start_handler(|_| lower_thread_priority(NICE))
+            .build()
+            .map_err(std::io::Error::other)?;
+        let theirs = Arc::clone(&shared);
+        let thread = std::thread::Builder::new().name("neif-preview".to_owned()).spawn(move || {
+            lower_thread_priority(NICE);
+            Worker { shared: theirs, pool, progressive: Progressive::default() }.run(&wake);
+        })?;
+        Ok(Self { shared, thread: Some(thread) })
+    }
+
+    /// Asks for a picture instead of whatever is waiting or running; returns the request's number.
+    pub fn request(&self, scene: PreviewScene, passes: Passes) -> u64 {
+        let number = self.shared.n_requests.fetch_add(1, Ordering::Relaxed) + 1;
+        let mut inbox = lock(&self.shared.inbox);
+        inbox.request = Some(Request { number, scene, passes });
+        self.shared.superseded.store(true, Ordering::Relaxed);
+        drop(inbox);
+        self.shared.news.notify_one();
+        number
+    }
+
+    /// The newest finished picture.
+    pub fn frame(&self) -> Option<Arc<PreviewFrame>> {
+        lock(&self.shared.frame).clone()
+    }
+
+    /// How many pictures there have been: a change means news.
+    pub fn n_frames(&self) -> u64 {
+        self.shared.n_frames.load(Ordering::Acquire)
+    }
+}
+
+impl Drop for Preview {
+    fn drop(&mut self) {
+        lock(&self.shared.inbox).is_closed = true;
+        self.shared.superseded.store(true, Ordering::Relaxed);
+        self.shared.news.notify_one();
+        if self.thread.take().is_some_and(|thread| thread.join().is_err()) {
+            tracing::error!("the preview thread broke down (this is a bug)");
+        }
+    }
+}
+
+struct Worker {
+    shared: Arc<Shared>,
+    pool: ThreadPool,
+    progressive: Progressive,
+}
+
+impl Worker {
+    fn run(mut self, wake: &(impl Fn() + Send)) {
+        while let Some(request) = self.next_request() {
+            self.serve(&request, wake);
+        }
+    }
+
+    /// Waits for a request; `None` when there will be none.
+    fn next_request(&self) -> Option<Request> {
+        let mut inbox = lock(&self.shared.inbox);
+        loop {
+            if inbox.is_closed {
+                return None;
+            }
+            if let Some(request) = inbox.request.take() {
+                self.shared.superseded.store(false, Ordering::Relaxed);
+                return Some(request);
+            }
+            inbox = self.shared.news.wait(inbox).unwrap_or_else(PoisonError::into_inner);
+        }
+    }
+
+    /// The finest scale that a drag can bear; a quarter where even that is slow, or unknown.
+    fn first_scale(&mut self, scene: &PreviewScene) -> u32 {
+        let n_threads = self.pool.current_num_threads() as f64;
+        let mut is_quick =
+            |scale| self.progressive.estimate_secs(scene, scale).is_some_and(|secs| secs / n_threads <= QUICK_SECS);
+        SCALES.into_iter().rev().find(|&scale| is_quick(scale)).unwrap_or(SCALES[0])
+    }
+
+    fn serve(&mut self, request: &Request, wake: &(impl Fn() + Send)) {
+        let (first, last) = match request.passes {
+            Passes::Refine => (self.first_scale(&request.scene), 1),
+            Passes::Only(scale) => (scale, scale),
+        };
+        // A refinement's first picture is always finished; what is only a refresh may be dropped.
+        let never = AtomicBool::new(false);
+        for scale in SCALES.into_iter().filter(|scale| (last..=first).contains(scale)) {
+            let is_first = scale == first && request.passes == Passes::Refine;
+            let cancel = if is_first { &never } else { &self.shared.superseded };
+            let output = self.pool.install(|| self.progressive.pass(&request.scene, scale, cancel));
+            let Some(output) = output else { return };
+            self.publish(request.number, scale, scale == last, output);
+            wake();
+            if self.shared.superseded.load(Ordering::Relaxed) {
+                return;
+            }
+        }
+    }
+
+    fn publish(&self, request: u64, scale: u32, is_last: bool, output: PassOutput) {
+        let PassOutput { width, height, pixels, recomputed, cpu_secs } = output;
+        let frame = PreviewFrame { request, scale, is_last, width, height, pixels, recomputed, cpu_secs };
+        *lock(&self.shared.frame) = Some(Arc::new(frame));
+        self.shared.n_frames.fetch_add(1, Ordering::Release);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::{Duration, Instant};
+
+    use super::super::scene::Layer;
+    use super::super::test_scene::{camera, scene};
+    use super::*;
+
+    fn request(width: u32) -> PreviewScene {
+        PreviewScene { scene: scene(), camera: camera(width, width), layer: Layer::Final }
+    }
+
+    /// All pictures until the last one of a request.
+    fn frames_until_last(preview: &Preview, news: &crossbeam::channel::Receiver<()>, number: u64) -> Vec<Arc<PreviewFrame>> {
+        let end = Instant::now() + Duration::from_secs(60);
+        let mut frames: Vec<Arc<PreviewFrame>> = Vec::new();
+        while frames.last().is_none_or(|frame| frame.request != number || !frame.is_last) {
+            news.recv_timeout(end.saturating_duration_since(Instant::now())).expect("a picture within a minute");
+            frames.extend(preview.frame());
+        }
+        frames
+    }
+
+    fn preview() -> (Preview, crossbeam::channel::Receiver<()>) {
+        let (sender, news) = crossbeam::channel::bounded(1000);
+        let wake = move || sender.send(()).expect("the test listens");
+        (Preview::new(2, wake).expect("threads"), news)
+    }
+
+    #[test]
+    fn pictures_come_coarse_to_fine() {
+        let (preview, news) = preview();
+        let number = preview.request(request(200), Passes::Refine);
+        let frames = frames_until_last(&preview, &news, number);
+        let last = frames.last().unwrap();
+        assert_eq!((last.scale, last.width, last.height), (1, 200, 200));
+        assert_eq!(frames[0].scale, 4, "nothing was measured yet, so it begins at a quarter");
+        assert!(frames.windows(2).all(|pair| pair[1].scale <= pair[0].scale), "it grew coarser");
+    }
+
+    #[test]
+    fn the_newest_request_wins_and_none_is_coarser_than_a_quarter() {
+        let (preview, news) = preview();
+        let mut number = 0;
+        for i in 0..30 {
+            let mut next = request(160);
+            next.scene.transform.rotate_deg.z = i as f32;
+            number = preview.request(next, Passes::Refine);
+        }
+        let frames = frames_until_last(&preview, &news, number);
+        assert!(frames.len() < 3 * 30, "every request was refined: {} pictures", frames.len());
+        assert!(frames.iter().all(|frame| frame.width >= 40), "coarser than a quarter");
+        assert!(frames.windows(2).all(|pair| pair[1].request >= pair[0].request), "an older one came later");
+    }
+
+    #[test]
+    fn a_refresh_makes_one_picture_of_the_scale_asked_for() {
+        let (preview, news) = preview();
+        let number = preview.request(request(64), Passes::Only(2));
+        let frames = frames_until_last(&preview, &news, number);
+        assert_eq!(frames.iter().map(|frame| (frame.scale, frame.is_last)).collect::<Vec<_>>(), [(2, true)]);
+    }
+
+    #[test]
+    fn a_dropped_preview_ends_at_once() {
+        let (preview, _news) = preview();
+        preview.request(request(2000), Passes::Only(1));
+        let start = Instant::now();
+        drop(preview);
+        assert!(start.elapsed() < Duration::from_secs(20), "took {:?}", start.elapsed());
+    }
+}
