@@ -136,7 +136,11 @@ fn a_resumed_run_equals_an_uninterrupted_one_bit_for_bit() {
     assert_eq!(finished["reason"], "stopped", "{finished}");
     neif(&["train", &scene, "--out", &out, "--resume", "--json"]).succeeds();
     let again = neif(&["train", &scene, "--out", &out, "--resume"]).succeeds();
-    assert!(again.stderr.contains("finished already"), "{}", again.stderr);
+    assert!(
+        again.stderr.contains("finished already"),
+        "{}",
+        again.stderr
+    );
     for file in ["environment.safetensors", "object.safetensors"] {
         let whole = workshop.bytes(&format!("whole/{file}"));
         assert!(

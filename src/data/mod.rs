@@ -12,6 +12,7 @@ mod mesh_io;
 mod photo;
 mod problem;
 mod relight;
+pub mod tensor_file;
 mod transforms_json;
 
 use std::fmt;

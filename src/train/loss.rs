@@ -54,13 +54,21 @@ mod tests {
             let loss = pixel_loss(Display { gamma }, linear, target);
             let h = 1e-3;
             for c in 0..3 {
-                let at = |s: f32| pixel_loss(Display { gamma }, linear + Vec3::AXES[c] * s, target).value;
+                let at = |s: f32| {
+                    pixel_loss(Display { gamma }, linear + Vec3::AXES[c] * s, target).value
+                };
                 let numeric = (at(h) - at(-h)) / (2.0 * h);
-                assert!((loss.d_linear[c] - numeric).abs() < 1e-2 * numeric.abs() + 1e-3, "gamma {gamma}, colour {c}");
+                assert!(
+                    (loss.d_linear[c] - numeric).abs() < 1e-2 * numeric.abs() + 1e-3,
+                    "gamma {gamma}, colour {c}"
+                );
             }
             let at = |g: f32| pixel_loss(Display { gamma: g }, linear, target).value;
             let numeric = (at(gamma + h) - at(gamma - h)) / (2.0 * h);
-            assert!((loss.d_gamma - numeric).abs() < 1e-2 * numeric.abs() + 1e-3, "gamma {gamma}");
+            assert!(
+                (loss.d_gamma - numeric).abs() < 1e-2 * numeric.abs() + 1e-3,
+                "gamma {gamma}"
+            );
         }
     }
 
@@ -72,6 +80,10 @@ mod tests {
 
     #[test]
     fn nan_stays_visible() {
-        assert!(pixel_loss(Display { gamma: 1.0 }, Vec3::splat(f32::NAN), [0.5; 3]).value.is_nan());
+        assert!(
+            pixel_loss(Display { gamma: 1.0 }, Vec3::splat(f32::NAN), [0.5; 3])
+                .value
+                .is_nan()
+        );
     }
 }

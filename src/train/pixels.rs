@@ -3,12 +3,12 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::preconvolution::BlurredView;
 use super::random::SlotRandom;
 use crate::data::{Dataset, View};
 use crate::geometry::{Camera, SurfaceTracer};
 use crate::neif::shading::SurfacePoint;
 use crate::render::trace::{SecondPoint, TracedPoint, trace_bounce, trace_pixel};
-use super::preconvolution::BlurredView;
 
 /// Coverage from which a pixel counts as all object; below its complement as all background.
 const SOLID: u8 = 250;
@@ -81,13 +81,19 @@ impl PixelStore {
         options: PixelOptions,
         on_view: &(dyn Fn() -> bool + Sync),
     ) -> Option<Self> {
-        let n_pixels: usize = dataset.train.iter().map(|v| v.photo.width() as usize * v.photo.height() as usize).sum();
+        let n_pixels: usize = dataset
+            .train
+            .iter()
+            .map(|v| v.photo.width() as usize * v.photo.height() as usize)
+            .sum();
         let keep = (options.max_pixels as f32 / n_pixels.max(1) as f32).min(1.0);
         let parts: Vec<Option<ViewPixels>> = dataset
             .train
             .par_iter()
             .enumerate()
-            .map(|(index, view)| on_view().then(|| collect_view(view, index as u32, tracer, &options, keep)))
+            .map(|(index, view)| {
+                on_view().then(|| collect_view(view, index as u32, tracer, &options, keep))
+            })
             .collect();
         let mut store = Self {
             objects: Vec::new(),
@@ -143,11 +149,19 @@ impl PixelStore {
         }
         let pool = &self.backgrounds[level];
         let at = pool[random.index(pool.len())];
-        let (camera, blurred) = (&self.cameras[at.view as usize], &self.views[at.view as usize].levels[level]);
+        let (camera, blurred) = (
+            &self.cameras[at.view as usize],
+            &self.views[at.view as usize].levels[level],
+        );
         let (x, y) = blurred.position_px(at.pixel);
         let ray = camera.ray(x, y);
         let spread = camera.pixel_angle() * blurred.std_px();
-        BackgroundSample { origin: ray.origin, direction: ray.direction, spread, target: blurred.srgb(at.pixel) }
+        BackgroundSample {
+            origin: ray.origin,
+            direction: ray.direction,
+            spread,
+            target: blurred.srgb(at.pixel),
+        }
     }
 }
 
@@ -157,16 +171,29 @@ struct ViewPixels {
     blurred: BlurredView,
 }
 
-fn collect_view(view: &View, index: u32, tracer: Option<&SurfaceTracer>, options: &PixelOptions, keep: f32) -> ViewPixels {
+fn collect_view(
+    view: &View,
+    index: u32,
+    tracer: Option<&SurfaceTracer>,
+    options: &PixelOptions,
+    keep: f32,
+) -> ViewPixels {
     let (width, height) = (view.photo.width(), view.photo.height());
     let coverage = |i: usize| view.mask.as_ref().map(|mask| mask.coverage[i]);
     let mut objects = Vec::new();
     let mut is_background = vec![false; (width * height) as usize];
     for i in 0..is_background.len() {
-        let (x, y) = ((i as u32 % width) as f32 + 0.5, (i as u32 / width) as f32 + 0.5);
+        let (x, y) = (
+            (i as u32 % width) as f32 + 0.5,
+            (i as u32 / width) as f32 + 0.5,
+        );
         let hit = tracer.and_then(|tracer| {
             let covered = coverage(i).is_none_or(|c| c > u8::MAX - SOLID);
-            if covered { trace_pixel(tracer, &view.camera, x, y) } else { None }
+            if covered {
+                trace_pixel(tracer, &view.camera, x, y)
+            } else {
+                None
+            }
         });
         let solid = coverage(i).map_or(hit.is_some(), |c| c >= SOLID);
         is_background[i] = coverage(i).map_or(hit.is_none(), |c| c <= u8::MAX - SOLID);
@@ -180,17 +207,36 @@ fn collect_view(view: &View, index: u32, tracer: Option<&SurfaceTracer>, options
     let backgrounds = blurred.levels.iter().enumerate().map(|(level, image)| {
         let mut random = SlotRandom::new(options.seed ^ 0x1b87, u64::from(index), level as u64);
         let valid = image.valid_pixels();
-        valid.filter(|_| random.uniform() < keep).map(|pixel| BackgroundPixel { view: index, pixel }).collect()
+        valid
+            .filter(|_| random.uniform() < keep)
+            .map(|pixel| BackgroundPixel { view: index, pixel })
+            .collect()
     });
-    ViewPixels { objects, backgrounds: backgrounds.collect(), blurred }
+    ViewPixels {
+        objects,
+        backgrounds: backgrounds.collect(),
+        blurred,
+    }
 }
 
-fn trace_lobe(tracer: &SurfaceTracer, point: SurfacePoint, options: &PixelOptions, random: &mut SlotRandom) -> TracedPoint {
+fn trace_lobe(
+    tracer: &SurfaceTracer,
+    point: SurfacePoint,
+    options: &PixelOptions,
+    random: &mut SlotRandom,
+) -> TracedPoint {
     if !options.self_reflection {
-        return TracedPoint { point, ..TracedPoint::default() };
+        return TracedPoint {
+            point,
+            ..TracedPoint::default()
+        };
     }
     let (blocked, second) = trace_bounce(tracer, &point, random.uniform() * std::f32::consts::TAU);
-    TracedPoint { point, blocked, second }
+    TracedPoint {
+        point,
+        blocked,
+        second,
+    }
 }
 
 fn object_pixel(view: &View, i: usize, traced: TracedPoint) -> (ObjectPixel, Option<SecondPoint>) {

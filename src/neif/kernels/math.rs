@@ -81,7 +81,17 @@ mod tests {
 
     #[test]
     fn exp_is_finite_and_positive_for_any_input() {
-        for x in [f32::NEG_INFINITY, f32::MIN, -1e4, 0.0, -0.0, 1e4, f32::MAX, f32::INFINITY, f32::NAN] {
+        for x in [
+            f32::NEG_INFINITY,
+            f32::MIN,
+            -1e4,
+            0.0,
+            -0.0,
+            1e4,
+            f32::MAX,
+            f32::INFINITY,
+            f32::NAN,
+        ] {
             let y = exp::<false>(x);
             assert!(y.is_finite() && y > 0.0, "exp({x}) = {y}");
         }
