@@ -228,7 +228,7 @@ impl Trainer {
         }
     }
 
-    fn context<'a>(&'a self) -> StepContext<'a> {
+    fn context(&self) -> StepContext<'_> {
         let explored = self.step as f32 / self.config.exploration_steps.max(1) as f32;
         StepContext {
             config: &self.config,
@@ -267,7 +267,7 @@ impl Trainer {
         };
         let share = |n: usize, i: usize| n * i / N_CHUNKS..n * (i + 1) / N_CHUNKS;
         chunks.par_iter_mut().enumerate().for_each(|(i, chunk)| {
-            chunk.prepare(&context, share(objects, i), share(backgrounds, i))
+            chunk.prepare(&context, share(objects, i), share(backgrounds, i));
         });
         self.chunks = chunks;
     }
@@ -357,7 +357,7 @@ impl Trainer {
                 sum_in_order(
                     networks,
                     chunks.iter().map(|c| c.d_field_networks.as_slice()),
-                )
+                );
             });
             scope.spawn(move |_| {
                 for chunk in chunks {
