@@ -83,7 +83,9 @@ fn color_channels<'a>(
         return Ok([r, g, b]);
     }
     let only = if list.len() == 1 { list.first() } else { None };
-    if let Some(grey) = named("Y").or(only) { Ok([grey; 3]) } else {
+    if let Some(grey) = named("Y").or(only) {
+        Ok([grey; 3])
+    } else {
         let names: Vec<String> = list.iter().map(|c| c.name.to_string()).collect();
         Err(DataError::image(
             path,

@@ -31,7 +31,13 @@ impl Adam {
 
     /// One step, the `step`-th (from 1): `params[i]` moves by at most about `lr(i)`; the head `..n_head` has `lr_head`.
     /// Leaves the gradient zero: clearing it here, while it is in cache, saves a pass over it.
-    pub(super) fn update(&mut self, params: &mut [f32], gradient: &mut [f32], rates: Rates, step: u64) {
+    pub(super) fn update(
+        &mut self,
+        params: &mut [f32],
+        gradient: &mut [f32],
+        rates: Rates,
+        step: u64,
+    ) {
         assert!(
             params.len() == self.first.len() && gradient.len() == params.len(),
             "adam: lengths differ"

@@ -133,13 +133,20 @@ impl PixelStore {
     }
 
     /// A random object pixel and the point its lobe meets.
-    pub(super) fn draw_object(&self, random: &mut SlotRandom) -> (&ObjectPixel, Option<&SecondPoint>) {
+    pub(super) fn draw_object(
+        &self,
+        random: &mut SlotRandom,
+    ) -> (&ObjectPixel, Option<&SecondPoint>) {
         let pixel = &self.objects[random.index(self.objects.len())];
         (pixel, self.seconds.get(pixel.second as usize))
     }
 
     /// A random background pixel, from a blurred level with probability `blurred_share`.
-    pub(super) fn draw_background(&self, random: &mut SlotRandom, blurred_share: f32) -> BackgroundSample {
+    pub(super) fn draw_background(
+        &self,
+        random: &mut SlotRandom,
+        blurred_share: f32,
+    ) -> BackgroundSample {
         let mut level = 0;
         if random.uniform() < blurred_share && self.backgrounds.len() > 1 {
             level = 1 + random.index(self.backgrounds.len() - 1);

@@ -125,7 +125,10 @@ fn outer_body<const FMA: bool>(x: &[f32], d_y: &[f32], d_w: &mut [f32], d_bias: 
     let k = d_w.len() / m;
     let n = d_y.len() / m;
     assert!(
-        m.is_multiple_of(LANES) && k.is_multiple_of(OUTER_ROWS) && x.len() == n * k && d_y.len() == n * m,
+        m.is_multiple_of(LANES)
+            && k.is_multiple_of(OUTER_ROWS)
+            && x.len() == n * k
+            && d_y.len() == n * m,
         "linear_backward_weights: shapes disagree"
     );
     for j in (0..m).step_by(LANES) {
