@@ -57,12 +57,18 @@ pub struct PhotoArea {
 impl Viewpoint {
     /// Where a photo was taken.
     pub fn of_camera(camera: &Camera, pivot: Vec3) -> Self {
-        Self { camera: *camera, pivot }
+        Self {
+            camera: *camera,
+            pivot,
+        }
     }
 
     /// Looking at `pivot` from `eye` with an ordinary lens.
     pub fn look_at(eye: Vec3, pivot: Vec3, up: Vec3) -> Self {
-        Self { camera: Camera::look_at(eye, pivot, up, DEFAULT_FOV, 400, 300), pivot }
+        Self {
+            camera: Camera::look_at(eye, pivot, up, DEFAULT_FOV, 400, 300),
+            pivot,
+        }
     }
 
     /// Distance to the pivot, never zero.
@@ -80,12 +86,17 @@ impl Viewpoint {
             CameraMove::Pan { right, up } => {
                 let height = self.distance() * self.camera.height as f32 / self.camera.fy;
                 let axes = self.camera.world_from_camera.matrix3;
-                let shift = (Vec3::from(axes.x_axis) * right + Vec3::from(axes.y_axis) * up) * height;
+                let shift =
+                    (Vec3::from(axes.x_axis) * right + Vec3::from(axes.y_axis) * up) * height;
                 self.pivot += shift;
                 self.place(self.camera.position() + shift, self.rotation());
             }
             CameraMove::Dolly(factor) => {
-                let factor = if factor.is_finite() { factor.clamp(0.05, 20.0) } else { 1.0 };
+                let factor = if factor.is_finite() {
+                    factor.clamp(0.05, 20.0)
+                } else {
+                    1.0
+                };
                 let offset = self.camera.position() - self.pivot;
                 // Past these bounds f32 loses the pose.
                 let length = offset.length() * factor;
@@ -99,7 +110,8 @@ impl Viewpoint {
     fn orbit(&mut self, yaw: f32, pitch: f32, up: Vec3) {
         let from_up = self.camera.forward().angle_between(up);
         // Looking down, pitch lowers the view towards -up: the angle from up grows.
-        let pitch = (from_up + pitch).clamp(POLE_MARGIN, std::f32::consts::PI - POLE_MARGIN) - from_up;
+        let pitch =
+            (from_up + pitch).clamp(POLE_MARGIN, std::f32::consts::PI - POLE_MARGIN) - from_up;
         let right = Vec3::from(self.camera.world_from_camera.matrix3.x_axis).normalize_or_zero();
         let turn = Quat::from_axis_angle(up, -yaw) * Quat::from_axis_angle(right, -pitch);
         let position = self.pivot + turn * (self.camera.position() - self.pivot);
@@ -122,9 +134,13 @@ impl Viewpoint {
         self.camera.distortion = Distortion::default();
         let radius = (0.5 * bounds.diagonal()).max(1e-3);
         let half_angle = |size: u32, focal: f32| (0.5 * size as f32 / focal).atan();
-        let half = half_angle(self.camera.width, self.camera.fx).min(half_angle(self.camera.height, self.camera.fy));
+        let half = half_angle(self.camera.width, self.camera.fx)
+            .min(half_angle(self.camera.height, self.camera.fy));
         let distance = FRAME_MARGIN * radius / half.sin().max(1e-3);
-        self.place(self.pivot - self.camera.forward() * distance, self.rotation());
+        self.place(
+            self.pivot - self.camera.forward() * distance,
+            self.rotation(),
+        );
     }
 
     /// Where the photo of this viewpoint lies in a window of that size.
@@ -132,7 +148,10 @@ impl Viewpoint {
         let photo = Vec2::new(self.camera.width as f32, self.camera.height as f32).max(Vec2::ONE);
         let window = Vec2::new(width as f32, height as f32);
         let size = photo * (window / photo).min_element();
-        PhotoArea { min: 0.5 * (window - size), size }
+        PhotoArea {
+            min: 0.5 * (window - size),
+            size,
+        }
     }
 
     /// The camera of a window of that size, which shows the whole photo and what is around it.
@@ -154,8 +173,17 @@ impl Viewpoint {
 /// The world's up axis: the mean of the cameras' up vectors, snapped to the nearest axis.
 pub fn up_axis<'a>(cameras: impl IntoIterator<Item = &'a Camera>) -> Vec3 {
     let mean: Vec3 = cameras.into_iter().map(Camera::up).sum();
-    let axes = [Vec3::Z, Vec3::NEG_Z, Vec3::Y, Vec3::NEG_Y, Vec3::X, Vec3::NEG_X];
-    axes.into_iter().max_by(|a, b| a.dot(mean).total_cmp(&b.dot(mean))).unwrap_or(Vec3::Z)
+    let axes = [
+        Vec3::Z,
+        Vec3::NEG_Z,
+        Vec3::Y,
+        Vec3::NEG_Y,
+        Vec3::X,
+        Vec3::NEG_X,
+    ];
+    axes.into_iter()
+        .max_by(|a, b| a.dot(mean).total_cmp(&b.dot(mean)))
+        .unwrap_or(Vec3::Z)
 }
 
 /// The point nearest to all viewing axes (least squares); `None` where they are parallel.
@@ -175,7 +203,10 @@ pub fn point_looked_at<'a>(cameras: impl IntoIterator<Item = &'a Camera>) -> Opt
 }
 
 /// The view whose camera is most like this one: by place and direction.
-pub fn nearest_view<'a>(camera: &Camera, views: impl IntoIterator<Item = &'a View>) -> Option<usize> {
+pub fn nearest_view<'a>(
+    camera: &Camera,
+    views: impl IntoIterator<Item = &'a View>,
+) -> Option<usize> {
     let misfit = |view: &View| {
         let apart = (view.camera.position() - camera.position()).length();
         apart * (1.0 + view.camera.forward().angle_between(camera.forward()))
@@ -197,10 +228,26 @@ mod tests {
     fn orbiting_keeps_distance_and_target() {
         let mut view = viewpoint();
         let distance = view.distance();
-        view.apply(CameraMove::Orbit { yaw: 0.7, pitch: -0.3 }, Vec3::Z);
-        assert!((view.distance() - distance).abs() < 1e-4, "distance {}", view.distance());
-        let seen = view.camera.project(Vec3::ZERO).expect("the pivot is in front");
-        assert!((seen - Vec2::new(200.0, 150.0)).length() < 0.05, "pivot at {seen}");
+        view.apply(
+            CameraMove::Orbit {
+                yaw: 0.7,
+                pitch: -0.3,
+            },
+            Vec3::Z,
+        );
+        assert!(
+            (view.distance() - distance).abs() < 1e-4,
+            "distance {}",
+            view.distance()
+        );
+        let seen = view
+            .camera
+            .project(Vec3::ZERO)
+            .expect("the pivot is in front");
+        assert!(
+            (seen - Vec2::new(200.0, 150.0)).length() < 0.05,
+            "pivot at {seen}"
+        );
         let right = Vec3::from(view.camera.world_from_camera.matrix3.x_axis);
         assert!(right.z.abs() < 1e-4, "the horizon tilted: {right}");
     }
@@ -221,7 +268,13 @@ mod tests {
         let mut view = viewpoint();
         let p = Vec3::new(1.0, 0.0, 0.0);
         let before = view.camera.project(p).expect("in front");
-        view.apply(CameraMove::Orbit { yaw: 0.1, pitch: 0.0 }, Vec3::Z);
+        view.apply(
+            CameraMove::Orbit {
+                yaw: 0.1,
+                pitch: 0.0,
+            },
+            Vec3::Z,
+        );
         let after = view.camera.project(p).expect("in front");
         assert!(after.x > before.x, "{before} to {after}");
     }
@@ -229,14 +282,26 @@ mod tests {
     #[test]
     fn dragging_down_shows_more_of_the_top() {
         let mut view = viewpoint();
-        view.apply(CameraMove::Orbit { yaw: 0.0, pitch: 0.1 }, Vec3::Z);
+        view.apply(
+            CameraMove::Orbit {
+                yaw: 0.0,
+                pitch: 0.1,
+            },
+            Vec3::Z,
+        );
         assert!(view.camera.position().z > 1.0, "{}", view.camera.position());
     }
 
     #[test]
     fn panning_by_a_picture_height_moves_the_picture_by_that() {
         let mut view = viewpoint();
-        view.apply(CameraMove::Pan { right: 0.0, up: 1.0 }, Vec3::Z);
+        view.apply(
+            CameraMove::Pan {
+                right: 0.0,
+                up: 1.0,
+            },
+            Vec3::Z,
+        );
         let seen = view.camera.project(Vec3::ZERO).expect("in front");
         assert!((seen - Vec2::new(200.0, 450.0)).length() < 0.1, "{seen}");
     }
@@ -250,7 +315,10 @@ mod tests {
         for factor in [0.0, f32::NAN, f32::INFINITY, 1e-9].repeat(40) {
             view.apply(CameraMove::Dolly(factor), Vec3::Z);
         }
-        assert!(view.distance() > 5e-5 && view.camera.position().is_finite(), "{view:?}");
+        assert!(
+            view.distance() > 5e-5 && view.camera.position().is_finite(),
+            "{view:?}"
+        );
     }
 
     #[test]
@@ -259,31 +327,54 @@ mod tests {
         camera.cx = 140.0;
         let view = Viewpoint::of_camera(&camera, Vec3::ZERO);
         let (window, area) = (view.camera_for(900, 800), view.photo_area(900, 800));
-        assert_eq!((area.min, area.size), (Vec2::new(0.0, 100.0), Vec2::new(900.0, 600.0)));
+        assert_eq!(
+            (area.min, area.size),
+            (Vec2::new(0.0, 100.0), Vec2::new(900.0, 600.0))
+        );
         let p = Vec3::new(0.1, 0.2, -0.1);
-        let (in_photo, in_window) = (camera.project(p).expect("seen"), window.project(p).expect("seen"));
-        assert!((area.min + in_photo * 3.0 - in_window).length() < 1e-2, "{in_photo} {in_window}");
+        let (in_photo, in_window) = (
+            camera.project(p).expect("seen"),
+            window.project(p).expect("seen"),
+        );
+        assert!(
+            (area.min + in_photo * 3.0 - in_window).length() < 1e-2,
+            "{in_photo} {in_window}"
+        );
     }
 
     #[test]
     fn framing_shows_all_corners() {
         let mut view = viewpoint();
-        let bounds = Aabb { min: Vec3::splat(4.0), max: Vec3::new(6.0, 5.0, 5.0) };
+        let bounds = Aabb {
+            min: Vec3::splat(4.0),
+            max: Vec3::new(6.0, 5.0, 5.0),
+        };
         view.frame(&bounds);
         for corner in bounds.corners() {
             let p = view.camera.project(corner).expect("in front");
-            assert!((0.0..400.0).contains(&p.x) && (0.0..300.0).contains(&p.y), "{corner} at {p}");
+            assert!(
+                (0.0..400.0).contains(&p.x) && (0.0..300.0).contains(&p.y),
+                "{corner} at {p}"
+            );
         }
     }
 
     #[test]
     fn cameras_around_a_point_look_at_it() {
         let target = Vec3::new(1.0, 2.0, 3.0);
-        let eyes = [Vec3::new(4.0, 2.0, 3.5), Vec3::new(1.0, 6.0, 3.0), Vec3::new(0.0, 0.0, 6.0)];
+        let eyes = [
+            Vec3::new(4.0, 2.0, 3.5),
+            Vec3::new(1.0, 6.0, 3.0),
+            Vec3::new(0.0, 0.0, 6.0),
+        ];
         let cameras = eyes.map(|eye| Camera::look_at(eye, target, Vec3::Y, 1.0, 10, 10));
         let found = point_looked_at(&cameras).expect("not parallel");
         assert!((found - target).length() < 1e-3, "{found}");
-        assert_eq!(point_looked_at(&cameras[..1]), None, "one axis has no single nearest point");
+        assert_eq!(
+            point_looked_at(&cameras[..1]),
+            None,
+            "one axis has no single nearest point"
+        );
         assert_eq!(up_axis(&cameras), Vec3::Y);
     }
 }

@@ -174,9 +174,20 @@ fn apply_path(state: &mut AppState, command: Command, effects: &mut Vec<Effect>)
         (Command::AskPath(purpose), dialog) => {
             let typed = match purpose {
                 PathPurpose::Open => String::new(),
-                PathPurpose::Save => state.training.saved.clone().unwrap_or_else(|| run_folder_for(&state.source)).display().to_string(),
+                PathPurpose::Save => state
+                    .training
+                    .saved
+                    .clone()
+                    .unwrap_or_else(|| run_folder_for(&state.source))
+                    .display()
+                    .to_string(),
             };
-            *dialog = Some(PathDialog { purpose, typed, note: None, is_browsing: false });
+            *dialog = Some(PathDialog {
+                purpose,
+                typed,
+                note: None,
+                is_browsing: false,
+            });
         }
         (Command::ClosePathDialog, dialog) => *dialog = None,
         (Command::TypePath(typed), Some(dialog)) => {
@@ -205,7 +216,9 @@ fn apply_path(state: &mut AppState, command: Command, effects: &mut Vec<Effect>)
 }
 
 fn use_path(state: &mut AppState, path: PathBuf, effects: &mut Vec<Effect>) {
-    let Some(dialog) = &mut state.overlays.path_dialog else { return };
+    let Some(dialog) = &mut state.overlays.path_dialog else {
+        return;
+    };
     if path.as_os_str().is_empty() {
         dialog.note = Some("Type a path first.".to_owned());
         return;
@@ -219,10 +232,13 @@ fn use_path(state: &mut AppState, path: PathBuf, effects: &mut Vec<Effect>) {
 
 /// Where a run is saved unless another folder is typed.
 fn run_folder_for(source: &Source) -> PathBuf {
-    let home = directories::UserDirs::new().map_or_else(|| PathBuf::from("."), |dirs| dirs.home_dir().to_owned());
+    let home = directories::UserDirs::new()
+        .map_or_else(|| PathBuf::from("."), |dirs| dirs.home_dir().to_owned());
     let name = match source {
         Source::Demo(_) => "demo".to_owned(),
-        _ => source.path().map_or_else(|| "run".to_owned(), |path| file_name(path)),
+        _ => source
+            .path()
+            .map_or_else(|| "run".to_owned(), |path| file_name(path)),
     };
     home.join("neif-runs").join(name)
 }
@@ -231,8 +247,12 @@ fn apply_train(state: &mut AppState, train: Train, effects: &mut Vec<Effect>) {
     let phase = &state.training.phase;
     match train {
         Train::Start => effects.push(Effect::StartTraining),
-        Train::PauseOrResume if *phase == Phase::Paused => effects.push(Effect::Train(TrainCommand::Resume)),
-        Train::PauseOrResume if *phase == Phase::Training => effects.push(Effect::Train(TrainCommand::Pause)),
+        Train::PauseOrResume if *phase == Phase::Paused => {
+            effects.push(Effect::Train(TrainCommand::Resume))
+        }
+        Train::PauseOrResume if *phase == Phase::Training => {
+            effects.push(Effect::Train(TrainCommand::Pause))
+        }
         Train::Step if matches!(phase, Phase::Training | Phase::Paused) => {
             effects.push(Effect::Train(TrainCommand::StepOnce));
         }
@@ -242,7 +262,9 @@ fn apply_train(state: &mut AppState, train: Train, effects: &mut Vec<Effect>) {
                 state.training.phase = Phase::Training;
             }
         }
-        Train::Stop if state.training.is_unsaved() && phase.takes_commands() => state.overlays.is_stop_asked = true,
+        Train::Stop if state.training.is_unsaved() && phase.takes_commands() => {
+            state.overlays.is_stop_asked = true
+        }
         Train::Stop | Train::StopForSure => {
             state.overlays.is_stop_asked = false;
             effects.push(Effect::Train(TrainCommand::Stop));
@@ -277,7 +299,9 @@ fn apply_compare(state: &mut AppState, command: &Command) {
         match state.nearest_view() {
             Some(index) => go_to_view(state, index),
             None => {
-                state.messages.say(Level::Info, "There is no photo to compare with");
+                state
+                    .messages
+                    .say(Level::Info, "There is no photo to compare with");
                 return;
             }
         }
@@ -301,7 +325,11 @@ fn apply_view(state: &mut AppState, command: &Command) {
         Command::StepView(by) => {
             let n = state.views().count() as isize;
             if n > 0 {
-                let from = state.view.at_view.or_else(|| state.nearest_view()).unwrap_or(0) as isize;
+                let from = state
+                    .view
+                    .at_view
+                    .or_else(|| state.nearest_view())
+                    .unwrap_or(0) as isize;
                 // Away from all views, the first press goes to the nearest.
                 let by = if state.view.at_view.is_some() { *by } else { 0 };
                 go_to_view(state, (from + by).rem_euclid(n) as usize);
@@ -337,12 +365,23 @@ fn go_to_view(state: &mut AppState, index: usize) {
 }
 
 fn set_pivot(state: &mut AppState, at: Vec2, window: (u32, u32)) {
-    let Some(object) = state.snapshot.as_ref().and_then(|snapshot| snapshot.object.as_ref()) else {
+    let Some(object) = state
+        .snapshot
+        .as_ref()
+        .and_then(|snapshot| snapshot.object.as_ref())
+    else {
         return;
     };
-    let ray = state.view.viewpoint.camera_for(window.0, window.1).ray(at.x, at.y);
+    let ray = state
+        .view
+        .viewpoint
+        .camera_for(window.0, window.1)
+        .ray(at.x, at.y);
     match object.tracer.intersect(&ray, 0.0, f32::INFINITY) {
         Some(hit) => state.view.viewpoint.pivot = hit.position,
-        None => state.messages.say(Level::Info, "Double-click the object to turn about that point"),
+        None => state.messages.say(
+            Level::Info,
+            "Double-click the object to turn about that point",
+        ),
     }
 }

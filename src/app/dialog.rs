@@ -25,15 +25,24 @@ impl FileDialog {
     ///
     /// # Errors
     /// When the system gives no thread.
-    pub fn open(kind: Browse, purpose: PathPurpose, wake: impl FnOnce() + Send + 'static) -> std::io::Result<Self> {
+    pub fn open(
+        kind: Browse,
+        purpose: PathPurpose,
+        wake: impl FnOnce() + Send + 'static,
+    ) -> std::io::Result<Self> {
         let (sender, answer) = bounded(1);
-        std::thread::Builder::new().name("neif-dialog".to_owned()).spawn(move || {
-            let path = ask(kind, purpose);
-            if sender.send(path).is_ok() {
-                wake();
-            }
-        })?;
-        Ok(Self { answer, opened: Instant::now() })
+        std::thread::Builder::new()
+            .name("neif-dialog".to_owned())
+            .spawn(move || {
+                let path = ask(kind, purpose);
+                if sender.send(path).is_ok() {
+                    wake();
+                }
+            })?;
+        Ok(Self {
+            answer,
+            opened: Instant::now(),
+        })
     }
 
     /// The answer, once there is one: a path, nothing when it was cancelled, or why there is no
@@ -45,9 +54,10 @@ impl FileDialog {
             Ok(None) if waited < TOO_SOON => Some(Err(missing().to_owned())),
             Ok(path) => Some(Ok(path)),
             Err(TryRecvError::Disconnected) => Some(Err(missing().to_owned())),
-            Err(TryRecvError::Empty) if waited > GIVE_UP => {
-                Some(Err("The file dialog does not answer: type the path, or drop the file on the window.".to_owned()))
-            }
+            Err(TryRecvError::Empty) if waited > GIVE_UP => Some(Err(
+                "The file dialog does not answer: type the path, or drop the file on the window."
+                    .to_owned(),
+            )),
             Err(TryRecvError::Empty) => None,
         }
     }
@@ -57,7 +67,9 @@ fn ask(kind: Browse, purpose: PathPurpose) -> Option<PathBuf> {
     let dialog = rfd::FileDialog::new();
     match (purpose, kind) {
         (PathPurpose::Save, _) => dialog.set_title("Folder for the run").pick_folder(),
-        (PathPurpose::Open, Browse::Folder) => dialog.set_title("Open a capture or a run").pick_folder(),
+        (PathPurpose::Open, Browse::Folder) => {
+            dialog.set_title("Open a capture or a run").pick_folder()
+        }
         (PathPurpose::Open, Browse::File) => dialog
             .set_title("Open a capture or an environment")
             .add_filter("Captures and environments", &["json", "safetensors"])

@@ -17,10 +17,14 @@ pub fn turned(transform: &EnvironmentTransform, up: Vec3, degrees: f32) -> Envir
     } else {
         let [x, y, z] = rotate_deg.to_array().map(f32::to_radians);
         let old = Quat::from_euler(EulerRot::ZYX, z, y, x);
-        let (z, y, x) = (Quat::from_axis_angle(up, degrees.to_radians()) * old).to_euler(EulerRot::ZYX);
+        let (z, y, x) =
+            (Quat::from_axis_angle(up, degrees.to_radians()) * old).to_euler(EulerRot::ZYX);
         rotate_deg = Vec3::new(x, y, z).map(f32::to_degrees);
     }
-    EnvironmentTransform { rotate_deg: rotate_deg.map(wrapped), ..*transform }
+    EnvironmentTransform {
+        rotate_deg: rotate_deg.map(wrapped),
+        ..*transform
+    }
 }
 
 /// The same angle within -180 to 180 degrees.
@@ -31,12 +35,21 @@ fn wrapped(degrees: f32) -> f32 {
 
 /// The transform moved along with a drag by `drag_px` pixels (right, down) in a picture whose
 /// window has that height, at the pivot's distance.
-pub fn shifted(transform: &EnvironmentTransform, view: &Viewpoint, drag_px: Vec2, window: (u32, u32)) -> EnvironmentTransform {
+pub fn shifted(
+    transform: &EnvironmentTransform,
+    view: &Viewpoint,
+    drag_px: Vec2,
+    window: (u32, u32),
+) -> EnvironmentTransform {
     let camera = view.camera_for(window.0, window.1);
     let axes = camera.world_from_camera.matrix3;
     let per_px = view.distance() / camera.fx.max(1e-6);
-    let shift = (Vec3::from(axes.x_axis) * drag_px.x - Vec3::from(axes.y_axis) * drag_px.y) * per_px;
-    EnvironmentTransform { translate: transform.translate + shift, ..*transform }
+    let shift =
+        (Vec3::from(axes.x_axis) * drag_px.x - Vec3::from(axes.y_axis) * drag_px.y) * per_px;
+    EnvironmentTransform {
+        translate: transform.translate + shift,
+        ..*transform
+    }
 }
 
 #[cfg(test)]
@@ -45,13 +58,22 @@ mod tests {
 
     #[test]
     fn turning_about_up_turns_what_is_seen_about_up() {
-        let start = EnvironmentTransform { rotate_deg: Vec3::new(20.0, -35.0, 50.0), ..Default::default() };
+        let start = EnvironmentTransform {
+            rotate_deg: Vec3::new(20.0, -35.0, 50.0),
+            ..Default::default()
+        };
         for up in [Vec3::Z, Vec3::Y, Vec3::NEG_Y, Vec3::X] {
             let end = turned(&start, up, 40.0);
             let turn = Quat::from_axis_angle(up, 40_f32.to_radians());
             let p = Vec3::new(0.3, -1.0, 2.0);
-            let (before, after) = (start.environment_from_world().point(p), end.environment_from_world().point(turn * p));
-            assert!((before - after).length() < 1e-4, "{up}: {before} and {after}");
+            let (before, after) = (
+                start.environment_from_world().point(p),
+                end.environment_from_world().point(turn * p),
+            );
+            assert!(
+                (before - after).length() < 1e-4,
+                "{up}: {before} and {after}"
+            );
         }
     }
 
@@ -61,14 +83,23 @@ mod tests {
         for _ in 0..100 {
             transform = turned(&transform, Vec3::Z, 33.0);
         }
-        assert!(transform.rotate_deg.abs().max_element() <= 180.0, "{}", transform.rotate_deg);
+        assert!(
+            transform.rotate_deg.abs().max_element() <= 180.0,
+            "{}",
+            transform.rotate_deg
+        );
     }
 
     #[test]
     fn a_shift_follows_the_pointer_at_the_pivot() {
         let view = Viewpoint::look_at(Vec3::new(0.0, -3.0, 0.5), Vec3::ZERO, Vec3::Z);
         let window = (800, 600);
-        let moved = shifted(&EnvironmentTransform::default(), &view, Vec2::new(40.0, -25.0), window);
+        let moved = shifted(
+            &EnvironmentTransform::default(),
+            &view,
+            Vec2::new(40.0, -25.0),
+            window,
+        );
         let camera = view.camera_for(window.0, window.1);
         let seen = camera.project(moved.translate).unwrap() - camera.project(Vec3::ZERO).unwrap();
         assert!((seen - Vec2::new(40.0, -25.0)).length() < 0.05, "{seen}");

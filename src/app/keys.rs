@@ -27,13 +27,18 @@ pub struct Shortcut {
 
 impl std::fmt::Debug for Binding {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Binding").field("keys", &self.keys).field("what", &self.what).finish_non_exhaustive()
+        f.debug_struct("Binding")
+            .field("keys", &self.keys)
+            .field("what", &self.what)
+            .finish_non_exhaustive()
     }
 }
 
 impl std::fmt::Debug for Shortcut {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Shortcut").field("key", &self.key).finish_non_exhaustive()
+        f.debug_struct("Shortcut")
+            .field("key", &self.key)
+            .finish_non_exhaustive()
     }
 }
 
@@ -45,7 +50,12 @@ const TRAINING: &str = "Training";
 const WINDOW: &str = "Window";
 
 const fn gesture(group: &'static str, keys: &'static str, what: &'static str) -> Binding {
-    Binding { group, keys, what, shortcut: None }
+    Binding {
+        group,
+        keys,
+        what,
+        shortcut: None,
+    }
 }
 
 const fn key(
@@ -54,10 +64,24 @@ const fn key(
     what: &'static str,
     command: fn(&AppState) -> Command,
 ) -> Binding {
-    Binding { group, keys, what, shortcut: Some(Shortcut { modifiers, key, command }) }
+    Binding {
+        group,
+        keys,
+        what,
+        shortcut: Some(Shortcut {
+            modifiers,
+            key,
+            command,
+        }),
+    }
 }
 
-const fn layer(keys: &'static str, number: Key, what: &'static str, command: fn(&AppState) -> Command) -> Binding {
+const fn layer(
+    keys: &'static str,
+    number: Key,
+    what: &'static str,
+    command: fn(&AppState) -> Command,
+) -> Binding {
     key(LAYERS, (keys, Modifiers::NONE, number), what, command)
 }
 
@@ -66,34 +90,118 @@ pub const BINDINGS: &[Binding] = &[
     gesture(CAMERA, "Drag", "Turn about the pivot"),
     gesture(CAMERA, "Middle drag, Ctrl+drag", "Pan"),
     gesture(CAMERA, "Wheel", "Closer or farther"),
-    gesture(CAMERA, "Double-click", "Turn about the point under the pointer"),
-    key(CAMERA, ("Shift+F", Modifiers::SHIFT, Key::F), "Back to the first view", |_| Command::ResetView),
-    key(CAMERA, ("F", Modifiers::NONE, Key::F), "Show the whole object", |_| Command::FrameObject),
+    gesture(
+        CAMERA,
+        "Double-click",
+        "Turn about the point under the pointer",
+    ),
+    key(
+        CAMERA,
+        ("Shift+F", Modifiers::SHIFT, Key::F),
+        "Back to the first view",
+        |_| Command::ResetView,
+    ),
+    key(
+        CAMERA,
+        ("F", Modifiers::NONE, Key::F),
+        "Show the whole object",
+        |_| Command::FrameObject,
+    ),
     gesture(LIGHT, "Shift+drag", "Rotate the environment"),
-    gesture(LIGHT, "Shift+middle drag, Ctrl+Shift+drag", "Move the environment"),
-    key(LIGHT, ("B", Modifiers::NONE, Key::B), "Before and after: hide or show all edits", |state| {
-        Command::ShowOriginal(!state.is_original_shown)
-    }),
-    key(COMPARE, ("[", Modifiers::NONE, Key::OpenBracket), "Previous photo's camera", |_| Command::StepView(-1)),
-    key(COMPARE, ("]", Modifiers::NONE, Key::CloseBracket), "Next photo's camera", |_| Command::StepView(1)),
-    key(COMPARE, ("W", Modifiers::NONE, Key::W), "Wipe between photo and rendering; drag the line", |state| {
-        Command::SetWipe(if state.compare.wipe.is_some() { None } else { Some(0.5) })
-    }),
+    gesture(
+        LIGHT,
+        "Shift+middle drag, Ctrl+Shift+drag",
+        "Move the environment",
+    ),
+    key(
+        LIGHT,
+        ("B", Modifiers::NONE, Key::B),
+        "Before and after: hide or show all edits",
+        |state| Command::ShowOriginal(!state.is_original_shown),
+    ),
+    key(
+        COMPARE,
+        ("[", Modifiers::NONE, Key::OpenBracket),
+        "Previous photo's camera",
+        |_| Command::StepView(-1),
+    ),
+    key(
+        COMPARE,
+        ("]", Modifiers::NONE, Key::CloseBracket),
+        "Next photo's camera",
+        |_| Command::StepView(1),
+    ),
+    key(
+        COMPARE,
+        ("W", Modifiers::NONE, Key::W),
+        "Wipe between photo and rendering; drag the line",
+        |state| {
+            Command::SetWipe(if state.compare.wipe.is_some() {
+                None
+            } else {
+                Some(0.5)
+            })
+        },
+    ),
     gesture(COMPARE, "Hold G", "Show the photo"),
     layer("1", Key::Num1, "Lit", |_| Command::ShowLayer(Layer::Final)),
-    layer("2", Key::Num2, "Diffuse", |_| Command::ShowLayer(Layer::Diffuse)),
-    layer("3", Key::Num3, "Specular", |_| Command::ShowLayer(Layer::Specular)),
-    layer("4", Key::Num4, "Roughness", |_| Command::ShowLayer(Layer::Roughness)),
+    layer("2", Key::Num2, "Diffuse", |_| {
+        Command::ShowLayer(Layer::Diffuse)
+    }),
+    layer("3", Key::Num3, "Specular", |_| {
+        Command::ShowLayer(Layer::Specular)
+    }),
+    layer("4", Key::Num4, "Roughness", |_| {
+        Command::ShowLayer(Layer::Roughness)
+    }),
     layer("5", Key::Num5, "Tint", |_| Command::ShowLayer(Layer::Tint)),
-    layer("6", Key::Num6, "Normals", |_| Command::ShowLayer(Layer::Normal)),
-    layer("7", Key::Num7, "Environment alone", |_| Command::ShowLayer(Layer::Environment)),
-    key(TRAINING, ("Space", Modifiers::NONE, Key::Space), "Pause or resume", |_| Command::Train(Train::PauseOrResume)),
-    key(TRAINING, (".", Modifiers::NONE, Key::Period), "One step", |_| Command::Train(Train::Step)),
-    key(WINDOW, ("Ctrl+O", Modifiers::COMMAND, Key::O), "Open", |_| Command::AskPath(PathPurpose::Open)),
-    key(WINDOW, ("Ctrl+S", Modifiers::COMMAND, Key::S), "Save the run", |_| Command::AskPath(PathPurpose::Save)),
-    key(WINDOW, ("?", Modifiers::NONE, Key::Questionmark), "This help", |_| Command::ToggleHelp),
-    key(WINDOW, ("Esc", Modifiers::NONE, Key::Escape), "Close what is in front", |_| Command::CloseOverlays),
-    gesture(WINDOW, "Double-click a slider's name", "Back to its default"),
+    layer("6", Key::Num6, "Normals", |_| {
+        Command::ShowLayer(Layer::Normal)
+    }),
+    layer("7", Key::Num7, "Environment alone", |_| {
+        Command::ShowLayer(Layer::Environment)
+    }),
+    key(
+        TRAINING,
+        ("Space", Modifiers::NONE, Key::Space),
+        "Pause or resume",
+        |_| Command::Train(Train::PauseOrResume),
+    ),
+    key(
+        TRAINING,
+        (".", Modifiers::NONE, Key::Period),
+        "One step",
+        |_| Command::Train(Train::Step),
+    ),
+    key(
+        WINDOW,
+        ("Ctrl+O", Modifiers::COMMAND, Key::O),
+        "Open",
+        |_| Command::AskPath(PathPurpose::Open),
+    ),
+    key(
+        WINDOW,
+        ("Ctrl+S", Modifiers::COMMAND, Key::S),
+        "Save the run",
+        |_| Command::AskPath(PathPurpose::Save),
+    ),
+    key(
+        WINDOW,
+        ("?", Modifiers::NONE, Key::Questionmark),
+        "This help",
+        |_| Command::ToggleHelp,
+    ),
+    key(
+        WINDOW,
+        ("Esc", Modifiers::NONE, Key::Escape),
+        "Close what is in front",
+        |_| Command::CloseOverlays,
+    ),
+    gesture(
+        WINDOW,
+        "Double-click a slider's name",
+        "Back to its default",
+    ),
     gesture(WINDOW, "Ctrl + and Ctrl -", "Larger and smaller text"),
 ];
 
@@ -103,7 +211,10 @@ pub fn pressed(ctx: &egui::Context, state: &AppState, commands: &mut Vec<Command
     if ctx.text_edit_focused() {
         return;
     }
-    for shortcut in BINDINGS.iter().filter_map(|binding| binding.shortcut.as_ref()) {
+    for shortcut in BINDINGS
+        .iter()
+        .filter_map(|binding| binding.shortcut.as_ref())
+    {
         // The space bar presses the button that has the focus.
         if shortcut.key == Key::Space && has_focus {
             continue;
@@ -124,7 +235,10 @@ mod tests {
 
     #[test]
     fn no_key_hides_behind_another() {
-        let shortcuts: Vec<_> = BINDINGS.iter().filter_map(|b| b.shortcut.as_ref().map(|s| (b.keys, s))).collect();
+        let shortcuts: Vec<_> = BINDINGS
+            .iter()
+            .filter_map(|b| b.shortcut.as_ref().map(|s| (b.keys, s)))
+            .collect();
         for (i, (keys, later)) in shortcuts.iter().enumerate() {
             for (_, earlier) in &shortcuts[..i] {
                 let hides = earlier.key == later.key && later.modifiers.contains(earlier.modifiers);

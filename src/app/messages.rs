@@ -36,7 +36,11 @@ impl Messages {
     /// Adds a message; the same one twice in a row is kept once.
     pub fn say(&mut self, level: Level, text: impl Into<String>) {
         let text = text.into();
-        if self.list.back().is_some_and(|last| last.text == text && last.level == level) {
+        if self
+            .list
+            .back()
+            .is_some_and(|last| last.text == text && last.level == level)
+        {
             self.list.pop_back();
         }
         match level {
@@ -44,7 +48,12 @@ impl Messages {
             Level::Warning => tracing::warn!("{text}"),
             Level::Info => tracing::info!("{text}"),
         }
-        self.list.push_back(Message { level, text, at_secs: self.now_secs, is_dismissed: false });
+        self.list.push_back(Message {
+            level,
+            text,
+            at_secs: self.now_secs,
+            is_dismissed: false,
+        });
         if self.list.len() > MAX_MESSAGES {
             self.list.pop_front();
         }
@@ -57,12 +66,20 @@ impl Messages {
 
     /// Those to show over the viewport, by index, newest first.
     pub fn shown(&self) -> impl Iterator<Item = (usize, &Message)> {
-        self.list.iter().enumerate().rev().filter(|(_, message)| self.secs_left(message).is_some()).take(4)
+        self.list
+            .iter()
+            .enumerate()
+            .rev()
+            .filter(|(_, message)| self.secs_left(message).is_some())
+            .take(4)
     }
 
     /// Seconds until the next of the shown messages goes.
     pub fn next_change_secs(&self) -> Option<f64> {
-        let left = self.list.iter().filter_map(|message| self.secs_left(message));
+        let left = self
+            .list
+            .iter()
+            .filter_map(|message| self.secs_left(message));
         left.filter(|secs| secs.is_finite()).min_by(f64::total_cmp)
     }
 
@@ -85,7 +102,10 @@ impl Messages {
 
     /// The whole list as text, a line a message.
     pub fn to_text(&self) -> String {
-        self.list.iter().map(|m| format!("{:8.1}s {:?}: {}\n", m.at_secs, m.level, m.text)).collect()
+        self.list
+            .iter()
+            .map(|m| format!("{:8.1}s {:?}: {}\n", m.at_secs, m.level, m.text))
+            .collect()
     }
 }
 

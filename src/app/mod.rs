@@ -51,7 +51,14 @@ pub fn run(options: AppOptions) -> anyhow::Result<()> {
         .with_min_inner_size(MIN_SIZE)
         .with_drag_and_drop(true);
     // Dithering costs time on every pixel and the preview is noisy enough without.
-    let native = eframe::NativeOptions { viewport, dithering: false, renderer: eframe::Renderer::Wgpu, ..Default::default() };
-    let creator: eframe::AppCreator<'_> = Box::new(|creation| Ok(Box::new(window::Window::new(creation, options)?)));
-    eframe::run_native("neif", native, creator).map_err(|error| anyhow::anyhow!("the window cannot be opened: {error}"))
+    let native = eframe::NativeOptions {
+        viewport,
+        dithering: false,
+        renderer: eframe::Renderer::Wgpu,
+        ..Default::default()
+    };
+    let creator: eframe::AppCreator<'_> =
+        Box::new(|creation| Ok(Box::new(window::Window::new(creation, options)?)));
+    eframe::run_native("neif", native, creator)
+        .map_err(|error| anyhow::anyhow!("the window cannot be opened: {error}"))
 }

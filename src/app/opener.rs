@@ -29,7 +29,9 @@ pub struct ScreenPhoto {
 
 impl std::fmt::Debug for ScreenPhoto {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("ScreenPhoto").field("size", &self.size).finish_non_exhaustive()
+        f.debug_struct("ScreenPhoto")
+            .field("size", &self.size)
+            .finish_non_exhaustive()
     }
 }
 
@@ -104,7 +106,11 @@ impl Opener {
     /// `wake` is called after each result.
     pub fn new(wake: impl Fn() + Send + Sync + 'static) -> Self {
         let (sender, results) = bounded(QUEUE);
-        Self { results, sender, wake: Wake(Arc::new(wake)) }
+        Self {
+            results,
+            sender,
+            wake: Wake(Arc::new(wake)),
+        }
     }
 
     /// The next result, if there is one.
@@ -138,9 +144,16 @@ impl Opener {
     pub fn view_photo(&self, dataset: &Arc<Dataset>, view: usize) {
         let dataset = Arc::clone(dataset);
         self.spawn(move |send| {
-            let mut views = dataset.train.iter().chain(&dataset.val).chain(&dataset.test);
+            let mut views = dataset
+                .train
+                .iter()
+                .chain(&dataset.val)
+                .chain(&dataset.test);
             if let Some(found) = views.nth(view) {
-                send(Opened::ViewPhoto { view, photo: screen_photo(&found.photo) });
+                send(Opened::ViewPhoto {
+                    view,
+                    photo: screen_photo(&found.photo),
+                });
             }
         });
     }
@@ -153,10 +166,12 @@ impl Opener {
                 (wake.0)();
             }
         };
-        let spawned = std::thread::Builder::new().name("neif-open".to_owned()).spawn(move || {
-            lower_thread_priority(NICE);
-            work(&send);
-        });
+        let spawned = std::thread::Builder::new()
+            .name("neif-open".to_owned())
+            .spawn(move || {
+                lower_thread_priority(NICE);
+                work(&send);
+            });
         if let Err(error) = spawned {
             tracing::error!("cannot start a thread to read files: {error}");
         }
@@ -164,14 +179,27 @@ impl Opener {
 }
 
 fn open(path: PathBuf, send: &dyn Fn(Opened)) {
-    let failed = |reason: String| Opened::Failed { path: path.clone(), reason };
+    let failed = |reason: String| Opened::Failed {
+        path: path.clone(),
+        reason,
+    };
     if !path.exists() {
-        send(failed(format!("{}: no such file or folder", path.display())));
+        send(failed(format!(
+            "{}: no such file or folder",
+            path.display()
+        )));
     } else if RunFolder::is_run(&path) {
         open_run(&path, send);
-    } else if path.extension().is_some_and(|extension| extension == "safetensors") {
+    } else if path
+        .extension()
+        .is_some_and(|extension| extension == "safetensors")
+    {
         send(load_environment(path));
-    } else if path.is_dir() || path.extension().is_some_and(|extension| extension == "json") {
+    } else if path.is_dir()
+        || path
+            .extension()
+            .is_some_and(|extension| extension == "json")
+    {
         send(Opened::Capture(path));
     } else {
         let what = "not a capture (folder or transforms.json), a run folder or an environment (.safetensors)";
@@ -187,16 +215,29 @@ fn open_run(path: &Path, send: &dyn Fn(Opened)) {
     let (folder, scene) = match scene {
         Ok(both) => both,
         Err(error) => {
-            send(Opened::Failed { path: path.to_owned(), reason: error.to_string() });
+            send(Opened::Failed {
+                path: path.to_owned(),
+                reason: error.to_string(),
+            });
             return;
         }
     };
-    let snapshot = Arc::new(Snapshot { step: 0, object: scene.object, environment: scene.environment });
-    send(Opened::Run { path: path.to_owned(), snapshot });
+    let snapshot = Arc::new(Snapshot {
+        step: 0,
+        object: scene.object,
+        environment: scene.environment,
+    });
+    send(Opened::Run {
+        path: path.to_owned(),
+        snapshot,
+    });
     let dataset = folder.config().map(|config| folder.dataset_path(&config));
     let Ok(dataset) = dataset else { return };
     match Dataset::load(&dataset, &LoadOptions::default()) {
-        Ok(dataset) => send(Opened::RunDataset { path: path.to_owned(), dataset: Arc::new(dataset) }),
+        Ok(dataset) => send(Opened::RunDataset {
+            path: path.to_owned(),
+            dataset: Arc::new(dataset),
+        }),
         Err(error) => send(Opened::Failed {
             path: dataset,
             reason: format!("The run is shown without its photos: {error}"),
@@ -205,7 +246,9 @@ fn open_run(path: &Path, send: &dyn Fn(Opened)) {
 }
 
 fn load_environment(path: PathBuf) -> Opened {
-    let result = Environment::load(&path).map(Arc::new).map_err(|error| error.to_string());
+    let result = Environment::load(&path)
+        .map(Arc::new)
+        .map_err(|error| error.to_string());
     Opened::Environment { path, result }
 }
 
@@ -215,10 +258,16 @@ fn first_photo(path: &Path) -> Option<ScreenPhoto> {
     let json = if path.is_file() {
         path.to_owned()
     } else {
-        names.iter().map(|name| path.join(name)).find(|json| json.is_file())?
+        names
+            .iter()
+            .map(|name| path.join(name))
+            .find(|json| json.is_file())?
     };
     let frames = read_frames(&json).ok()?;
-    let photo = frames.iter().take(5).find_map(|frame| read_photo(&frame.photo).ok())?;
+    let photo = frames
+        .iter()
+        .take(5)
+        .find_map(|frame| read_photo(&frame.photo).ok())?;
     Some(screen_photo(&photo))
 }
 
@@ -230,7 +279,9 @@ fn screen_photo(photo: &Photo) -> ScreenPhoto {
     let pixels = (0..size[0] * size[1])
         .map(|i| {
             let (x, y) = (i % size[0] * stride, i / size[0] * stride);
-            let [r, g, b] = photo.srgb(y * width + x).map(|v| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u8);
+            let [r, g, b] = photo
+                .srgb(y * width + x)
+                .map(|v| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u8);
             [r, g, b, 255]
         })
         .collect();
@@ -256,7 +307,9 @@ mod tests {
         std::fs::write(&text, "hello").unwrap();
         for path in [text, folder.path().join("missing")] {
             match opened(&path) {
-                Opened::Failed { reason, .. } => assert!(reason.contains(&*path.to_string_lossy()), "{reason}"),
+                Opened::Failed { reason, .. } => {
+                    assert!(reason.contains(&*path.to_string_lossy()), "{reason}")
+                }
                 other => panic!("{other:?}"),
             }
         }
@@ -268,7 +321,10 @@ mod tests {
         let path = folder.path().join("env.safetensors");
         std::fs::write(&path, [1, 2, 3]).unwrap();
         match opened(&path) {
-            Opened::Environment { result: Err(reason), .. } => assert!(reason.contains("env.safetensors"), "{reason}"),
+            Opened::Environment {
+                result: Err(reason),
+                ..
+            } => assert!(reason.contains("env.safetensors"), "{reason}"),
             other => panic!("{other:?}"),
         }
     }
@@ -276,7 +332,11 @@ mod tests {
     #[test]
     fn a_large_photo_is_thinned() {
         let pixels = vec![[65535, 0, 0]; 5000 * 3];
-        let photo = screen_photo(&Photo::Ldr { width: 5000, height: 3, pixels });
+        let photo = screen_photo(&Photo::Ldr {
+            width: 5000,
+            height: 3,
+            pixels,
+        });
         assert_eq!((photo.size, photo.pixels[0]), ([1667, 1], [255, 0, 0, 255]));
     }
 }

@@ -94,13 +94,15 @@ impl PreviewDriver {
         }
         if !situation.is_training {
             let is_coarse = matches!(asked.passes, Passes::Only(scale) if scale > 1);
-            return (is_newer || is_coarse).then(|| self.ask(newest, scene(newest), Passes::Refine, now));
+            return (is_newer || is_coarse)
+                .then(|| self.ask(newest, scene(newest), Passes::Refine, now));
         }
         if !is_newer {
             return None;
         }
         let (scale, interval) = self.refresh_plan(situation);
-        (now - self.refreshed_secs >= interval).then(|| self.ask(newest, scene(newest), Passes::Only(scale), now))
+        (now - self.refreshed_secs >= interval)
+            .then(|| self.ask(newest, scene(newest), Passes::Only(scale), now))
     }
 
     /// Seconds until the next refresh is due, to be woken in time.
@@ -111,16 +113,33 @@ impl PreviewDriver {
 
     /// The finest scale that patience and budget allow, and how far apart refreshes are then.
     fn refresh_plan(&self, situation: &Situation) -> (u32, f64) {
-        let Some(cost) = self.full_cost_secs else { return (4, MIN_INTERVAL_SECS) };
+        let Some(cost) = self.full_cost_secs else {
+            return (4, MIN_INTERVAL_SECS);
+        };
         let per_sec = REFRESH_SHARE * situation.n_cores as f64;
-        let interval = |scale: u32| (cost / (f64::from(scale * scale) * per_sec)).max(MIN_INTERVAL_SECS);
-        let patience = (PATIENCE * situation.trained_secs).clamp(MIN_INTERVAL_SECS, MAX_INTERVAL_SECS);
-        let scale = [1, 2].into_iter().find(|&scale| interval(scale) <= patience).unwrap_or(4);
+        let interval =
+            |scale: u32| (cost / (f64::from(scale * scale) * per_sec)).max(MIN_INTERVAL_SECS);
+        let patience =
+            (PATIENCE * situation.trained_secs).clamp(MIN_INTERVAL_SECS, MAX_INTERVAL_SECS);
+        let scale = [1, 2]
+            .into_iter()
+            .find(|&scale| interval(scale) <= patience)
+            .unwrap_or(4);
         (scale, interval(scale))
     }
 
-    fn ask(&mut self, snapshot: &Arc<Snapshot>, scene: PreviewScene, passes: Passes, now_secs: f64) -> Wanted {
-        let wanted = Wanted { snapshot: Arc::clone(snapshot), scene, passes };
+    fn ask(
+        &mut self,
+        snapshot: &Arc<Snapshot>,
+        scene: PreviewScene,
+        passes: Passes,
+        now_secs: f64,
+    ) -> Wanted {
+        let wanted = Wanted {
+            snapshot: Arc::clone(snapshot),
+            scene,
+            passes,
+        };
         self.asked = Some(wanted.clone());
         self.refreshed_secs = now_secs;
         self.is_done = false;
@@ -147,34 +166,53 @@ impl PreviewDriver {
 
     /// Forgets everything: something else was opened.
     pub fn clear(&mut self) {
-        *self = Self { request: self.request, ..Self::default() };
+        *self = Self {
+            request: self.request,
+            ..Self::default()
+        };
     }
 }
-
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::render::Layer;
     use crate::render::progressive::Recomputed;
     use crate::render::test_scene::{camera, scene};
-    use crate::render::Layer;
 
     fn snapshot(step: u64) -> Arc<Snapshot> {
         let scene = scene();
-        Arc::new(Snapshot { step, object: scene.object, environment: scene.environment })
+        Arc::new(Snapshot {
+            step,
+            object: scene.object,
+            environment: scene.environment,
+        })
     }
 
     fn picture(width: u32) -> impl Fn(&Snapshot) -> PreviewScene {
-        move |snapshot| PreviewScene { scene: snapshot.scene(), camera: camera(width, 100), layer: Layer::Final }
+        move |snapshot| PreviewScene {
+            scene: snapshot.scene(),
+            camera: camera(width, 100),
+            layer: Layer::Final,
+        }
     }
 
     fn situation(now_secs: f64, is_training: bool) -> Situation {
-        Situation { now_secs, is_training, trained_secs: now_secs, n_cores: 2 }
+        Situation {
+            now_secs,
+            is_training,
+            trained_secs: now_secs,
+            n_cores: 2,
+        }
     }
 
     /// Tells the driver that its last request is done at the cost of a full picture.
     fn finish(driver: &mut PreviewDriver, wanted: &Wanted, full_cost_secs: f64) {
-        let scale = if let Passes::Only(scale) = wanted.passes { scale } else { 1 };
+        let scale = if let Passes::Only(scale) = wanted.passes {
+            scale
+        } else {
+            1
+        };
         driver.was_requested(1);
         let frame = PreviewFrame {
             request: 1,
@@ -183,7 +221,11 @@ mod tests {
             width: 1,
             height: 1,
             pixels: Vec::new(),
-            recomputed: Recomputed { traced: 1, background: 1, object: 1 },
+            recomputed: Recomputed {
+                traced: 1,
+                background: 1,
+                object: 1,
+            },
             cpu_secs: full_cost_secs / f64::from(scale * scale),
         };
         assert_eq!(driver.was_shown(&frame), Some(wanted.snapshot.step));
@@ -192,57 +234,92 @@ mod tests {
     #[test]
     fn nothing_is_asked_for_twice() {
         let (mut driver, first) = (PreviewDriver::default(), snapshot(1));
-        let wanted = driver.decide(&first, picture(100), &situation(0.0, false)).expect("the first picture");
-        assert!(driver.decide(&first, picture(100), &situation(0.1, false)).is_none());
+        let wanted = driver
+            .decide(&first, picture(100), &situation(0.0, false))
+            .expect("the first picture");
+        assert!(
+            driver
+                .decide(&first, picture(100), &situation(0.1, false))
+                .is_none()
+        );
         finish(&mut driver, &wanted, 1.0);
-        assert!(driver.decide(&first, picture(100), &situation(9.0, false)).is_none());
+        assert!(
+            driver
+                .decide(&first, picture(100), &situation(9.0, false))
+                .is_none()
+        );
     }
 
     #[test]
     fn refreshes_stay_within_their_share_and_become_fine() {
         let mut driver = PreviewDriver::default();
-        let mut wanted = driver.decide(&snapshot(0), picture(100), &situation(0.0, true)).expect("the first picture");
+        let mut wanted = driver
+            .decide(&snapshot(0), picture(100), &situation(0.0, true))
+            .expect("the first picture");
         let (mut spent, mut scales, cost) = (0.0, Vec::new(), 4.0);
         for tick in 1..3000 {
             finish(&mut driver, &wanted, cost);
             let now = f64::from(tick) * 0.1;
-            if let Some(next) = driver.decide(&snapshot(tick as u64), picture(100), &situation(now, true)) {
-                let Passes::Only(scale) = next.passes else { panic!("a refresh makes one pass") };
+            if let Some(next) =
+                driver.decide(&snapshot(tick as u64), picture(100), &situation(now, true))
+            {
+                let Passes::Only(scale) = next.passes else {
+                    panic!("a refresh makes one pass")
+                };
                 scales.push(scale);
                 spent += cost / f64::from(scale * scale);
                 wanted = next;
             }
         }
         let share = spent / (300.0 * 2.0);
-        assert!(share <= REFRESH_SHARE * 1.1, "{share} of the processor went to refreshes");
-        assert!(scales.contains(&2) && scales.last() == Some(&1), "never became fine: {scales:?}");
+        assert!(
+            share <= REFRESH_SHARE * 1.1,
+            "{share} of the processor went to refreshes"
+        );
+        assert!(
+            scales.contains(&2) && scales.last() == Some(&1),
+            "never became fine: {scales:?}"
+        );
     }
 
     #[test]
     fn a_coarse_refresh_becomes_fine_when_training_rests() {
         let mut driver = PreviewDriver::default();
-        let first = driver.decide(&snapshot(0), picture(100), &situation(0.0, true)).expect("the first picture");
+        let first = driver
+            .decide(&snapshot(0), picture(100), &situation(0.0, true))
+            .expect("the first picture");
         finish(&mut driver, &first, 4.0);
         let newest = snapshot(1);
-        let refresh = driver.decide(&newest, picture(100), &situation(5.0, true)).expect("a refresh");
+        let refresh = driver
+            .decide(&newest, picture(100), &situation(5.0, true))
+            .expect("a refresh");
         assert_ne!(refresh.passes, Passes::Refine);
         finish(&mut driver, &refresh, 4.0);
-        let fine = driver.decide(&newest, picture(100), &situation(5.1, false)).expect("the rest");
+        let fine = driver
+            .decide(&newest, picture(100), &situation(5.1, false))
+            .expect("the rest");
         assert_eq!(fine.passes, Passes::Refine);
     }
 
     #[test]
     fn a_drag_keeps_its_snapshot_so_that_parts_can_be_reused() {
         let mut driver = PreviewDriver::default();
-        driver.decide(&snapshot(0), picture(100), &situation(0.0, true)).expect("the first picture");
+        driver
+            .decide(&snapshot(0), picture(100), &situation(0.0, true))
+            .expect("the first picture");
         let mut steps = Vec::new();
         for i in 1..20 {
             let now = f64::from(i) * 0.05;
-            let wanted = driver.decide(&snapshot(i as u64), picture(100 + i), &situation(now, true)).expect("a change");
+            let wanted = driver
+                .decide(&snapshot(i as u64), picture(100 + i), &situation(now, true))
+                .expect("a change");
             assert_eq!(wanted.passes, Passes::Refine);
             steps.push(wanted.snapshot.step);
         }
         steps.dedup();
-        assert!(steps.len() <= 2, "snapshots changed under the drag: {steps:?}");
+        assert!(
+            steps.len() <= 2,
+            "snapshots changed under the drag: {steps:?}"
+        );
     }
 }

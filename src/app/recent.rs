@@ -22,7 +22,10 @@ pub fn save(recent: &[PathBuf]) {
     if let Some(file) = file()
         && let Err(error) = save_to(&file, recent)
     {
-        tracing::warn!("{}: cannot keep the list of opened files: {error}", file.display());
+        tracing::warn!(
+            "{}: cannot keep the list of opened files: {error}",
+            file.display()
+        );
     }
 }
 

@@ -14,22 +14,41 @@ const RIGHT_WIDTH: f32 = 306.0;
 
 /// Draws everything; returns the viewport's size in physical pixels. The only way to change
 /// anything is through `commands`.
-pub fn draw(ui: &mut Ui, state: &AppState, pictures: &Pictures, commands: &mut Vec<Command>) -> (u32, u32) {
+pub fn draw(
+    ui: &mut Ui,
+    state: &AppState,
+    pictures: &Pictures,
+    commands: &mut Vec<Command>,
+) -> (u32, u32) {
     let bar = Frame::NONE.inner_margin(Margin::symmetric(10, 5));
     let side = Frame::NONE.inner_margin(Margin::symmetric(10, 4));
-    Panel::top("top").frame(bar).show(ui, |ui| panels::top_bar_ui(ui, state, commands));
-    Panel::bottom("status").frame(bar).show(ui, |ui| panels::status_ui(ui, state, commands));
-    Panel::left("left").frame(side).default_size(LEFT_WIDTH).size_range(220.0..=420.0).show(ui, |ui| {
-        panels::training_ui(ui, state, commands);
-        panels::cameras_ui(ui, state, commands);
-    });
-    Panel::right("right").frame(side).default_size(RIGHT_WIDTH).size_range(280.0..=420.0).show(ui, |ui| {
-        ScrollArea::vertical().auto_shrink([false, false]).show(ui, |ui| {
-            panels::material_ui(ui, state, commands);
-            ui.separator();
-            panels::environment_ui(ui, state, commands);
+    Panel::top("top")
+        .frame(bar)
+        .show(ui, |ui| panels::top_bar_ui(ui, state, commands));
+    Panel::bottom("status")
+        .frame(bar)
+        .show(ui, |ui| panels::status_ui(ui, state, commands));
+    Panel::left("left")
+        .frame(side)
+        .default_size(LEFT_WIDTH)
+        .size_range(220.0..=420.0)
+        .show(ui, |ui| {
+            panels::training_ui(ui, state, commands);
+            panels::cameras_ui(ui, state, commands);
         });
-    });
+    Panel::right("right")
+        .frame(side)
+        .default_size(RIGHT_WIDTH)
+        .size_range(280.0..=420.0)
+        .show(ui, |ui| {
+            ScrollArea::vertical()
+                .auto_shrink([false, false])
+                .show(ui, |ui| {
+                    panels::material_ui(ui, state, commands);
+                    ui.separator();
+                    panels::environment_ui(ui, state, commands);
+                });
+        });
     let size = CentralPanel::default().frame(Frame::NONE).show(ui, |ui| {
         let size = viewport_ui(ui, state, pictures, commands);
         panels::toasts_ui(ui, state, commands);

@@ -38,7 +38,9 @@ impl Source {
     pub fn path(&self) -> Option<&PathBuf> {
         match self {
             Self::Nothing => None,
-            Self::Demo(path) | Self::Capture(path) | Self::Run(path) | Self::Environment(path) => Some(path),
+            Self::Demo(path) | Self::Capture(path) | Self::Run(path) | Self::Environment(path) => {
+                Some(path)
+            }
         }
     }
 
@@ -54,7 +56,10 @@ impl Source {
 
 /// The last part of a path, or all of it where there is none.
 pub fn file_name(path: &std::path::Path) -> String {
-    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+    path.file_name()
+        .unwrap_or(path.as_os_str())
+        .to_string_lossy()
+        .into_owned()
 }
 
 /// Everything a person edits about the picture: one value, so that edits can be compared and kept.
@@ -134,7 +139,14 @@ pub struct ViewState {
 impl Default for ViewState {
     fn default() -> Self {
         let home = Viewpoint::look_at(Vec3::new(2.0, -2.0, 1.0), Vec3::ZERO, Vec3::Z);
-        Self { viewpoint: home, at_view: None, home, bounds: None, up: Vec3::Z, was_moved: false }
+        Self {
+            viewpoint: home,
+            at_view: None,
+            home,
+            bounds: None,
+            up: Vec3::Z,
+            was_moved: false,
+        }
     }
 }
 
@@ -281,8 +293,16 @@ impl AppState {
         if self.is_original_shown {
             return scene;
         }
-        let environment = self.chosen_environment().cloned().unwrap_or(scene.environment);
-        Scene { environment, transform: self.look.transform, edit: self.look.edit, object: scene.object }
+        let environment = self
+            .chosen_environment()
+            .cloned()
+            .unwrap_or(scene.environment);
+        Scene {
+            environment,
+            transform: self.look.transform,
+            edit: self.look.edit,
+            object: scene.object,
+        }
     }
 
     /// The chosen surroundings, unless they are the capture's own or not read yet.
@@ -298,7 +318,9 @@ impl AppState {
         self.dataset.iter().flat_map(|dataset| {
             let train = dataset.train.iter().map(|view| (Split::Train, view));
             let val = dataset.val.iter().map(|view| (Split::Val, view));
-            train.chain(val).chain(dataset.test.iter().map(|view| (Split::Test, view)))
+            train
+                .chain(val)
+                .chain(dataset.test.iter().map(|view| (Split::Test, view)))
         })
     }
 
@@ -309,12 +331,20 @@ impl AppState {
 
     /// The view whose camera is most like the current one.
     pub fn nearest_view(&self) -> Option<usize> {
-        nearest_view(&self.view.viewpoint.camera, self.views().map(|(_, view)| view))
+        nearest_view(
+            &self.view.viewpoint.camera,
+            self.views().map(|(_, view)| view),
+        )
     }
 
     /// Takes in a capture and puts the camera where its first photo was taken.
     pub fn set_dataset(&mut self, dataset: Arc<Dataset>) {
-        let first = dataset.train.iter().chain(&dataset.val).chain(&dataset.test).next();
+        let first = dataset
+            .train
+            .iter()
+            .chain(&dataset.val)
+            .chain(&dataset.test)
+            .next();
         if let Some(first) = first {
             let cameras = || dataset.train.iter().map(|view| &view.camera);
             let bounds = dataset.mesh.as_ref().map(|mesh| mesh.bounds());
@@ -326,7 +356,14 @@ impl AppState {
             let was_moved = self.view.was_moved;
             let viewpoint = if was_moved { self.view.viewpoint } else { home };
             let at_view = (!was_moved).then_some(0);
-            self.view = ViewState { viewpoint, at_view, home, bounds, up: up_axis(cameras()), was_moved };
+            self.view = ViewState {
+                viewpoint,
+                at_view,
+                home,
+                bounds,
+                up: up_axis(cameras()),
+                was_moved,
+            };
         }
         self.dataset = Some(dataset);
     }
@@ -334,11 +371,15 @@ impl AppState {
     /// Puts the camera where a model without photos can be seen.
     pub fn look_at_model(&mut self, snapshot: &Snapshot) {
         let up = snapshot.environment.up();
-        let bounds = snapshot.object.as_ref().map(|object| object.tracer.mesh().bounds());
+        let bounds = snapshot
+            .object
+            .as_ref()
+            .map(|object| object.tracer.mesh().bounds());
         let inner = snapshot.environment.inner_box();
         let home = match bounds {
             Some(bounds) => {
-                let eye = bounds.center() + (Vec3::new(1.0, -1.0, 0.0) + up * 0.5) * bounds.diagonal();
+                let eye =
+                    bounds.center() + (Vec3::new(1.0, -1.0, 0.0) + up * 0.5) * bounds.diagonal();
                 let mut home = Viewpoint::look_at(eye, bounds.center(), up);
                 home.frame(&bounds);
                 home
@@ -349,6 +390,13 @@ impl AppState {
                 Viewpoint::look_at(eye, inner.center(), up)
             }
         };
-        self.view = ViewState { viewpoint: home, at_view: None, home, bounds, up, was_moved: false };
+        self.view = ViewState {
+            viewpoint: home,
+            at_view: None,
+            home,
+            bounds,
+            up,
+            was_moved: false,
+        };
     }
 }

@@ -9,7 +9,11 @@ use crate::app::training_state::{Level, Phase};
 
 /// The background of all panels.
 pub fn background(is_dark: bool) -> Color32 {
-    if is_dark { Color32::from_gray(30) } else { Color32::from_gray(246) }
+    if is_dark {
+        Color32::from_gray(30)
+    } else {
+        Color32::from_gray(246)
+    }
 }
 
 /// Sets both themes up.
@@ -19,7 +23,8 @@ pub fn set_up(ctx: &Context) {
             style.visuals.panel_fill = Color32::TRANSPARENT;
             style.visuals.window_corner_radius = CornerRadius::same(6);
             style.visuals.window_stroke = Stroke::new(1.0, separator(&style.visuals));
-            style.visuals.widgets.noninteractive.bg_stroke = Stroke::new(1.0, separator(&style.visuals));
+            style.visuals.widgets.noninteractive.bg_stroke =
+                Stroke::new(1.0, separator(&style.visuals));
             style.spacing.item_spacing = vec2(8.0, 5.0);
             style.spacing.button_padding = vec2(7.0, 3.0);
             style.spacing.interact_size.y = 22.0;
@@ -35,22 +40,38 @@ pub fn set_up(ctx: &Context) {
 }
 
 fn separator(visuals: &Visuals) -> Color32 {
-    if visuals.dark_mode { Color32::from_gray(58) } else { Color32::from_gray(205) }
+    if visuals.dark_mode {
+        Color32::from_gray(58)
+    } else {
+        Color32::from_gray(205)
+    }
 }
 
 /// Text that matters less.
 pub fn weak(visuals: &Visuals) -> Color32 {
-    if visuals.dark_mode { Color32::from_gray(155) } else { Color32::from_gray(95) }
+    if visuals.dark_mode {
+        Color32::from_gray(155)
+    } else {
+        Color32::from_gray(95)
+    }
 }
 
 /// The colour that draws the eye.
 pub fn accent(visuals: &Visuals) -> Color32 {
-    if visuals.dark_mode { Color32::from_rgb(96, 176, 255) } else { Color32::from_rgb(0, 98, 190) }
+    if visuals.dark_mode {
+        Color32::from_rgb(96, 176, 255)
+    } else {
+        Color32::from_rgb(0, 98, 190)
+    }
 }
 
 /// A second colour for curves, told from the first by brightness too.
 pub fn accent_2(visuals: &Visuals) -> Color32 {
-    if visuals.dark_mode { Color32::from_rgb(255, 178, 84) } else { Color32::from_rgb(176, 92, 0) }
+    if visuals.dark_mode {
+        Color32::from_rgb(255, 178, 84)
+    } else {
+        Color32::from_rgb(176, 92, 0)
+    }
 }
 
 /// The colour of a phase of training.
@@ -77,8 +98,16 @@ pub fn of_level(visuals: &Visuals, level: Level) -> Color32 {
 
 fn traffic_light(visuals: &Visuals) -> [Color32; 3] {
     if visuals.dark_mode {
-        [Color32::from_rgb(110, 205, 120), Color32::from_rgb(240, 190, 80), Color32::from_rgb(255, 115, 105)]
+        [
+            Color32::from_rgb(110, 205, 120),
+            Color32::from_rgb(240, 190, 80),
+            Color32::from_rgb(255, 115, 105),
+        ]
     } else {
-        [Color32::from_rgb(20, 120, 40), Color32::from_rgb(150, 95, 0), Color32::from_rgb(190, 30, 25)]
+        [
+            Color32::from_rgb(20, 120, 40),
+            Color32::from_rgb(150, 95, 0),
+            Color32::from_rgb(190, 30, 25),
+        ]
     }
 }

@@ -139,14 +139,32 @@ impl TrainingState {
     /// Takes in an event; returns what the person should be told, if anything.
     pub fn take(&mut self, event: TrainEvent) -> Vec<(Level, String)> {
         match event {
-            TrainEvent::Loading { what, fraction } => self.phase = Phase::Loading { what, fraction },
-            TrainEvent::Loaded { n_train, n_val, width, height, has_object, problems } => {
-                self.capture = Some(CaptureInfo { n_train, n_val, size: (width, height), has_object });
+            TrainEvent::Loading { what, fraction } => {
+                self.phase = Phase::Loading { what, fraction }
+            }
+            TrainEvent::Loaded {
+                n_train,
+                n_val,
+                width,
+                height,
+                has_object,
+                problems,
+            } => {
+                self.capture = Some(CaptureInfo {
+                    n_train,
+                    n_val,
+                    size: (width, height),
+                    has_object,
+                });
                 self.phase = Phase::Training;
-                return problems.into_iter().map(|problem| (Level::Warning, problem)).collect();
+                return problems
+                    .into_iter()
+                    .map(|problem| (Level::Warning, problem))
+                    .collect();
             }
             TrainEvent::Progress(progress) => {
-                self.loss.push(progress.elapsed_secs, f64::from(progress.loss));
+                self.loss
+                    .push(progress.elapsed_secs, f64::from(progress.loss));
                 self.progress = progress;
             }
             TrainEvent::Validated(validation) => {
@@ -169,7 +187,9 @@ impl TrainingState {
                 self.phase = Phase::Finished(finish.reason);
                 let how = match finish.reason {
                     FinishReason::Budget => "Training finished",
-                    FinishReason::Settled => "Training finished early: the validation error has settled",
+                    FinishReason::Settled => {
+                        "Training finished early: the validation error has settled"
+                    }
                     FinishReason::Stopped => "Training stopped",
                 };
                 return vec![(Level::Info, format!("{how} after {} steps", finish.step))];
@@ -200,15 +220,25 @@ mod tests {
             curve.push(f64::from(i), f64::from(i % 7));
         }
         curve.push(f64::NAN, 1.0);
-        assert!(curve.points().len() < MAX_POINTS, "{} points", curve.points().len());
+        assert!(
+            curve.points().len() < MAX_POINTS,
+            "{} points",
+            curve.points().len()
+        );
         assert!(curve.points()[0][0] < 100.0 && curve.points().last().unwrap()[0] > 9_800.0);
-        assert!(curve.points().windows(2).all(|p| p[0][0] < p[1][0]), "out of order");
+        assert!(
+            curve.points().windows(2).all(|p| p[0][0] < p[1][0]),
+            "out of order"
+        );
     }
 
     #[test]
     fn events_lead_through_the_phases() {
         let mut state = TrainingState::default();
-        state.take(TrainEvent::Loading { what: "x".to_owned(), fraction: 0.5 });
+        state.take(TrainEvent::Loading {
+            what: "x".to_owned(),
+            fraction: 0.5,
+        });
         assert_eq!(state.phase.name(), "Loading");
         let told = state.take(TrainEvent::Loaded {
             n_train: 3,
@@ -219,15 +249,26 @@ mod tests {
             problems: vec!["odd".to_owned()],
         });
         assert_eq!(told, vec![(Level::Warning, "odd".to_owned())]);
-        state.take(TrainEvent::Progress(Progress { step: 7, loss: 0.5, ..Progress::default() }));
+        state.take(TrainEvent::Progress(Progress {
+            step: 7,
+            loss: 0.5,
+            ..Progress::default()
+        }));
         assert!(state.is_unsaved() && state.loss.points().len() == 1);
         state.take(TrainEvent::Saved("run".into()));
         assert!(!state.is_unsaved());
         state.take(TrainEvent::Paused);
         assert_eq!(state.phase, Phase::Paused);
-        let finish = Finish { reason: FinishReason::Stopped, step: 7, train_secs: 1.0 };
+        let finish = Finish {
+            reason: FinishReason::Stopped,
+            step: 7,
+            train_secs: 1.0,
+        };
         state.take(TrainEvent::Finished(finish));
-        assert!(!state.phase.takes_commands(), "a stopped session has no thread");
+        assert!(
+            !state.phase.takes_commands(),
+            "a stopped session has no thread"
+        );
         state.take(TrainEvent::Failed("bad".to_owned()));
         assert_eq!(state.phase, Phase::Failed("bad".to_owned()));
     }

@@ -1,6 +1,9 @@
 //! The viewport: the preview picture, the photo over it, and what the mouse does there.
 
-use egui::{Align2, Color32, CursorIcon, FontId, PointerButton, Pos2, Rect, Response, Sense, Stroke, TextureId, Ui, pos2, vec2};
+use egui::{
+    Align2, Color32, CursorIcon, FontId, PointerButton, Pos2, Rect, Response, Sense, Stroke,
+    TextureId, Ui, pos2, vec2,
+};
 use glam::Vec2;
 
 use crate::app::camera_control::CameraMove;
@@ -17,7 +20,10 @@ const DOLLY_PER_POINT: f32 = 0.003;
 /// Width of the strip that catches the wipe's line.
 const WIPE_GRAB: f32 = 14.0;
 /// All of a texture.
-const WHOLE: Rect = Rect { min: pos2(0.0, 0.0), max: pos2(1.0, 1.0) };
+const WHOLE: Rect = Rect {
+    min: pos2(0.0, 0.0),
+    max: pos2(1.0, 1.0),
+};
 
 /// Pictures on the graphics card.
 #[derive(Clone, Copy, Debug, Default)]
@@ -31,14 +37,23 @@ pub struct Pictures {
 }
 
 /// Draws the viewport into all of `ui`; returns its size in physical pixels.
-pub fn viewport_ui(ui: &mut Ui, state: &AppState, pictures: &Pictures, commands: &mut Vec<Command>) -> (u32, u32) {
+pub fn viewport_ui(
+    ui: &mut Ui,
+    state: &AppState,
+    pictures: &Pictures,
+    commands: &mut Vec<Command>,
+) -> (u32, u32) {
     let rect = ui.max_rect();
     let per_point = ui.ctx().pixels_per_point();
     let size = (rect.size() * per_point).round();
     let window = (size.x.max(1.0) as u32, size.y.max(1.0) as u32);
     match (pictures.preview, pictures.first_photo) {
         (Some(preview), _) => {
-            let response = ui.interact(rect, ui.scope_id().with("viewport"), Sense::click_and_drag());
+            let response = ui.interact(
+                rect,
+                ui.scope_id().with("viewport"),
+                Sense::click_and_drag(),
+            );
             describe(&response);
             mouse_ui(ui, &response, state, window, commands);
             ui.painter().image(preview, rect, WHOLE, Color32::WHITE);
@@ -48,7 +63,12 @@ pub fn viewport_ui(ui: &mut Ui, state: &AppState, pictures: &Pictures, commands:
         (None, Some((photo, size))) => {
             let area = fit(rect, vec2(size[0] as f32, size[1] as f32));
             ui.painter().image(photo, area, WHOLE, Color32::WHITE);
-            label(ui, area.left_top() + vec2(10.0, 10.0), Align2::LEFT_TOP, "First photo of the capture; the preview comes next");
+            label(
+                ui,
+                area.left_top() + vec2(10.0, 10.0),
+                Align2::LEFT_TOP,
+                "First photo of the capture; the preview comes next",
+            );
         }
         (None, None) => empty_ui(ui, rect, state, commands),
     }
@@ -57,7 +77,8 @@ pub fn viewport_ui(ui: &mut Ui, state: &AppState, pictures: &Pictures, commands:
 }
 
 fn describe(response: &Response) {
-    response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Image, true, "Preview of the scene"));
+    response
+        .widget_info(|| egui::WidgetInfo::labeled(egui::Role::Image, true, "Preview of the scene"));
 }
 
 /// The largest rectangle of that shape inside `rect`, centred.
@@ -67,7 +88,13 @@ fn fit(rect: Rect, size: egui::Vec2) -> Rect {
     Rect::from_center_size(rect.center(), size * scale)
 }
 
-fn mouse_ui(ui: &Ui, response: &Response, state: &AppState, window: (u32, u32), commands: &mut Vec<Command>) {
+fn mouse_ui(
+    ui: &Ui,
+    response: &Response,
+    state: &AppState,
+    window: (u32, u32),
+    commands: &mut Vec<Command>,
+) {
     let modifiers = ui.input(|input| input.modifiers);
     let drag = response.drag_delta();
     let per_point = ui.ctx().pixels_per_point();
@@ -76,9 +103,11 @@ fn mouse_ui(ui: &Ui, response: &Response, state: &AppState, window: (u32, u32), 
         let is_pan = is_middle || modifiers.command;
         let transform = &state.look.transform;
         commands.push(match (modifiers.shift, is_pan) {
-            (true, false) => {
-                Command::MoveEnvironment(turned(transform, state.view.up, -drag.x * DEGREES_PER_POINT))
-            }
+            (true, false) => Command::MoveEnvironment(turned(
+                transform,
+                state.view.up,
+                -drag.x * DEGREES_PER_POINT,
+            )),
             (true, true) => {
                 let drag_px = Vec2::new(drag.x, drag.y) * per_point;
                 Command::MoveEnvironment(shifted(transform, &state.view.viewpoint, drag_px, window))
@@ -91,13 +120,20 @@ fn mouse_ui(ui: &Ui, response: &Response, state: &AppState, window: (u32, u32), 
         });
     }
     if response.dragged() {
-        ui.ctx().set_cursor_icon(if modifiers.shift { CursorIcon::Move } else { CursorIcon::Grabbing });
+        ui.ctx().set_cursor_icon(if modifiers.shift {
+            CursorIcon::Move
+        } else {
+            CursorIcon::Grabbing
+        });
     }
     if response.double_clicked()
         && let Some(at) = response.interact_pointer_pos()
     {
         let at = (at - response.rect.min) * per_point;
-        commands.push(Command::PivotAt { at: Vec2::new(at.x, at.y), window });
+        commands.push(Command::PivotAt {
+            at: Vec2::new(at.x, at.y),
+            window,
+        });
     }
     if response.hovered() {
         let (scroll, zoom) = ui.input(|input| (input.smooth_scroll_delta(), input.zoom_delta()));
@@ -110,20 +146,43 @@ fn mouse_ui(ui: &Ui, response: &Response, state: &AppState, window: (u32, u32), 
 
 /// The scene follows the pointer, so the camera goes the other way.
 fn pan(state: &AppState, drag_px: egui::Vec2, window: (u32, u32)) -> CameraMove {
-    let photo_height = state.view.viewpoint.photo_area(window.0, window.1).size.y.max(1.0);
-    CameraMove::Pan { right: -drag_px.x / photo_height, up: drag_px.y / photo_height }
+    let photo_height = state
+        .view
+        .viewpoint
+        .photo_area(window.0, window.1)
+        .size
+        .y
+        .max(1.0);
+    CameraMove::Pan {
+        right: -drag_px.x / photo_height,
+        up: drag_px.y / photo_height,
+    }
 }
 
 /// The photo over the preview: all of it, or left of the wipe's line.
-fn photo_ui(ui: &mut Ui, rect: Rect, state: &AppState, pictures: &Pictures, window: (u32, u32), commands: &mut Vec<Command>) {
-    let Some(photo) = pictures.photo.filter(|_| state.view.at_view.is_some()) else { return };
+fn photo_ui(
+    ui: &mut Ui,
+    rect: Rect,
+    state: &AppState,
+    pictures: &Pictures,
+    window: (u32, u32),
+    commands: &mut Vec<Command>,
+) {
+    let Some(photo) = pictures.photo.filter(|_| state.view.at_view.is_some()) else {
+        return;
+    };
     let area = state.view.viewpoint.photo_area(window.0, window.1);
     let to_points = 1.0 / ui.ctx().pixels_per_point();
     let min = rect.min + vec2(area.min.x, area.min.y) * to_points;
     let area = Rect::from_min_size(min, vec2(area.size.x, area.size.y) * to_points);
     if state.compare.is_photo_held {
         ui.painter().image(photo, area, WHOLE, Color32::WHITE);
-        label(ui, area.left_top() + vec2(10.0, 34.0), Align2::LEFT_TOP, "Photo");
+        label(
+            ui,
+            area.left_top() + vec2(10.0, 34.0),
+            Align2::LEFT_TOP,
+            "Photo",
+        );
     } else if let Some(wipe) = state.compare.wipe {
         wipe_ui(ui, photo, area, wipe, commands);
     }
@@ -135,14 +194,26 @@ fn wipe_ui(ui: &mut Ui, photo: TextureId, area: Rect, wipe: f32, commands: &mut 
     let part = Rect::from_min_max(Pos2::ZERO, pos2(wipe, 1.0));
     ui.painter().image(photo, left, part, Color32::WHITE);
     let strip = Rect::from_x_y_ranges(x - 0.5 * WIPE_GRAB..=x + 0.5 * WIPE_GRAB, area.y_range());
-    let handle = ui.interact(strip, ui.scope_id().with("wipe"), Sense::drag()).on_hover_cursor(CursorIcon::ResizeHorizontal);
-    handle.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Slider, true, "Wipe between photo and rendering"));
+    let handle = ui
+        .interact(strip, ui.scope_id().with("wipe"), Sense::drag())
+        .on_hover_cursor(CursorIcon::ResizeHorizontal);
+    handle.widget_info(|| {
+        egui::WidgetInfo::labeled(egui::Role::Slider, true, "Wipe between photo and rendering")
+    });
     if let Some(at) = handle.interact_pointer_pos().filter(|_| handle.dragged()) {
         commands.push(Command::SetWipe(Some((at.x - area.left()) / area.width())));
     }
-    let width = if handle.hovered() || handle.dragged() { 3.0 } else { 1.5 };
-    for (stroke, color) in [(width + 2.0, Color32::from_black_alpha(120)), (width, Color32::WHITE)] {
-        ui.painter().vline(x, area.y_range(), Stroke::new(stroke, color));
+    let width = if handle.hovered() || handle.dragged() {
+        3.0
+    } else {
+        1.5
+    };
+    for (stroke, color) in [
+        (width + 2.0, Color32::from_black_alpha(120)),
+        (width, Color32::WHITE),
+    ] {
+        ui.painter()
+            .vline(x, area.y_range(), Stroke::new(stroke, color));
     }
     let y = area.bottom() - 10.0;
     label(ui, pos2(x - 10.0, y), Align2::RIGHT_BOTTOM, "Photo");
@@ -153,22 +224,44 @@ fn wipe_ui(ui: &mut Ui, photo: TextureId, area: Rect, wipe: f32, commands: &mut 
 fn caption_ui(ui: &Ui, rect: Rect, state: &AppState) {
     let view = state.view.at_view.and_then(|i| state.view_at(i));
     if let Some((split, view)) = view {
-        label(ui, rect.left_top() + vec2(10.0, 10.0), Align2::LEFT_TOP, &format!("{} / {}", split.name(), view.name));
+        label(
+            ui,
+            rect.left_top() + vec2(10.0, 10.0),
+            Align2::LEFT_TOP,
+            &format!("{} / {}", split.name(), view.name),
+        );
     }
     if state.is_original_shown {
-        label(ui, rect.center_top() + vec2(0.0, 10.0), Align2::CENTER_TOP, "Before edits (B shows them again)");
+        label(
+            ui,
+            rect.center_top() + vec2(0.0, 10.0),
+            Align2::CENTER_TOP,
+            "Before edits (B shows them again)",
+        );
     }
-    if let Some(shown) = state.shown.filter(|shown| shown.step > 0 && state.training.phase == Phase::Training) {
-        label(ui, rect.left_bottom() + vec2(10.0, -10.0), Align2::LEFT_BOTTOM, &format!("as of step {}", shown.step));
+    if let Some(shown) = state
+        .shown
+        .filter(|shown| shown.step > 0 && state.training.phase == Phase::Training)
+    {
+        label(
+            ui,
+            rect.left_bottom() + vec2(10.0, -10.0),
+            Align2::LEFT_BOTTOM,
+            &format!("as of step {}", shown.step),
+        );
     }
 }
 
 /// White text on a dark ground, readable over any picture.
 fn label(ui: &Ui, at: Pos2, anchor: Align2, text: &str) {
-    let galley = ui.painter().layout_no_wrap(text.to_owned(), FontId::proportional(13.0), Color32::WHITE);
+    let galley =
+        ui.painter()
+            .layout_no_wrap(text.to_owned(), FontId::proportional(13.0), Color32::WHITE);
     let rect = anchor.anchor_size(at, galley.size() + vec2(12.0, 6.0));
-    ui.painter().rect_filled(rect, 4.0, Color32::from_black_alpha(150));
-    ui.painter().galley(rect.min + vec2(6.0, 3.0), galley, Color32::WHITE);
+    ui.painter()
+        .rect_filled(rect, 4.0, Color32::from_black_alpha(150));
+    ui.painter()
+        .galley(rect.min + vec2(6.0, 3.0), galley, Color32::WHITE);
 }
 
 fn empty_ui(ui: &mut Ui, rect: Rect, state: &AppState, commands: &mut Vec<Command>) {
@@ -209,14 +302,27 @@ fn empty_ui(ui: &mut Ui, rect: Rect, state: &AppState, commands: &mut Vec<Comman
 fn drop_ui(ui: &Ui, rect: Rect) {
     let hovered = ui.input(|input| input.raw.hovered_files.clone());
     let Some(first) = hovered.first() else { return };
-    let name = first.path.as_ref().map_or_else(|| "this".to_owned(), |path| crate::app::state::file_name(path));
-    let is_environment = first.path.as_ref().is_some_and(|path| path.extension().is_some_and(|e| e == "safetensors"));
+    let name = first.path.as_ref().map_or_else(
+        || "this".to_owned(),
+        |path| crate::app::state::file_name(path),
+    );
+    let is_environment = first
+        .path
+        .as_ref()
+        .is_some_and(|path| path.extension().is_some_and(|e| e == "safetensors"));
     let text = if is_environment {
         format!("Drop to light the scene with “{name}”")
     } else {
         format!("Drop to open “{name}”")
     };
-    ui.painter().rect_filled(rect, 0.0, Color32::from_black_alpha(170));
+    ui.painter()
+        .rect_filled(rect, 0.0, Color32::from_black_alpha(170));
     let style = egui::TextStyle::Heading.resolve(ui.style());
-    ui.painter().text(rect.center(), Align2::CENTER_CENTER, text, style, Color32::WHITE);
+    ui.painter().text(
+        rect.center(),
+        Align2::CENTER_CENTER,
+        text,
+        style,
+        Color32::WHITE,
+    );
 }

@@ -46,13 +46,19 @@ pub(super) struct Window {
 
 impl Window {
     /// Sets the window up and begins to open what was asked for; reads nothing itself.
-    pub(super) fn new(creation: &CreationContext<'_>, options: AppOptions) -> std::io::Result<Self> {
+    pub(super) fn new(
+        creation: &CreationContext<'_>,
+        options: AppOptions,
+    ) -> std::io::Result<Self> {
         let ctx = &creation.egui_ctx;
         theme::set_up(ctx);
         let wake = ctx.clone();
         let preview = Preview::new(0, move || wake.request_repaint())?;
         let mut window = Self {
-            state: AppState { adapter: adapter(creation), ..AppState::default() },
+            state: AppState {
+                adapter: adapter(creation),
+                ..AppState::default()
+            },
             work: Work::new(ctx),
             preview,
             driver: PreviewDriver::default(),
@@ -113,13 +119,20 @@ impl Window {
             return;
         }
         self.n_frames_seen = n_frames;
-        let Some(frame) = self.preview.frame() else { return };
-        let Some(step) = self.driver.was_shown(&frame) else { return };
+        let Some(frame) = self.preview.frame() else {
+            return;
+        };
+        let Some(step) = self.driver.was_shown(&frame) else {
+            return;
+        };
         let size = [frame.width as usize, frame.height as usize];
         let image = ColorImage::from_rgba_premultiplied(size, frame.pixels.as_flattened());
         match &mut self.textures.preview {
             Some(texture) => texture.set(image, TextureOptions::LINEAR),
-            None => self.textures.preview = Some(ctx.load_texture("preview", image, TextureOptions::LINEAR)),
+            None => {
+                self.textures.preview =
+                    Some(ctx.load_texture("preview", image, TextureOptions::LINEAR))
+            }
         }
         self.textures.first_photo = None;
         self.state.shown = Some(ShownPicture {
@@ -133,7 +146,9 @@ impl Window {
     /// Asks the preview for what is missing, and the opener for the photo to compare with.
     fn ask(&mut self, ctx: &Context) {
         self.ask_photo();
-        let Some(snapshot) = self.state.snapshot.clone() else { return };
+        let Some(snapshot) = self.state.snapshot.clone() else {
+            return;
+        };
         if self.viewport.0 < 16 || self.viewport.1 < 16 {
             return;
         }
@@ -144,9 +159,17 @@ impl Window {
             trained_secs: training.progress.elapsed_secs,
             n_cores: self.n_cores,
         };
-        let camera = self.state.view.viewpoint.camera_for(self.viewport.0, self.viewport.1);
+        let camera = self
+            .state
+            .view
+            .viewpoint
+            .camera_for(self.viewport.0, self.viewport.1);
         let (state, layer) = (&self.state, self.state.layer);
-        let scene = |snapshot: &_| PreviewScene { scene: state.scene_of(snapshot), camera, layer };
+        let scene = |snapshot: &_| PreviewScene {
+            scene: state.scene_of(snapshot),
+            camera,
+            layer,
+        };
         if let Some(wanted) = self.driver.decide(&snapshot, scene, &situation) {
             let number = self.preview.request(wanted.scene, wanted.passes);
             self.driver.was_requested(number);
@@ -157,7 +180,9 @@ impl Window {
     }
 
     fn ask_photo(&mut self) {
-        let Some(view) = self.state.view.at_view else { return };
+        let Some(view) = self.state.view.at_view else {
+            return;
+        };
         if self.textures.asked_photo != Some(view)
             && let Some(dataset) = &self.state.dataset
         {
@@ -168,11 +193,17 @@ impl Window {
 
     fn pictures(&self) -> Pictures {
         let textures = &self.textures;
-        let photo = textures.photo.as_ref().filter(|(view, _)| Some(*view) == self.state.view.at_view);
+        let photo = textures
+            .photo
+            .as_ref()
+            .filter(|(view, _)| Some(*view) == self.state.view.at_view);
         Pictures {
             preview: textures.preview.as_ref().map(TextureHandle::id),
             photo: photo.map(|(_, texture)| texture.id()),
-            first_photo: textures.first_photo.as_ref().map(|(texture, size)| (texture.id(), *size)),
+            first_photo: textures
+                .first_photo
+                .as_ref()
+                .map(|(texture, size)| (texture.id(), *size)),
         }
     }
 
@@ -222,7 +253,10 @@ impl eframe::App for Window {
 /// Dropped files, as commands.
 fn dropped(ctx: &Context) -> Vec<Command> {
     let files = ctx.input(|input| input.raw.dropped_files.clone());
-    files.into_iter().map(|file| Command::Open(file.path().to_owned())).collect()
+    files
+        .into_iter()
+        .map(|file| Command::Open(file.path().to_owned()))
+        .collect()
 }
 
 fn upload(ctx: &Context, name: &str, photo: ScreenPhoto) -> TextureHandle {
@@ -231,8 +265,14 @@ fn upload(ctx: &Context, name: &str, photo: ScreenPhoto) -> TextureHandle {
 }
 
 fn adapter(creation: &CreationContext<'_>) -> Adapter {
-    creation.wgpu_render_state.as_ref().map_or_else(Adapter::default, |render| {
-        let info = render.adapter.get_info();
-        Adapter { name: info.name, is_software: info.device_type == eframe::wgpu::DeviceType::Cpu }
-    })
+    creation
+        .wgpu_render_state
+        .as_ref()
+        .map_or_else(Adapter::default, |render| {
+            let info = render.adapter.get_info();
+            Adapter {
+                name: info.name,
+                is_software: info.device_type == eframe::wgpu::DeviceType::Cpu,
+            }
+        })
 }

@@ -16,11 +16,11 @@ use crate::app::state::{
 };
 use crate::app::training_state::{Level, Phase, TrainingState};
 use crate::neif::Environment;
+use crate::train::Snapshot;
 use crate::train::config::TrainConfig;
 use crate::train::events::TrainCommand;
 use crate::train::plan::Budget;
 use crate::train::session::{Session, SessionOptions};
-use crate::train::Snapshot;
 
 /// Training wakes the window at most so often.
 const TRAINING_REPAINT: Duration = Duration::from_millis(66);
@@ -53,7 +53,13 @@ impl Work {
     pub(super) fn new(ctx: &Context) -> Self {
         let wake = ctx.clone();
         let opener = Opener::new(move || wake.request_repaint());
-        Self { ctx: ctx.clone(), session: None, snapshot_version: 0, opener, dialog: None }
+        Self {
+            ctx: ctx.clone(),
+            session: None,
+            snapshot_version: 0,
+            opener,
+            dialog: None,
+        }
     }
 
     /// Reads files.
@@ -87,7 +93,9 @@ impl Work {
     fn send(&self, state: &mut AppState, command: TrainCommand) {
         match &self.session {
             Some(session) => session.send(command),
-            None => state.messages.say(Level::Warning, "Nothing is being trained"),
+            None => state
+                .messages
+                .say(Level::Warning, "Nothing is being trained"),
         }
     }
 
@@ -95,7 +103,10 @@ impl Work {
         let wake = self.ctx.clone();
         match FileDialog::open(kind, purpose, move || wake.request_repaint()) {
             Ok(dialog) => self.dialog = Some(dialog),
-            Err(error) => state.messages.say(Level::Error, format!("cannot show the file dialog: {error}")),
+            Err(error) => state.messages.say(
+                Level::Error,
+                format!("cannot show the file dialog: {error}"),
+            ),
         }
     }
 
@@ -132,12 +143,17 @@ impl Work {
             Source::Demo(path) | Source::Capture(path) => TrainConfig::preset(PRESET)
                 .map(|config| SessionOptions::new(path, config, budget))
                 .map_err(|error| error.to_string()),
-            Source::Run(path) => SessionOptions::resume(path, Some(budget)).map_err(|error| error.to_string()),
+            Source::Run(path) => {
+                SessionOptions::resume(path, Some(budget)).map_err(|error| error.to_string())
+            }
             Source::Nothing | Source::Environment(_) => Err("Open a capture first".to_owned()),
         };
         let ctx = self.ctx.clone();
         let session = options.and_then(|options| {
-            let options = SessionOptions { nice: true, ..options };
+            let options = SessionOptions {
+                nice: true,
+                ..options
+            };
             let wake = move || ctx.request_repaint_after(TRAINING_REPAINT);
             Session::spawn(options, wake).map_err(|error| error.to_string())
         });
@@ -145,8 +161,14 @@ impl Work {
             Ok(session) => {
                 self.session = Some(session);
                 self.snapshot_version = 0;
-                let phase = Phase::Loading { what: "Reading the capture".to_owned(), fraction: 0.0 };
-                state.training = TrainingState { phase, ..TrainingState::default() };
+                let phase = Phase::Loading {
+                    what: "Reading the capture".to_owned(),
+                    fraction: 0.0,
+                };
+                state.training = TrainingState {
+                    phase,
+                    ..TrainingState::default()
+                };
             }
             Err(reason) => state.messages.say(Level::Error, reason),
         }
@@ -200,9 +222,15 @@ impl Work {
                 remember(state, &state.source.clone());
                 return Some(News::Reset);
             }
-            Opened::RunDataset { path, dataset } if state.source == Source::Run(path.clone()) => state.set_dataset(dataset),
-            Opened::Environment { path, result } => return self.take_environment(state, path, result),
-            Opened::FirstPhoto { path, photo } if state.source.path() == Some(&path) && state.snapshot.is_none() => {
+            Opened::RunDataset { path, dataset } if state.source == Source::Run(path.clone()) => {
+                state.set_dataset(dataset)
+            }
+            Opened::Environment { path, result } => {
+                return self.take_environment(state, path, result);
+            }
+            Opened::FirstPhoto { path, photo }
+                if state.source.path() == Some(&path) && state.snapshot.is_none() =>
+            {
                 return Some(News::FirstPhoto(photo));
             }
             Opened::ViewPhoto { view, photo } => return Some(News::ViewPhoto(view, photo)),
@@ -222,7 +250,10 @@ impl Work {
         let environment = match result {
             Ok(environment) => environment,
             Err(reason) => {
-                let failed = state.environments.iter_mut().find(|entry| entry.path == path);
+                let failed = state
+                    .environments
+                    .iter_mut()
+                    .find(|entry| entry.path == path);
                 if let Some(entry) = failed {
                     entry.content = EnvironmentContent::Failed(reason.clone());
                 }
@@ -235,7 +266,11 @@ impl Work {
         };
         if state.source == Source::Nothing {
             self.reset(state);
-            let snapshot = Arc::new(Snapshot { step: 0, object: None, environment });
+            let snapshot = Arc::new(Snapshot {
+                step: 0,
+                object: None,
+                environment,
+            });
             state.look_at_model(&snapshot);
             state.snapshot = Some(snapshot);
             state.source = Source::Environment(path);
@@ -243,12 +278,19 @@ impl Work {
             return Some(News::Reset);
         }
         let content = EnvironmentContent::Ready(environment);
-        let known = state.environments.iter().position(|entry| entry.path == path);
+        let known = state
+            .environments
+            .iter()
+            .position(|entry| entry.path == path);
         match known {
             Some(i) => state.environments[i].content = content,
             None => {
                 recent::add(&mut state.recent, &path);
-                state.environments.push(EnvironmentEntry { name: environment_name(&path), path, content });
+                state.environments.push(EnvironmentEntry {
+                    name: environment_name(&path),
+                    path,
+                    content,
+                });
                 state.look.environment = Some(state.environments.len() - 1);
             }
         }
@@ -267,7 +309,10 @@ impl Work {
 
 /// Runs all call their environment the same; the folder's name says more.
 fn environment_name(path: &Path) -> String {
-    let stem = path.file_stem().map_or_else(|| file_name(path), |stem| stem.to_string_lossy().into_owned());
+    let stem = path.file_stem().map_or_else(
+        || file_name(path),
+        |stem| stem.to_string_lossy().into_owned(),
+    );
     match path.parent().and_then(Path::file_name) {
         Some(folder) if stem == "environment" => folder.to_string_lossy().into_owned(),
         _ => stem,

@@ -88,7 +88,9 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 impl fmt::Debug for Preview {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Preview").field("shared", &self.shared).finish_non_exhaustive()
+        f.debug_struct("Preview")
+            .field("shared", &self.shared)
+            .finish_non_exhaustive()
     }
 }
 
@@ -106,18 +108,32 @@ impl Preview {
             .build()
             .map_err(std::io::Error::other)?;
         let theirs = Arc::clone(&shared);
-        let thread = std::thread::Builder::new().name("neif-preview".to_owned()).spawn(move || {
-            lower_thread_priority(NICE);
-            Worker { shared: theirs, pool, progressive: Progressive::default() }.run(&wake);
-        })?;
-        Ok(Self { shared, thread: Some(thread) })
+        let thread = std::thread::Builder::new()
+            .name("neif-preview".to_owned())
+            .spawn(move || {
+                lower_thread_priority(NICE);
+                Worker {
+                    shared: theirs,
+                    pool,
+                    progressive: Progressive::default(),
+                }
+                .run(&wake);
+            })?;
+        Ok(Self {
+            shared,
+            thread: Some(thread),
+        })
     }
 
     /// Asks for a picture instead of whatever is waiting or running; returns the request's number.
     pub fn request(&self, scene: PreviewScene, passes: Passes) -> u64 {
         let number = self.shared.n_requests.fetch_add(1, Ordering::Relaxed) + 1;
         let mut inbox = lock(&self.shared.inbox);
-        inbox.request = Some(Request { number, scene, passes });
+        inbox.request = Some(Request {
+            number,
+            scene,
+            passes,
+        });
         self.shared.superseded.store(true, Ordering::Relaxed);
         drop(inbox);
         self.shared.news.notify_one();
@@ -140,7 +156,11 @@ impl Drop for Preview {
         lock(&self.shared.inbox).is_closed = true;
         self.shared.superseded.store(true, Ordering::Relaxed);
         self.shared.news.notify_one();
-        if self.thread.take().is_some_and(|thread| thread.join().is_err()) {
+        if self
+            .thread
+            .take()
+            .is_some_and(|thread| thread.join().is_err())
+        {
             tracing::error!("the preview thread broke down (this is a bug)");
         }
     }
@@ -170,16 +190,27 @@ impl Worker {
                 self.shared.superseded.store(false, Ordering::Relaxed);
                 return Some(request);
             }
-            inbox = self.shared.news.wait(inbox).unwrap_or_else(PoisonError::into_inner);
+            inbox = self
+                .shared
+                .news
+                .wait(inbox)
+                .unwrap_or_else(PoisonError::into_inner);
         }
     }
 
     /// The finest scale that a drag can bear; a quarter where even that is slow, or unknown.
     fn first_scale(&mut self, scene: &PreviewScene) -> u32 {
         let n_threads = self.pool.current_num_threads() as f64;
-        let mut is_quick =
-            |scale| self.progressive.estimate_secs(scene, scale).is_some_and(|secs| secs / n_threads <= QUICK_SECS);
-        SCALES.into_iter().rev().find(|&scale| is_quick(scale)).unwrap_or(SCALES[0])
+        let mut is_quick = |scale| {
+            self.progressive
+                .estimate_secs(scene, scale)
+                .is_some_and(|secs| secs / n_threads <= QUICK_SECS)
+        };
+        SCALES
+            .into_iter()
+            .rev()
+            .find(|&scale| is_quick(scale))
+            .unwrap_or(SCALES[0])
     }
 
     fn serve(&mut self, request: &Request, wake: &(impl Fn() + Send)) {
@@ -189,10 +220,19 @@ impl Worker {
         };
         // A refinement's first picture is always finished; what is only a refresh may be dropped.
         let never = AtomicBool::new(false);
-        for scale in SCALES.into_iter().filter(|scale| (last..=first).contains(scale)) {
+        for scale in SCALES
+            .into_iter()
+            .filter(|scale| (last..=first).contains(scale))
+        {
             let is_first = scale == first && request.passes == Passes::Refine;
-            let cancel = if is_first { &never } else { &self.shared.superseded };
-            let output = self.pool.install(|| self.progressive.pass(&request.scene, scale, cancel));
+            let cancel = if is_first {
+                &never
+            } else {
+                &self.shared.superseded
+            };
+            let output = self
+                .pool
+                .install(|| self.progressive.pass(&request.scene, scale, cancel));
             let Some(output) = output else { return };
             self.publish(request.number, scale, scale == last, output);
             wake();
@@ -203,8 +243,23 @@ impl Worker {
     }
 
     fn publish(&self, request: u64, scale: u32, is_last: bool, output: PassOutput) {
-        let PassOutput { width, height, pixels, recomputed, cpu_secs } = output;
-        let frame = PreviewFrame { request, scale, is_last, width, height, pixels, recomputed, cpu_secs };
+        let PassOutput {
+            width,
+            height,
+            pixels,
+            recomputed,
+            cpu_secs,
+        } = output;
+        let frame = PreviewFrame {
+            request,
+            scale,
+            is_last,
+            width,
+            height,
+            pixels,
+            recomputed,
+            cpu_secs,
+        };
         *lock(&self.shared.frame) = Some(Arc::new(frame));
         self.shared.n_frames.fetch_add(1, Ordering::Release);
     }
@@ -219,15 +274,27 @@ mod tests {
     use super::*;
 
     fn request(width: u32) -> PreviewScene {
-        PreviewScene { scene: scene(), camera: camera(width, width), layer: Layer::Final }
+        PreviewScene {
+            scene: scene(),
+            camera: camera(width, width),
+            layer: Layer::Final,
+        }
     }
 
     /// All pictures until the last one of a request.
-    fn frames_until_last(preview: &Preview, news: &crossbeam::channel::Receiver<()>, number: u64) -> Vec<Arc<PreviewFrame>> {
+    fn frames_until_last(
+        preview: &Preview,
+        news: &crossbeam::channel::Receiver<()>,
+        number: u64,
+    ) -> Vec<Arc<PreviewFrame>> {
         let end = Instant::now() + Duration::from_secs(60);
         let mut frames: Vec<Arc<PreviewFrame>> = Vec::new();
-        while frames.last().is_none_or(|frame| frame.request != number || !frame.is_last) {
-            news.recv_timeout(end.saturating_duration_since(Instant::now())).expect("a picture within a minute");
+        while frames
+            .last()
+            .is_none_or(|frame| frame.request != number || !frame.is_last)
+        {
+            news.recv_timeout(end.saturating_duration_since(Instant::now()))
+                .expect("a picture within a minute");
             frames.extend(preview.frame());
         }
         frames
@@ -246,8 +313,14 @@ mod tests {
         let frames = frames_until_last(&preview, &news, number);
         let last = frames.last().unwrap();
         assert_eq!((last.scale, last.width, last.height), (1, 200, 200));
-        assert_eq!(frames[0].scale, 4, "nothing was measured yet, so it begins at a quarter");
-        assert!(frames.windows(2).all(|pair| pair[1].scale <= pair[0].scale), "it grew coarser");
+        assert_eq!(
+            frames[0].scale, 4,
+            "nothing was measured yet, so it begins at a quarter"
+        );
+        assert!(
+            frames.windows(2).all(|pair| pair[1].scale <= pair[0].scale),
+            "it grew coarser"
+        );
     }
 
     #[test]
@@ -260,9 +333,21 @@ mod tests {
             number = preview.request(next, Passes::Refine);
         }
         let frames = frames_until_last(&preview, &news, number);
-        assert!(frames.len() < 3 * 30, "every request was refined: {} pictures", frames.len());
-        assert!(frames.iter().all(|frame| frame.width >= 40), "coarser than a quarter");
-        assert!(frames.windows(2).all(|pair| pair[1].request >= pair[0].request), "an older one came later");
+        assert!(
+            frames.len() < 3 * 30,
+            "every request was refined: {} pictures",
+            frames.len()
+        );
+        assert!(
+            frames.iter().all(|frame| frame.width >= 40),
+            "coarser than a quarter"
+        );
+        assert!(
+            frames
+                .windows(2)
+                .all(|pair| pair[1].request >= pair[0].request),
+            "an older one came later"
+        );
     }
 
     #[test]
@@ -270,7 +355,13 @@ mod tests {
         let (preview, news) = preview();
         let number = preview.request(request(64), Passes::Only(2));
         let frames = frames_until_last(&preview, &news, number);
-        assert_eq!(frames.iter().map(|frame| (frame.scale, frame.is_last)).collect::<Vec<_>>(), [(2, true)]);
+        assert_eq!(
+            frames
+                .iter()
+                .map(|frame| (frame.scale, frame.is_last))
+                .collect::<Vec<_>>(),
+            [(2, true)]
+        );
     }
 
     #[test]
@@ -279,6 +370,10 @@ mod tests {
         preview.request(request(2000), Passes::Only(1));
         let start = Instant::now();
         drop(preview);
-        assert!(start.elapsed() < Duration::from_secs(20), "took {:?}", start.elapsed());
+        assert!(
+            start.elapsed() < Duration::from_secs(20),
+            "took {:?}",
+            start.elapsed()
+        );
     }
 }

@@ -5,25 +5,20 @@
 //! the object's own light. A changed material leaves the first two, a changed environment the
 //! first; a pass that was interrupted goes on where it stopped.
 
-use std::ops::Range;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use rayon::prelude::*;
 
-use super::gbuffer::GBuffer;
+use super::band::{Band, Versions, Work, band_rows, bands};
 use super::scene::{Layer, Scene};
-use super::shade::{ShadeScratch, compose, shade_background, shade_object};
+use super::shade::ShadeScratch;
 use crate::geometry::{Camera, SurfaceTracer};
 use crate::neif::{Environment, EnvironmentTransform, Material, MaterialEdit};
 
 /// The resolution divisors of the passes, coarsest first; nothing is ever coarser than a quarter.
 pub const SCALES: [u32; 3] = [4, 2, 1];
-/// Pixels of a band, about: the grain of interruption.
-const BAND_PIXELS: u32 = 2048;
-/// Fewest rows of a band: tracing looks at one more row on each side.
-const MIN_BAND_ROWS: u32 = 4;
 
 /// A picture that is wanted.
 #[derive(Clone, Debug)]
@@ -100,10 +95,16 @@ impl Causes {
         let scene = &request.scene;
         Self {
             camera,
-            tracer: scene.object.as_ref().map(|object| Arc::clone(&object.tracer)),
+            tracer: scene
+                .object
+                .as_ref()
+                .map(|object| Arc::clone(&object.tracer)),
             environment: Arc::clone(&scene.environment),
             transform: scene.transform,
-            material: scene.object.as_ref().map(|object| Arc::clone(&object.material)),
+            material: scene
+                .object
+                .as_ref()
+                .map(|object| Arc::clone(&object.material)),
             edit: scene.edit,
             layer: request.layer,
         }
@@ -130,27 +131,6 @@ fn same<T>(a: Option<&Arc<T>>, b: Option<&Arc<T>>) -> bool {
     a.map(Arc::as_ptr) == b.map(Arc::as_ptr)
 }
 
-/// Counters of the causes: a part of a band is good while its number is the pass's.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-struct Versions {
-    geometry: u64,
-    background: u64,
-    object: u64,
-}
-
-/// Some rows of one pass, with what is known of them; 0 in `versions` is nothing.
-#[derive(Debug)]
-struct Band {
-    rows: Range<u32>,
-    versions: Versions,
-    gbuffer: GBuffer,
-    /// `[rows * width]` linear; behind the object only where `is_background_whole`.
-    background: Vec<[f32; 3]>,
-    is_background_whole: bool,
-    /// `[rows * width]` linear, or the layer's value.
-    object: Vec<[f32; 3]>,
-}
-
 /// The state of one resolution.
 #[derive(Debug, Default)]
 struct Pass {
@@ -174,7 +154,12 @@ impl Progressive {
     ///
     /// # Panics
     /// When `scale` is not one of [`SCALES`].
-    pub fn pass(&mut self, request: &PreviewScene, scale: u32, cancel: &AtomicBool) -> Option<PassOutput> {
+    pub fn pass(
+        &mut self,
+        request: &PreviewScene,
+        scale: u32,
+        cancel: &AtomicBool,
+    ) -> Option<PassOutput> {
         let camera = scaled(&request.camera, scale);
         let (output, seconds) = self.passes[index_of(scale)].run(request, camera, cancel);
         let learn = |cost: &mut Option<f64>, secs: f64, n: usize| {
@@ -184,7 +169,11 @@ impl Progressive {
             }
         };
         learn(&mut self.costs.traced, seconds[0], output.recomputed.traced);
-        learn(&mut self.costs.background, seconds[1], output.recomputed.background);
+        learn(
+            &mut self.costs.background,
+            seconds[1],
+            output.recomputed.background,
+        );
         learn(&mut self.costs.object, seconds[2], output.recomputed.object);
         if cancel.load(Ordering::Relaxed) {
             return None;
@@ -201,7 +190,13 @@ impl Progressive {
         let pass = &mut self.passes[index_of(scale)];
         pass.invalidate(Causes::of(request, scaled(&request.camera, scale)));
         let stale = pass.stale_pixels(request.layer);
-        let part = |n: f64, cost: Option<f64>| if n > 0.0 { cost.map(|cost| cost * n) } else { Some(0.0) };
+        let part = |n: f64, cost: Option<f64>| {
+            if n > 0.0 {
+                cost.map(|cost| cost * n)
+            } else {
+                Some(0.0)
+            }
+        };
         Some(
             part(stale[0], self.costs.traced)?
                 + part(stale[1] * (1.0 - self.coverage), self.costs.background)?
@@ -219,18 +214,25 @@ impl Progressive {
 #[cfg(unix)]
 fn thread_cpu() -> Duration {
     let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
-    Duration::new(u64::try_from(time.tv_sec).unwrap_or(0), u32::try_from(time.tv_nsec).unwrap_or(0))
+    Duration::new(
+        u64::try_from(time.tv_sec).unwrap_or(0),
+        u32::try_from(time.tv_nsec).unwrap_or(0),
+    )
 }
 
 /// Elsewhere the time that has passed must do.
 #[cfg(not(unix))]
 fn thread_cpu() -> Duration {
-    static START: std::sync::LazyLock<Instant> = std::sync::LazyLock::new(Instant::now);
+    static START: std::sync::LazyLock<std::time::Instant> =
+        std::sync::LazyLock::new(std::time::Instant::now);
     START.elapsed()
 }
 
 fn index_of(scale: u32) -> usize {
-    SCALES.iter().position(|&s| s == scale).expect("scale is one of SCALES")
+    SCALES
+        .iter()
+        .position(|&s| s == scale)
+        .expect("scale is one of SCALES")
 }
 
 /// The camera of the pass at `scale`.
@@ -238,21 +240,34 @@ pub fn scaled(camera: &Camera, scale: u32) -> Camera {
     if scale == 1 {
         return *camera;
     }
-    camera.resized(camera.width.div_ceil(scale).max(1), camera.height.div_ceil(scale).max(1))
+    camera.resized(
+        camera.width.div_ceil(scale).max(1),
+        camera.height.div_ceil(scale).max(1),
+    )
 }
 
 impl Pass {
     /// Updates all bands; also the seconds spent on tracing, the surroundings and the object.
-    fn run(&mut self, request: &PreviewScene, camera: Camera, cancel: &AtomicBool) -> (PassOutput, [f64; 3]) {
+    fn run(
+        &mut self,
+        request: &PreviewScene,
+        camera: Camera,
+        cancel: &AtomicBool,
+    ) -> (PassOutput, [f64; 3]) {
         self.invalidate(Causes::of(request, camera));
-        let work = Work { request, camera, versions: self.versions };
+        let work = Work {
+            request,
+            camera,
+            versions: self.versions,
+        };
         let (width, height) = (camera.width, camera.height);
         let mut pixels = vec![[0, 0, 0, 255]; (width * height) as usize];
         let counts: [AtomicUsize; 7] = Default::default();
         let chunk = (band_rows(width) * width) as usize;
-        self.bands.par_iter_mut().zip(pixels.par_chunks_mut(chunk)).for_each_init(
-            ShadeScratch::default,
-            |scratch, (band, out)| {
+        self.bands
+            .par_iter_mut()
+            .zip(pixels.par_chunks_mut(chunk))
+            .for_each_init(ShadeScratch::default, |scratch, (band, out)| {
                 if cancel.load(Ordering::Relaxed) {
                     return;
                 }
@@ -261,26 +276,44 @@ impl Pass {
                 band.compose(&work, out);
                 let nanos = (thread_cpu() - start).as_nanos() as usize;
                 let parts = done.map(|part| [part.n_pixels, part.nanos]);
-                for (count, value) in counts.iter().zip(parts.as_flattened().iter().chain([&nanos])) {
+                for (count, value) in counts
+                    .iter()
+                    .zip(parts.as_flattened().iter().chain([&nanos]))
+                {
                     count.fetch_add(*value, Ordering::Relaxed);
                 }
-            },
-        );
+            });
         let [traced, t0, background, t1, object, t2, all] = counts.map(AtomicUsize::into_inner);
-        let recomputed = Recomputed { traced, background, object };
+        let recomputed = Recomputed {
+            traced,
+            background,
+            object,
+        };
         let cpu_secs = all as f64 * 1e-9;
-        (PassOutput { width, height, pixels, recomputed, cpu_secs }, [t0, t1, t2].map(|t| t as f64 * 1e-9))
+        (
+            PassOutput {
+                width,
+                height,
+                pixels,
+                recomputed,
+                cpu_secs,
+            },
+            [t0, t1, t2].map(|t| t as f64 * 1e-9),
+        )
     }
 
     /// Pixels of the bands whose part is out of date: tracing, surroundings, object.
     fn stale_pixels(&self, layer: Layer) -> [f64; 3] {
         let mut stale = [0.0; 3];
         for band in &self.bands {
-            let n = f64::from(band.rows.len() as u32 * self.causes.as_ref().map_or(0, |c| c.camera.width));
+            let n = f64::from(
+                band.rows.len() as u32 * self.causes.as_ref().map_or(0, |c| c.camera.width),
+            );
             let geometry = band.versions.geometry != self.versions.geometry;
             let is_stale = [
                 geometry,
-                layer.shows_background() && (geometry || band.versions.background != self.versions.background),
+                layer.shows_background()
+                    && (geometry || band.versions.background != self.versions.background),
                 layer.shows_object() && (geometry || band.versions.object != self.versions.object),
             ];
             for (sum, is_stale) in stale.iter_mut().zip(is_stale) {
@@ -318,130 +351,6 @@ impl Pass {
     }
 }
 
-/// What all bands of a pass share.
-struct Work<'a> {
-    request: &'a PreviewScene,
-    camera: Camera,
-    versions: Versions,
-}
-
-/// What a band computed of one part.
-#[derive(Clone, Copy, Debug, Default)]
-struct Part {
-    n_pixels: usize,
-    nanos: usize,
-}
-
-impl Part {
-    /// Runs `compute`, which returns a pixel count, if it is `needed`.
-    fn measure(needed: bool, compute: impl FnOnce() -> usize) -> Self {
-        if !needed {
-            return Self::default();
-        }
-        let start = Instant::now();
-        let n_pixels = compute();
-        Self { n_pixels, nanos: start.elapsed().as_nanos() as usize }
-    }
-}
-
-fn band_rows(width: u32) -> u32 {
-    (BAND_PIXELS / width.max(1)).max(MIN_BAND_ROWS)
-}
-
-fn bands(width: u32, height: u32) -> Vec<Band> {
-    let rows = band_rows(width);
-    (0..height.div_ceil(rows))
-        .map(|i| Band {
-            rows: i * rows..((i + 1) * rows).min(height),
-            versions: Versions::default(),
-            gbuffer: GBuffer::default(),
-            background: Vec::new(),
-            is_background_whole: false,
-            object: Vec::new(),
-        })
-        .collect()
-}
-
-impl Band {
-    /// Computes what is out of date and needed for the layer: geometry, surroundings, object.
-    fn update(&mut self, work: &Work<'_>, scratch: &mut ShadeScratch) -> [Part; 3] {
-        let layer = work.request.layer;
-        [
-            Part::measure(self.versions.geometry != work.versions.geometry, || self.trace(work)),
-            Part::measure(layer.shows_background(), || self.update_background(work, scratch)),
-            Part::measure(layer.shows_object() && self.versions.object != work.versions.object, || {
-                self.update_object(work, scratch)
-            }),
-        ]
-    }
-
-    fn trace(&mut self, work: &Work<'_>) -> usize {
-        let tracer = work.request.scene.object.as_ref().map(|object| &*object.tracer);
-        self.gbuffer = GBuffer::trace(tracer, &work.camera, self.rows.clone());
-        self.versions = Versions { geometry: work.versions.geometry, ..Versions::default() };
-        self.gbuffer.coverage().len()
-    }
-
-    fn update_object(&mut self, work: &Work<'_>, scratch: &mut ShadeScratch) -> usize {
-        let pixels = self.pixels(work.camera.width, |coverage| coverage > 0.0);
-        let mut out = vec![[0.0; 3]; pixels.len()];
-        shade_object(&work.request.scene, &self.gbuffer, &pixels, work.request.layer, &mut out, scratch);
-        self.object.clear();
-        self.object.resize(self.gbuffer.coverage().len(), [0.0; 3]);
-        scatter(&mut self.object, self.rows.start * work.camera.width, &pixels, &out);
-        self.versions.object = work.versions.object;
-        pixels.len()
-    }
-
-    fn update_background(&mut self, work: &Work<'_>, scratch: &mut ShadeScratch) -> usize {
-        // With the object hidden, the surroundings behind it are wanted as well.
-        let wants_whole = !work.request.layer.shows_object();
-        let is_fresh = self.versions.background == work.versions.background;
-        if is_fresh && (self.is_background_whole || !wants_whole) {
-            return 0;
-        }
-        let width = work.camera.width;
-        let pixels = match (is_fresh, wants_whole) {
-            (true, _) => self.pixels(width, |coverage| coverage >= 1.0),
-            (false, true) => self.pixels(width, |_| true),
-            (false, false) => self.pixels(width, |coverage| coverage < 1.0),
-        };
-        let mut out = vec![[0.0; 3]; pixels.len()];
-        shade_background(&work.request.scene, &work.camera, &pixels, &mut out, scratch);
-        self.background.resize(self.gbuffer.coverage().len(), [0.0; 3]);
-        scatter(&mut self.background, self.rows.start * width, &pixels, &out);
-        self.versions.background = work.versions.background;
-        self.is_background_whole = wants_whole;
-        pixels.len()
-    }
-
-    /// Indices in the whole picture of the band's pixels whose coverage is as asked.
-    fn pixels(&self, width: u32, keep: impl Fn(f32) -> bool) -> Vec<u32> {
-        let first = self.rows.start * width;
-        let coverage = self.gbuffer.coverage().iter().enumerate();
-        coverage.filter(|(_, coverage)| keep(**coverage)).map(|(i, _)| first + i as u32).collect()
-    }
-
-    fn compose(&self, work: &Work<'_>, out: &mut [[u8; 4]]) {
-        let layer = work.request.layer;
-        let value = |part: &[[f32; 3]], i: usize, shown: bool| if shown { part[i] } else { [0.0; 3] };
-        for (i, (out, &coverage)) in out.iter_mut().zip(self.gbuffer.coverage()).enumerate() {
-            let coverage = if layer.shows_object() { coverage } else { 0.0 };
-            let object = value(&self.object, i, layer.shows_object());
-            let background = value(&self.background, i, layer.shows_background());
-            let [r, g, b] = compose(&work.request.scene, layer, coverage, object, background)
-                .map(|v| (v * 255.0 + 0.5) as u8);
-            *out = [r, g, b, 255];
-        }
-    }
-}
-
-fn scatter(into: &mut [[f32; 3]], first: u32, pixels: &[u32], values: &[[f32; 3]]) {
-    for (pixel, value) in pixels.iter().zip(values) {
-        into[(pixel - first) as usize] = *value;
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::picture::render;
@@ -453,11 +362,17 @@ mod tests {
     const SIZE: (u32, u32) = (60, 44);
 
     fn request() -> PreviewScene {
-        PreviewScene { scene: scene(), camera: camera(SIZE.0, SIZE.1), layer: Layer::Final }
+        PreviewScene {
+            scene: scene(),
+            camera: camera(SIZE.0, SIZE.1),
+            layer: Layer::Final,
+        }
     }
 
     fn pass(progressive: &mut Progressive, request: &PreviewScene, scale: u32) -> PassOutput {
-        progressive.pass(request, scale, &AtomicBool::new(false)).expect("not cancelled")
+        progressive
+            .pass(request, scale, &AtomicBool::new(false))
+            .expect("not cancelled")
     }
 
     /// Runs a change after a first picture; checks the result against a fresh full render.
@@ -471,8 +386,17 @@ mod tests {
     }
 
     fn assert_same_as_render(output: &PassOutput, request: &PreviewScene) {
-        let camera = Camera { ..request.camera.resized(output.width, output.height) };
-        let full = render(&request.scene, &camera, request.layer, &AtomicBool::new(false), &|_| ()).expect("not cancelled");
+        let camera = Camera {
+            ..request.camera.resized(output.width, output.height)
+        };
+        let full = render(
+            &request.scene,
+            &camera,
+            request.layer,
+            &AtomicBool::new(false),
+            &|_| (),
+        )
+        .expect("not cancelled");
         let mut worst = 0.0_f32;
         for (preview, full) in output.pixels.iter().zip(&full.pixels) {
             for c in 0..3 {
@@ -495,7 +419,10 @@ mod tests {
         let done = output.recomputed;
         assert_eq!(done.traced, n_pixels());
         assert!(done.object > 100 && done.background > 100, "{done:?}");
-        assert!(done.object < n_pixels() && done.object + done.background >= n_pixels(), "{done:?}");
+        assert!(
+            done.object < n_pixels() && done.object + done.background >= n_pixels(),
+            "{done:?}"
+        );
     }
 
     #[test]
@@ -505,20 +432,32 @@ mod tests {
 
     #[test]
     fn a_material_edit_leaves_geometry_and_surroundings() {
-        let done = recomputed_after(|request| request.scene.edit.roughness = RoughnessEdit::Constant(0.9));
-        assert!(done.traced == 0 && done.background == 0 && done.object > 0, "{done:?}");
+        let done =
+            recomputed_after(|request| request.scene.edit.roughness = RoughnessEdit::Constant(0.9));
+        assert!(
+            done.traced == 0 && done.background == 0 && done.object > 0,
+            "{done:?}"
+        );
     }
 
     #[test]
     fn a_moved_environment_leaves_geometry() {
-        let done = recomputed_after(|request| request.scene.transform.rotate_deg = Vec3::new(0.0, 0.0, 40.0));
-        assert!(done.traced == 0 && done.background > 0 && done.object > 0, "{done:?}");
+        let done = recomputed_after(|request| {
+            request.scene.transform.rotate_deg = Vec3::new(0.0, 0.0, 40.0)
+        });
+        assert!(
+            done.traced == 0 && done.background > 0 && done.object > 0,
+            "{done:?}"
+        );
     }
 
     #[test]
     fn another_environment_leaves_geometry() {
         let done = recomputed_after(|request| request.scene.environment = environment(77));
-        assert!(done.traced == 0 && done.background > 0 && done.object > 0, "{done:?}");
+        assert!(
+            done.traced == 0 && done.background > 0 && done.object > 0,
+            "{done:?}"
+        );
     }
 
     #[test]
@@ -528,20 +467,37 @@ mod tests {
             next.tracer = Arc::clone(&request.scene.object.as_ref().unwrap().tracer);
             request.scene.object = Some(Arc::new(next));
         });
-        assert!(done.traced == 0 && done.background == 0 && done.object > 0, "{done:?}");
+        assert!(
+            done.traced == 0 && done.background == 0 && done.object > 0,
+            "{done:?}"
+        );
     }
 
     #[test]
     fn a_moved_camera_changes_all() {
-        let done = recomputed_after(|request| request.camera = super::super::test_scene::camera(60, 44).resized(58, 44));
-        assert!(done.traced == 58 * 44 && done.background > 0 && done.object > 0, "{done:?}");
+        let done = recomputed_after(|request| {
+            request.camera = super::super::test_scene::camera(60, 44).resized(58, 44)
+        });
+        assert!(
+            done.traced == 58 * 44 && done.background > 0 && done.object > 0,
+            "{done:?}"
+        );
     }
 
     #[test]
     fn another_layer_leaves_geometry_and_surroundings() {
-        for layer in [Layer::Diffuse, Layer::Specular, Layer::Roughness, Layer::Tint, Layer::Normal] {
+        for layer in [
+            Layer::Diffuse,
+            Layer::Specular,
+            Layer::Roughness,
+            Layer::Tint,
+            Layer::Normal,
+        ] {
             let done = recomputed_after(|request| request.layer = layer);
-            assert!(done.traced == 0 && done.background == 0 && done.object > 0, "{layer}: {done:?}");
+            assert!(
+                done.traced == 0 && done.background == 0 && done.object > 0,
+                "{layer}: {done:?}"
+            );
         }
     }
 
@@ -549,13 +505,21 @@ mod tests {
     fn hiding_the_object_computes_only_what_was_behind_it() {
         let done = recomputed_after(|request| request.layer = Layer::Environment);
         assert!(done.traced == 0 && done.object == 0, "{done:?}");
-        assert!(done.background > 0 && done.background < n_pixels() / 2, "{done:?}");
+        assert!(
+            done.background > 0 && done.background < n_pixels() / 2,
+            "{done:?}"
+        );
     }
 
     #[test]
     fn an_interrupted_pass_goes_on_where_it_stopped() {
         let (mut progressive, request) = (Progressive::default(), request());
-        assert!(progressive.pass(&request, 1, &AtomicBool::new(true)).is_none(), "cancelled before it began");
+        assert!(
+            progressive
+                .pass(&request, 1, &AtomicBool::new(true))
+                .is_none(),
+            "cancelled before it began"
+        );
         assert_same_as_render(&pass(&mut progressive, &request, 1), &request);
     }
 
@@ -572,7 +536,11 @@ mod tests {
     #[test]
     fn estimates_follow_what_is_out_of_date() {
         let (mut progressive, mut request) = (Progressive::default(), request());
-        assert_eq!(progressive.estimate_secs(&request, 1), None, "nothing was measured yet");
+        assert_eq!(
+            progressive.estimate_secs(&request, 1),
+            None,
+            "nothing was measured yet"
+        );
         pass(&mut progressive, &request, 1);
         assert_eq!(progressive.estimate_secs(&request, 1), Some(0.0));
         request.scene.edit.tint_scale = 0.5;

@@ -6,11 +6,11 @@ use glam::Vec3;
 
 use super::scene::Scene;
 use crate::geometry::{Camera, Mesh, SurfaceTracer};
+use crate::neif::contraction::FieldFrame;
 use crate::neif::environment::{Environment, EnvironmentPlace};
 use crate::neif::hash_grid::GridConfig;
 use crate::neif::material::MaterialConfig;
 use crate::neif::proposal::DensityGrid;
-use crate::neif::contraction::FieldFrame;
 use crate::neif::radiance_field::{FieldConfig, RadianceField};
 use crate::neif::{EnvironmentTransform, Material, MaterialEdit, ObjectModel};
 
@@ -25,26 +25,65 @@ fn uniform(seed: u32) -> impl FnMut() -> f32 {
 
 /// Random surroundings.
 pub(crate) fn environment(seed: u32) -> Arc<Environment> {
-    let grid = GridConfig { n_levels: 4, coarsest: 2, finest: 8, log2_table_size: 8 };
-    let mut field = RadianceField::new(FieldConfig { grid, n_hidden: 16, view_dependent: true }, uniform(seed));
+    let grid = GridConfig {
+        n_levels: 4,
+        coarsest: 2,
+        finest: 8,
+        log2_table_size: 8,
+    };
+    let mut field = RadianceField::new(
+        FieldConfig {
+            grid,
+            n_hidden: 16,
+            view_dependent: true,
+        },
+        uniform(seed),
+    );
     let mut random = uniform(seed + 1);
     for value in &mut field.params {
         *value += 0.4 * (random() - 0.5);
     }
-    let frame = FieldFrame { center: Vec3::ZERO, half_side: 2.0 };
-    let place = EnvironmentPlace { name: "room".to_owned(), frame, gamma: 1.0, n_samples: 16, up: Vec3::Z };
+    let frame = FieldFrame {
+        center: Vec3::ZERO,
+        half_side: 2.0,
+    };
+    let place = EnvironmentPlace {
+        name: "room".to_owned(),
+        frame,
+        gamma: 1.0,
+        n_samples: 16,
+        up: Vec3::Z,
+    };
     Arc::new(Environment::new(place, field, DensityGrid::default()))
 }
 
 /// A tetrahedron about the origin with a random material.
 pub(crate) fn object(seed: u32) -> Arc<ObjectModel> {
-    let positions = vec![Vec3::new(1.0, 1.0, 1.0), Vec3::new(1.0, -1.0, -1.0), Vec3::new(-1.0, 1.0, -1.0), Vec3::new(-1.0, -1.0, 1.0)];
+    let positions = vec![
+        Vec3::new(1.0, 1.0, 1.0),
+        Vec3::new(1.0, -1.0, -1.0),
+        Vec3::new(-1.0, 1.0, -1.0),
+        Vec3::new(-1.0, -1.0, 1.0),
+    ];
     let triangles = vec![[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]];
     let normals = positions.iter().map(|p| p.normalize_or_zero()).collect();
     let mesh = Mesh::new(positions, Some(normals), triangles).expect("a sound tetrahedron");
-    let grid = GridConfig { n_levels: 4, coarsest: 2, finest: 8, log2_table_size: 8 };
-    let material = Material::new(MaterialConfig { grid, n_hidden: 16 }, Vec3::ZERO, 2.2, uniform(seed));
-    Arc::new(ObjectModel { tracer: Arc::new(SurfaceTracer::new(Arc::new(mesh))), material: Arc::new(material) })
+    let grid = GridConfig {
+        n_levels: 4,
+        coarsest: 2,
+        finest: 8,
+        log2_table_size: 8,
+    };
+    let material = Material::new(
+        MaterialConfig { grid, n_hidden: 16 },
+        Vec3::ZERO,
+        2.2,
+        uniform(seed),
+    );
+    Arc::new(ObjectModel {
+        tracer: Arc::new(SurfaceTracer::new(Arc::new(mesh))),
+        material: Arc::new(material),
+    })
 }
 
 /// The tetrahedron in random surroundings.
@@ -59,5 +98,12 @@ pub(crate) fn scene() -> Scene {
 
 /// Sees the tetrahedron and some surroundings.
 pub(crate) fn camera(width: u32, height: u32) -> Camera {
-    Camera::look_at(Vec3::new(4.0, 1.0, 1.5), Vec3::ZERO, Vec3::Z, 0.9, width, height)
+    Camera::look_at(
+        Vec3::new(4.0, 1.0, 1.5),
+        Vec3::ZERO,
+        Vec3::Z,
+        0.9,
+        width,
+        height,
+    )
 }

@@ -7,10 +7,18 @@ use crate::app::panels::widgets::{Setting, heading, slider_row, vector_row, weak
 use crate::app::state::{AppState, EnvironmentContent, Look, PathPurpose};
 use crate::neif::EnvironmentTransform;
 
-const SCALE: Setting =
-    Setting { name: "Scale", range: 0.1..=10.0, default: 1.0, hint: "Size of the environment about the origin" };
-const EXPOSURE: Setting =
-    Setting { name: "Exposure", range: -5.0..=5.0, default: 0.0, hint: "Brightness in stops: +1 is twice the light" };
+const SCALE: Setting = Setting {
+    name: "Scale",
+    range: 0.1..=10.0,
+    default: 1.0,
+    hint: "Size of the environment about the origin",
+};
+const EXPOSURE: Setting = Setting {
+    name: "Exposure",
+    range: -5.0..=5.0,
+    default: 0.0,
+    hint: "Brightness in stops: +1 is twice the light",
+};
 
 /// Draws the panel.
 pub fn environment_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
@@ -19,7 +27,10 @@ pub fn environment_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
             let is_moved = state.look.transform != EnvironmentTransform::default();
             let reset = ui.add_enabled(is_moved, egui::Button::new("Reset environment"));
-            if reset.on_hover_text("Back to where it was captured").clicked() {
+            if reset
+                .on_hover_text("Back to where it was captured")
+                .clicked()
+            {
                 commands.push(Command::MoveEnvironment(EnvironmentTransform::default()));
             }
         });
@@ -31,28 +42,44 @@ pub fn environment_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>
 }
 
 fn list_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
-    ScrollArea::vertical().max_height(130.0).auto_shrink([false, true]).id_salt("environments").show(ui, |ui| {
-        let own = match &state.snapshot {
-            Some(snapshot) if snapshot.object.is_none() => format!("{} (opened)", snapshot.environment.name()),
-            _ => "As captured".to_owned(),
-        };
-        let row = ui.radio(state.look.environment.is_none(), own);
-        if row.on_hover_text("The surroundings of the photos").clicked() {
-            commands.push(Command::ChooseEnvironment(None));
-        }
-        for (i, entry) in state.environments.iter().enumerate() {
-            let text = match &entry.content {
-                EnvironmentContent::Loading => format!("{} (loading…)", entry.name),
-                EnvironmentContent::Failed(_) => format!("{} (cannot be used)", entry.name),
-                _ => entry.name.clone(),
+    ScrollArea::vertical()
+        .max_height(130.0)
+        .auto_shrink([false, true])
+        .id_salt("environments")
+        .show(ui, |ui| {
+            let own = match &state.snapshot {
+                Some(snapshot) if snapshot.object.is_none() => {
+                    format!("{} (opened)", snapshot.environment.name())
+                }
+                _ => "As captured".to_owned(),
             };
-            let row = ui.radio(state.look.environment == Some(i), text);
-            if row.on_hover_text(entry.path.display().to_string()).clicked() {
-                commands.push(Command::ChooseEnvironment(Some(i)));
+            let row = ui.radio(state.look.environment.is_none(), own);
+            if row
+                .on_hover_text("The surroundings of the photos")
+                .clicked()
+            {
+                commands.push(Command::ChooseEnvironment(None));
             }
-        }
-    });
-    if ui.button("Add environment…").on_hover_text("A trained environment (.safetensors)").clicked() {
+            for (i, entry) in state.environments.iter().enumerate() {
+                let text = match &entry.content {
+                    EnvironmentContent::Loading => format!("{} (loading…)", entry.name),
+                    EnvironmentContent::Failed(_) => format!("{} (cannot be used)", entry.name),
+                    _ => entry.name.clone(),
+                };
+                let row = ui.radio(state.look.environment == Some(i), text);
+                if row
+                    .on_hover_text(entry.path.display().to_string())
+                    .clicked()
+                {
+                    commands.push(Command::ChooseEnvironment(Some(i)));
+                }
+            }
+        });
+    if ui
+        .button("Add environment…")
+        .on_hover_text("A trained environment (.safetensors)")
+        .clicked()
+    {
         commands.push(Command::AskPath(PathPurpose::Open));
     }
 }
@@ -61,10 +88,19 @@ fn transform_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     let mut transform = state.look.transform;
     let size = state.view.bounds.map_or(1.0, |bounds| bounds.diagonal());
     vector_row(ui, "Rotate", &mut transform.rotate_deg, 0.5, "°");
-    vector_row(ui, "Move", &mut transform.translate, f64::from(size) * 0.004, "");
+    vector_row(
+        ui,
+        "Move",
+        &mut transform.translate,
+        f64::from(size) * 0.004,
+        "",
+    );
     slider_row(ui, &SCALE, &mut transform.scale);
     slider_row(ui, &EXPOSURE, &mut transform.exposure_ev);
-    ui.label(weak(ui, "In the picture: Shift+drag rotates,\nCtrl+Shift+drag moves."));
+    ui.label(weak(
+        ui,
+        "In the picture: Shift+drag rotates,\nCtrl+Shift+drag moves.",
+    ));
     if transform != state.look.transform {
         commands.push(Command::MoveEnvironment(transform));
     }
@@ -73,7 +109,10 @@ fn transform_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
 fn original_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     let mut is_on = state.is_original_shown;
     let has_edits = state.look != Look::default();
-    let toggle = ui.add_enabled(has_edits, egui::Checkbox::new(&mut is_on, "Show before edits"));
+    let toggle = ui.add_enabled(
+        has_edits,
+        egui::Checkbox::new(&mut is_on, "Show before edits"),
+    );
     let toggle = toggle.on_hover_text("Hides all edits of material and environment (B)");
     if toggle.on_disabled_hover_text("Nothing is edited").changed() {
         commands.push(Command::ShowOriginal(is_on));

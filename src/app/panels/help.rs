@@ -22,7 +22,11 @@ pub fn help_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
             let is_left = |binding: &&Binding| LEFT_GROUPS.contains(&binding.group);
             column(ui, "help left", BINDINGS.iter().filter(is_left));
             ui.add_space(16.0);
-            column(ui, "help right", BINDINGS.iter().filter(|binding| !is_left(binding)));
+            column(
+                ui,
+                "help right",
+                BINDINGS.iter().filter(|binding| !is_left(binding)),
+            );
         });
         ui.add_space(6.0);
         ui.button("Close").clicked()
@@ -33,17 +37,20 @@ pub fn help_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
 }
 
 fn column<'a>(ui: &mut Ui, id: &str, bindings: impl Iterator<Item = &'a Binding>) {
-    Grid::new(id).num_columns(2).spacing([14.0, 4.0]).show(ui, |ui| {
-        let mut group = "";
-        for binding in bindings {
-            if binding.group != group {
-                group = binding.group;
-                ui.label(RichText::new(group).strong());
+    Grid::new(id)
+        .num_columns(2)
+        .spacing([14.0, 4.0])
+        .show(ui, |ui| {
+            let mut group = "";
+            for binding in bindings {
+                if binding.group != group {
+                    group = binding.group;
+                    ui.label(RichText::new(group).strong());
+                    ui.end_row();
+                }
+                ui.label(RichText::new(binding.keys).monospace());
+                ui.label(weak(ui, binding.what));
                 ui.end_row();
             }
-            ui.label(RichText::new(binding.keys).monospace());
-            ui.label(weak(ui, binding.what));
-            ui.end_row();
-        }
-    });
+        });
 }

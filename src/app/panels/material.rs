@@ -25,10 +25,18 @@ const ROUGHNESS_VALUE: Setting = Setting {
     default: 0.3,
     hint: "Roughness of the whole object: 0 is a mirror, 1 is dull",
 };
-const TINT_SCALE: Setting =
-    Setting { name: "Strength", range: 0.0..=2.0, default: 1.0, hint: "Multiplies all reflections of the object" };
-const DIFFUSE_GAIN: Setting =
-    Setting { name: "Brightness", range: 0.0..=3.0, default: 1.0, hint: "Multiplies the object's own diffuse colour" };
+const TINT_SCALE: Setting = Setting {
+    name: "Strength",
+    range: 0.0..=2.0,
+    default: 1.0,
+    hint: "Multiplies all reflections of the object",
+};
+const DIFFUSE_GAIN: Setting = Setting {
+    name: "Brightness",
+    range: 0.0..=3.0,
+    default: 1.0,
+    hint: "Multiplies the object's own diffuse colour",
+};
 
 /// Draws the panel.
 pub fn material_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
@@ -37,12 +45,19 @@ pub fn material_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
         let has_edits = state.look.edit != MaterialEdit::default();
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
             let reset = ui.add_enabled(has_edits, egui::Button::new("Reset material"));
-            if reset.on_hover_text("All of it back to what was learned").clicked() {
+            if reset
+                .on_hover_text("All of it back to what was learned")
+                .clicked()
+            {
                 commands.push(Command::Edit(MaterialEdit::default()));
             }
         });
     });
-    if state.snapshot.as_ref().is_some_and(|snapshot| snapshot.object.is_none()) {
+    if state
+        .snapshot
+        .as_ref()
+        .is_some_and(|snapshot| snapshot.object.is_none())
+    {
         ui.label(weak(ui, "There is no object to edit."));
         return;
     }
@@ -62,11 +77,18 @@ fn roughness_ui(ui: &mut Ui, roughness: &mut RoughnessEdit) {
     ui.label(weak(ui, "Roughness"));
     ui.horizontal(|ui| {
         let is_map = matches!(roughness, RoughnessEdit::Map { .. });
-        let map = ui.radio(is_map, "Learned map").on_hover_text("Keeps differences between places");
+        let map = ui
+            .radio(is_map, "Learned map")
+            .on_hover_text("Keeps differences between places");
         if map.clicked() && !is_map {
-            *roughness = RoughnessEdit::Map { scale: 1.0, offset: 0.0 };
+            *roughness = RoughnessEdit::Map {
+                scale: 1.0,
+                offset: 0.0,
+            };
         }
-        let one = ui.radio(!is_map, "One value").on_hover_text("The same everywhere");
+        let one = ui
+            .radio(!is_map, "One value")
+            .on_hover_text("The same everywhere");
         if one.clicked() && is_map {
             *roughness = RoughnessEdit::Constant(ROUGHNESS_VALUE.default);
         }
@@ -85,8 +107,13 @@ fn roughness_ui(ui: &mut Ui, roughness: &mut RoughnessEdit) {
 /// Brightness and colour of the diffuse part are one gain: brightness is its largest channel.
 fn diffuse_ui(ui: &mut Ui, edit: &mut MaterialEdit) {
     let mut brightness = edit.diffuse_gain.max_element();
-    let mut color = if brightness > 0.0 { edit.diffuse_gain / brightness } else { glam::Vec3::ONE };
-    let is_changed = slider_row(ui, &DIFFUSE_GAIN, &mut brightness) | color_row(ui, "Diffuse colour", &mut color);
+    let mut color = if brightness > 0.0 {
+        edit.diffuse_gain / brightness
+    } else {
+        glam::Vec3::ONE
+    };
+    let is_changed = slider_row(ui, &DIFFUSE_GAIN, &mut brightness)
+        | color_row(ui, "Diffuse colour", &mut color);
     if is_changed {
         edit.diffuse_gain = color * brightness;
     }

@@ -13,7 +13,9 @@ const WIDTH: f32 = 520.0;
 
 /// Draws the window, while it is open.
 pub fn path_dialog_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
-    let Some(dialog) = &state.overlays.path_dialog else { return };
+    let Some(dialog) = &state.overlays.path_dialog else {
+        return;
+    };
     let modal = egui::Modal::new(egui::Id::unique("path")).show(ui.ctx(), |ui| {
         ui.set_width(WIDTH);
         let (title, what) = match dialog.purpose {
@@ -37,10 +39,16 @@ pub fn path_dialog_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>
 
 fn path_ui(ui: &mut Ui, dialog: &PathDialog, commands: &mut Vec<Command>) {
     let mut typed = dialog.typed.clone();
-    let verb = if dialog.purpose == PathPurpose::Open { "Open path" } else { "Save" };
+    let verb = if dialog.purpose == PathPurpose::Open {
+        "Open path"
+    } else {
+        "Save"
+    };
     ui.horizontal(|ui| {
         let label = ui.label("Path");
-        let edit = TextEdit::singleline(&mut typed).desired_width(WIDTH - 140.0).hint_text("/path/to/capture");
+        let edit = TextEdit::singleline(&mut typed)
+            .desired_width(WIDTH - 140.0)
+            .hint_text("/path/to/capture");
         let edit = ui.add(edit).labelled_by(label.id);
         if ui.memory(|memory| memory.focused().is_none()) {
             edit.request_focus();
@@ -49,15 +57,29 @@ fn path_ui(ui: &mut Ui, dialog: &PathDialog, commands: &mut Vec<Command>) {
             commands.push(Command::TypePath(typed.clone()));
         }
         let is_entered = edit.lost_focus() && ui.input(|input| input.key_pressed(egui::Key::Enter));
-        if ui.add_enabled(!typed.trim().is_empty(), Button::new(verb)).clicked() || is_entered {
+        if ui
+            .add_enabled(!typed.trim().is_empty(), Button::new(verb))
+            .clicked()
+            || is_entered
+        {
             commands.push(Command::UseTypedPath);
         }
     });
     ui.horizontal(|ui| {
-        let browse = [("Browse for a folder…", Browse::Folder), ("Browse for a file…", Browse::File)];
-        let n = if dialog.purpose == PathPurpose::Open { 2 } else { 1 };
+        let browse = [
+            ("Browse for a folder…", Browse::Folder),
+            ("Browse for a file…", Browse::File),
+        ];
+        let n = if dialog.purpose == PathPurpose::Open {
+            2
+        } else {
+            1
+        };
         for (text, kind) in &browse[..n] {
-            if ui.add_enabled(!dialog.is_browsing, Button::new(*text)).clicked() {
+            if ui
+                .add_enabled(!dialog.is_browsing, Button::new(*text))
+                .clicked()
+            {
                 commands.push(Command::Browse(*kind));
             }
         }
@@ -77,13 +99,25 @@ fn recent_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
         ui.label(weak(ui, "Nothing was opened yet."));
     }
     for path in &state.recent {
-        let text = format!("{}   {}", file_name(path), path.parent().unwrap_or(path).display());
-        if ui.add(Button::new(text).frame(false).truncate()).on_hover_text(path.display().to_string()).clicked() {
+        let text = format!(
+            "{}   {}",
+            file_name(path),
+            path.parent().unwrap_or(path).display()
+        );
+        if ui
+            .add(Button::new(text).frame(false).truncate())
+            .on_hover_text(path.display().to_string())
+            .clicked()
+        {
             commands.push(Command::Open(path.clone()));
         }
     }
     ui.add_space(6.0);
-    if ui.button("Bundled demo").on_hover_text("A small capture that comes with the program").clicked() {
+    if ui
+        .button("Bundled demo")
+        .on_hover_text("A small capture that comes with the program")
+        .clicked()
+    {
         commands.push(Command::OpenDemo);
     }
 }

@@ -24,7 +24,9 @@ pub fn status_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
             }
             Phase::Training | Phase::Paused | Phase::Finished(_) => figures_ui(ui, state),
         }
-        ui.with_layout(Layout::right_to_left(Align::Center), |ui| right_ui(ui, state, commands));
+        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+            right_ui(ui, state, commands)
+        });
     });
 }
 
@@ -41,14 +43,22 @@ fn figures_ui(ui: &mut Ui, state: &AppState) {
         ui.label(format!("{} left", duration(p.eta_secs)));
     }
     progress(ui, p.fraction);
-    if let Some(psnr) = state.training.validation.and_then(|v| v.psnr_object.or(Some(v.psnr))) {
-        ui.label(format!("{psnr:.1} dB")).on_hover_text("PSNR on held-out photos (of the object, if there is one)");
+    if let Some(psnr) = state
+        .training
+        .validation
+        .and_then(|v| v.psnr_object.or(Some(v.psnr)))
+    {
+        ui.label(format!("{psnr:.1} dB"))
+            .on_hover_text("PSNR on held-out photos (of the object, if there is one)");
     }
 }
 
 fn progress(ui: &mut Ui, fraction: f32) {
-    let bar = ProgressBar::new(fraction.clamp(0.0, 1.0)).desired_width(140.0).desired_height(10.0);
-    ui.add(bar).on_hover_text(format!("{:.0} %", 100.0 * fraction));
+    let bar = ProgressBar::new(fraction.clamp(0.0, 1.0))
+        .desired_width(140.0)
+        .desired_height(10.0);
+    ui.add(bar)
+        .on_hover_text(format!("{:.0} %", 100.0 * fraction));
     ui.label(weak(ui, format!("{:.0} %", 100.0 * fraction)));
 }
 
@@ -59,8 +69,14 @@ fn right_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
         commands.push(Command::ToggleLog);
     }
     if state.adapter.is_software {
-        let [_, amber] = [Color32::TRANSPARENT, theme::of_phase(ui.visuals(), &Phase::Paused)];
-        let hint = format!("No GPU in use ({}). Everything works; the window itself costs some processor time.", state.adapter.name);
+        let [_, amber] = [
+            Color32::TRANSPARENT,
+            theme::of_phase(ui.visuals(), &Phase::Paused),
+        ];
+        let hint = format!(
+            "No GPU in use ({}). Everything works; the window itself costs some processor time.",
+            state.adapter.name
+        );
         chip(ui, "software rendering", amber).on_hover_text(hint);
     }
     if let Some(shown) = state.shown {
@@ -71,12 +87,18 @@ fn right_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
         };
         let (width, height) = shown.size;
         let more = if shown.is_refining { "…" } else { "" };
-        ui.label(weak(ui, format!("{scale}{more}"))).on_hover_text(format!("Preview of {width} × {height} pixels"));
+        ui.label(weak(ui, format!("{scale}{more}")))
+            .on_hover_text(format!("Preview of {width} × {height} pixels"));
     }
 }
 
 /// A word on a tinted ground.
 pub fn chip(ui: &mut Ui, text: &str, color: Color32) -> egui::Response {
-    let frame = egui::Frame::NONE.fill(color.gamma_multiply(0.18)).corner_radius(4).inner_margin(egui::Margin::symmetric(6, 1));
-    frame.show(ui, |ui| ui.label(RichText::new(text).color(color).strong())).inner
+    let frame = egui::Frame::NONE
+        .fill(color.gamma_multiply(0.18))
+        .corner_radius(4)
+        .inner_margin(egui::Margin::symmetric(6, 1));
+    frame
+        .show(ui, |ui| ui.label(RichText::new(text).color(color).strong()))
+        .inner
 }

@@ -17,7 +17,9 @@ pub fn toasts_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     let corner = ui.max_rect().right_bottom() - vec2(12.0, 12.0);
     let mut bottom = corner.y;
     for (i, message) in state.messages.shown() {
-        let area = Area::new(egui::Id::unique(("toast", i))).pivot(Align2::RIGHT_BOTTOM).fixed_pos(egui::pos2(corner.x, bottom));
+        let area = Area::new(egui::Id::unique(("toast", i)))
+            .pivot(Align2::RIGHT_BOTTOM)
+            .fixed_pos(egui::pos2(corner.x, bottom));
         let response = area.show(ui.ctx(), |ui| toast(ui, message));
         if response.inner {
             commands.push(Command::Dismiss(i));
@@ -28,7 +30,9 @@ pub fn toasts_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
 
 fn toast(ui: &mut Ui, message: &Message) -> bool {
     let color = theme::of_level(ui.visuals(), message.level);
-    let frame = Frame::popup(ui.style()).stroke(egui::Stroke::new(1.0, color)).shadow(egui::Shadow::NONE);
+    let frame = Frame::popup(ui.style())
+        .stroke(egui::Stroke::new(1.0, color))
+        .shadow(egui::Shadow::NONE);
     frame
         .show(ui, |ui| {
             ui.set_max_width(WIDTH);
@@ -57,24 +61,33 @@ pub fn log_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
         return;
     }
     let mut is_open = true;
-    egui::Window::new("Messages").open(&mut is_open).default_size([520.0, 300.0]).show(ui.ctx(), |ui| {
-        if ui.button("Copy all").clicked() {
-            ui.ctx().copy_text(state.messages.to_text());
-        }
-        ui.separator();
-        ScrollArea::vertical().auto_shrink([false, false]).stick_to_bottom(true).show(ui, |ui| {
-            if state.messages.all().len() == 0 {
-                ui.label(weak(ui, "Nothing was said yet."));
+    egui::Window::new("Messages")
+        .open(&mut is_open)
+        .default_size([520.0, 300.0])
+        .show(ui.ctx(), |ui| {
+            if ui.button("Copy all").clicked() {
+                ui.ctx().copy_text(state.messages.to_text());
             }
-            for message in state.messages.all() {
-                ui.horizontal_wrapped(|ui| {
-                    ui.label(weak(ui, duration(message.at_secs)));
-                    ui.label(level_text(message.level, theme::of_level(ui.visuals(), message.level)));
-                    ui.label(&message.text);
+            ui.separator();
+            ScrollArea::vertical()
+                .auto_shrink([false, false])
+                .stick_to_bottom(true)
+                .show(ui, |ui| {
+                    if state.messages.all().len() == 0 {
+                        ui.label(weak(ui, "Nothing was said yet."));
+                    }
+                    for message in state.messages.all() {
+                        ui.horizontal_wrapped(|ui| {
+                            ui.label(weak(ui, duration(message.at_secs)));
+                            ui.label(level_text(
+                                message.level,
+                                theme::of_level(ui.visuals(), message.level),
+                            ));
+                            ui.label(&message.text);
+                        });
+                    }
                 });
-            }
         });
-    });
     if !is_open {
         commands.push(Command::ToggleLog);
     }

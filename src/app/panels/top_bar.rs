@@ -10,19 +10,31 @@ use crate::render::Layer;
 /// Draws the bar.
 pub fn top_bar_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     ui.horizontal(|ui| {
-        if ui.button("Open…").on_hover_text("A capture, a saved run or an environment (Ctrl+O)").clicked() {
+        if ui
+            .button("Open…")
+            .on_hover_text("A capture, a saved run or an environment (Ctrl+O)")
+            .clicked()
+        {
             commands.push(Command::AskPath(PathPurpose::Open));
         }
         let can_save = state.training.phase.takes_commands();
         let save = ui.add_enabled(can_save, egui::Button::new("Save run…"));
-        let save = save.on_hover_text("Keeps the trained model and everything to go on with it (Ctrl+S)");
-        if save.on_disabled_hover_text("There is no training to save").clicked() {
+        let save =
+            save.on_hover_text("Keeps the trained model and everything to go on with it (Ctrl+S)");
+        if save
+            .on_disabled_hover_text("There is no training to save")
+            .clicked()
+        {
             commands.push(Command::AskPath(PathPurpose::Save));
         }
         ui.separator();
         source_ui(ui, state);
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-            if ui.button("Help").on_hover_text("Keys and mouse (?)").clicked() {
+            if ui
+                .button("Help")
+                .on_hover_text("Keys and mouse (?)")
+                .clicked()
+            {
                 commands.push(Command::ToggleHelp);
             }
             ui.separator();
@@ -74,8 +86,13 @@ fn compare_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     let has_photos = state.view_at(0).is_some();
     let is_on = state.compare.wipe.is_some();
     let wipe = ui.add_enabled(has_photos, egui::Button::selectable(is_on, "Photo wipe"));
-    let wipe = wipe.on_hover_text("Photo left of the line, rendering right of it (W). Hold G for the photo alone");
-    if wipe.on_disabled_hover_text("There is no photo to compare with").clicked() {
+    let wipe = wipe.on_hover_text(
+        "Photo left of the line, rendering right of it (W). Hold G for the photo alone",
+    );
+    if wipe
+        .on_disabled_hover_text("There is no photo to compare with")
+        .clicked()
+    {
         commands.push(Command::SetWipe(if is_on { None } else { Some(0.5) }));
     }
 }

@@ -25,8 +25,16 @@ pub fn training_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     figures_ui(ui, state);
     let training = &state.training;
     let accents = [theme::accent(ui.visuals()), theme::accent_2(ui.visuals())];
-    plot_ui(ui, "Loss (log scale)", &[("loss", &training.loss, accents[0])], Scale::Log);
-    let psnr = [("object", &training.psnr_object, accents[1]), ("whole photo", &training.psnr, accents[0])];
+    plot_ui(
+        ui,
+        "Loss (log scale)",
+        &[("loss", &training.loss, accents[0])],
+        Scale::Log,
+    );
+    let psnr = [
+        ("object", &training.psnr_object, accents[1]),
+        ("whole photo", &training.psnr, accents[0]),
+    ];
     plot_ui(ui, "PSNR on held-out photos, dB", &psnr, Scale::Linear);
 }
 
@@ -43,7 +51,10 @@ fn capture_ui(ui: &mut Ui, state: &AppState) {
         return;
     };
     let (width, height) = capture.size;
-    let mut text = format!("{} photos, {width} × {height}; {} held out", capture.n_train, capture.n_val);
+    let mut text = format!(
+        "{} photos, {width} × {height}; {} held out",
+        capture.n_train, capture.n_val
+    );
     if !capture.has_object {
         text.push_str("\nno object: the surroundings alone are trained");
     }
@@ -65,15 +76,27 @@ fn controls_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
 
 fn running_ui(ui: &mut Ui, phase: &Phase, commands: &mut Vec<Command>) {
     ui.horizontal(|ui| {
-        let pause = if *phase == Phase::Paused { "Resume" } else { "Pause" };
+        let pause = if *phase == Phase::Paused {
+            "Resume"
+        } else {
+            "Pause"
+        };
         let buttons = [
             (pause, "Space", Command::Train(Train::PauseOrResume)),
-            ("Step", "One step, then pause ( . )", Command::Train(Train::Step)),
+            (
+                "Step",
+                "One step, then pause ( . )",
+                Command::Train(Train::Step),
+            ),
             ("Stop", "End the run", Command::Train(Train::Stop)),
             ("Save…", "Ctrl+S", Command::AskPath(PathPurpose::Save)),
         ];
         for (text, hint, command) in buttons {
-            if ui.add(Button::new(text).min_size(egui::vec2(52.0, 0.0))).on_hover_text(hint).clicked() {
+            if ui
+                .add(Button::new(text).min_size(egui::vec2(52.0, 0.0)))
+                .on_hover_text(hint)
+                .clicked()
+            {
                 commands.push(command);
             }
         }
@@ -100,7 +123,10 @@ fn start_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
         }
         return;
     }
-    let can_start = matches!(state.source, Source::Demo(_) | Source::Capture(_) | Source::Run(_));
+    let can_start = matches!(
+        state.source,
+        Source::Demo(_) | Source::Capture(_) | Source::Run(_)
+    );
     ui.horizontal(|ui| {
         let text = match (&state.source, &state.training.phase) {
             (Source::Run(_), _) => "Train further",
@@ -112,14 +138,26 @@ fn start_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
         }
         ui.label("for");
         let mut budget = state.budget_secs;
-        let number = ui.add(DragValue::new(&mut budget).range(5.0..=86_400.0).speed(5.0).max_decimals(0).suffix(" s"));
+        let number = ui.add(
+            DragValue::new(&mut budget)
+                .range(5.0..=86_400.0)
+                .speed(5.0)
+                .max_decimals(0)
+                .suffix(" s"),
+        );
         describe_number(&number, "Training time in seconds");
-        if number.on_hover_text("Training time; more can be added later").changed() {
+        if number
+            .on_hover_text("Training time; more can be added later")
+            .changed()
+        {
             commands.push(Command::SetBudget(budget));
         }
     });
     let mut is_auto = state.is_auto_start;
-    if ui.checkbox(&mut is_auto, "Start when a capture is opened").changed() {
+    if ui
+        .checkbox(&mut is_auto, "Start when a capture is opened")
+        .changed()
+    {
         commands.push(Command::SetAutoStart(is_auto));
     }
 }
@@ -130,7 +168,13 @@ fn figures_ui(ui: &mut Ui, state: &AppState) {
     let dash = || "–".to_owned();
     let show = |text: String| if has_figures { text } else { dash() };
     let rows = [
-        ("Step", show(p.planned_steps.map_or_else(|| p.step.to_string(), |n| format!("{}/{n}", p.step)))),
+        (
+            "Step",
+            show(
+                p.planned_steps
+                    .map_or_else(|| p.step.to_string(), |n| format!("{}/{n}", p.step)),
+            ),
+        ),
         ("It/s", show(count(p.steps_per_sec))),
         ("Rays/s", show(count(p.rays_per_sec))),
         ("Samples/ray", show(format!("{:.1}", p.samples_per_ray))),
@@ -140,15 +184,19 @@ fn figures_ui(ui: &mut Ui, state: &AppState) {
         ("Skipped", show(p.skipped_steps.to_string())),
     ];
     ui.add_space(2.0);
-    Grid::new("training figures").num_columns(4).spacing([8.0, 2.0]).min_col_width(44.0).show(ui, |ui| {
-        for pair in rows.chunks(2) {
-            for (name, value) in pair {
-                ui.label(weak(ui, *name)).on_hover_text(figure_hint(name));
-                ui.label(value.as_str());
+    Grid::new("training figures")
+        .num_columns(4)
+        .spacing([8.0, 2.0])
+        .min_col_width(44.0)
+        .show(ui, |ui| {
+            for pair in rows.chunks(2) {
+                for (name, value) in pair {
+                    ui.label(weak(ui, *name)).on_hover_text(figure_hint(name));
+                    ui.label(value.as_str());
+                }
+                ui.end_row();
             }
-            ui.end_row();
-        }
-    });
+        });
 }
 
 fn figure_hint(name: &str) -> &'static str {
@@ -177,13 +225,23 @@ fn plot_ui(ui: &mut Ui, title: &str, curves: &[(&str, &Curve, egui::Color32)], s
     ui.horizontal(|ui| {
         ui.label(weak(ui, title));
         if curves.len() > 1 {
-            for (name, curve, color) in curves.iter().filter(|(_, curve, _)| !curve.points().is_empty()) {
+            for (name, curve, color) in curves
+                .iter()
+                .filter(|(_, curve, _)| !curve.points().is_empty())
+            {
                 let last = curve.points().last().map_or(0.0, |p| p[1]);
-                ui.label(egui::RichText::new(format!("{last:.1}")).color(*color)).on_hover_text(*name);
+                ui.label(egui::RichText::new(format!("{last:.1}")).color(*color))
+                    .on_hover_text(*name);
             }
         }
     });
-    let value = move |y: f64| if scale == Scale::Log { y.max(1e-12).log10() } else { y };
+    let value = move |y: f64| {
+        if scale == Scale::Log {
+            y.max(1e-12).log10()
+        } else {
+            y
+        }
+    };
     let text = move |y: f64| match (scale, 10_f64.powf(y)) {
         (Scale::Log, value) if value >= 1e-3 => format!("{}", (value * 1e4).round() / 1e4),
         (Scale::Log, value) => format!("{value:.0e}"),
@@ -204,7 +262,11 @@ fn plot_ui(ui: &mut Ui, title: &str, curves: &[(&str, &Curve, egui::Color32)], s
         .set_margin_fraction(egui::vec2(0.02, 0.12))
         .x_axis_formatter(|mark, _| duration(mark.value))
         .y_axis_formatter(move |mark, _| text(mark.value));
-    let plot = if scale == Scale::Log { plot.y_grid_spacer(decades) } else { plot };
+    let plot = if scale == Scale::Log {
+        plot.y_grid_spacer(decades)
+    } else {
+        plot
+    };
     let is_empty = curves.iter().all(|(_, curve, _)| curve.points().is_empty());
     if is_empty {
         let size = egui::vec2(ui.available_width(), PLOT_HEIGHT);
@@ -212,12 +274,18 @@ fn plot_ui(ui: &mut Ui, title: &str, curves: &[(&str, &Curve, egui::Color32)], s
         return;
     }
     let first = |curve: &Curve| curve.points().first().map(|p| [p[0], value(p[1])]);
-    let starts: Vec<_> = curves.iter().filter_map(|(name, curve, color)| Some((*name, first(curve)?, *color))).collect();
+    let starts: Vec<_> = curves
+        .iter()
+        .filter_map(|(name, curve, color)| Some((*name, first(curve)?, *color)))
+        .collect();
     let lines: Vec<Line<'static>> = curves
         .iter()
         .map(|(name, curve, color)| {
-            let points: Vec<[f64; 2]> = curve.points().iter().map(|p| [p[0], value(p[1])]).collect();
-            Line::new(*name, PlotPoints::new(points)).color(*color).width(1.5)
+            let points: Vec<[f64; 2]> =
+                curve.points().iter().map(|p| [p[0], value(p[1])]).collect();
+            Line::new(*name, PlotPoints::new(points))
+                .color(*color)
+                .width(1.5)
         })
         .collect();
     plot.show(ui, |plot_ui| {
@@ -226,7 +294,11 @@ fn plot_ui(ui: &mut Ui, title: &str, curves: &[(&str, &Curve, egui::Color32)], s
         }
         // A line of one point cannot be seen.
         for (name, start, color) in starts {
-            plot_ui.points(Points::new(name, PlotPoints::new(vec![start])).color(color).radius(2.0));
+            plot_ui.points(
+                Points::new(name, PlotPoints::new(vec![start]))
+                    .color(color)
+                    .radius(2.0),
+            );
         }
     });
 }
@@ -237,6 +309,9 @@ fn decades(input: GridInput) -> Vec<GridMark> {
     let range = low.floor().max(-12.0) as i32..=high.ceil().min(12.0) as i32;
     range
         .flat_map(|decade| [1.0, 2.0, 5.0].map(|digit| f64::from(decade) + f64::log10(digit)))
-        .map(|value| GridMark { value, step_size: 0.5 })
+        .map(|value| GridMark {
+            value,
+            step_size: 0.5,
+        })
         .collect()
 }

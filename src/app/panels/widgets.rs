@@ -1,6 +1,8 @@
 //! Small controls that several panels use: rows with a name, a value and a way back.
 
-use egui::{Align, Button, DragValue, Layout, Response, RichText, Sense, Slider, Ui, WidgetInfo, Role};
+use egui::{
+    Align, Button, DragValue, Layout, Response, RichText, Role, Sense, Slider, Ui, WidgetInfo,
+};
 use glam::Vec3;
 use std::ops::RangeInclusive;
 
@@ -27,9 +29,13 @@ pub fn slider_row(ui: &mut Ui, setting: &Setting, value: &mut f32) -> bool {
     ui.horizontal(|ui| {
         let name = name_label(ui, setting.name).on_hover_text(setting.hint);
         let slider = Slider::new(value, setting.range.clone()).max_decimals(2);
-        let slider = ui.add(slider).labelled_by(name.id).on_hover_text(setting.hint);
+        let slider = ui
+            .add(slider)
+            .labelled_by(name.id)
+            .on_hover_text(setting.hint);
         let mut is_changed = slider.changed();
-        let wants_default = name.double_clicked() | reset_button(ui, setting.name, *value != setting.default);
+        let wants_default =
+            name.double_clicked() | reset_button(ui, setting.name, *value != setting.default);
         if wants_default && *value != setting.default {
             *value = setting.default;
             is_changed = true;
@@ -45,14 +51,21 @@ pub fn name_label(ui: &mut Ui, name: &str) -> Response {
     let layout = Layout::left_to_right(Align::Center);
     ui.allocate_ui_with_layout(size, layout, |ui| {
         ui.set_min_width(NAME_WIDTH);
-        ui.add(egui::Label::new(name).sense(Sense::click()).selectable(false))
+        ui.add(
+            egui::Label::new(name)
+                .sense(Sense::click())
+                .selectable(false),
+        )
     })
     .inner
 }
 
 /// A small button that brings a default back; dead while nothing is to bring back.
 pub fn reset_button(ui: &mut Ui, what: &str, is_enabled: bool) -> bool {
-    let button = ui.add_enabled(is_enabled, Button::new(RichText::new("↺").monospace().size(15.0)).frame(false));
+    let button = ui.add_enabled(
+        is_enabled,
+        Button::new(RichText::new("↺").monospace().size(15.0)).frame(false),
+    );
     let name = format!("Reset {}", what.to_lowercase());
     button.widget_info(|| WidgetInfo::labeled(Role::Button, is_enabled, &name));
     button.on_hover_text(name).clicked()
@@ -64,10 +77,15 @@ pub fn vector_row(ui: &mut Ui, name: &str, value: &mut Vec3, speed: f64, suffix:
         let label = name_label(ui, name);
         let mut is_changed = false;
         for (axis, v) in ["X", "Y", "Z"].into_iter().zip(value.as_mut()) {
-            let number = DragValue::new(v).speed(speed).max_decimals(2).suffix(suffix.to_owned());
+            let number = DragValue::new(v)
+                .speed(speed)
+                .max_decimals(2)
+                .suffix(suffix.to_owned());
             let response = ui.add_sized([46.0, ui.spacing().interact_size.y], number);
             describe_number(&response, &format!("{name} {axis}"));
-            is_changed |= response.on_hover_text(format!("{name} {axis}: drag or type")).changed();
+            is_changed |= response
+                .on_hover_text(format!("{name} {axis}: drag or type"))
+                .changed();
         }
         let wants_default = label.double_clicked() | reset_button(ui, name, *value != Vec3::ZERO);
         if wants_default && *value != Vec3::ZERO {
@@ -81,7 +99,9 @@ pub fn vector_row(ui: &mut Ui, name: &str, value: &mut Vec3, speed: f64, suffix:
 
 /// Gives a number field a name for assistive technology.
 pub fn describe_number(response: &Response, name: &str) {
-    response.ctx.accesskit_node_builder(response.id, |node| node.set_label(name.to_owned()));
+    response
+        .ctx
+        .accesskit_node_builder(response.id, |node| node.set_label(name.to_owned()));
 }
 
 /// A colour row (linear factors 0 to 1); true when it was changed.
@@ -146,7 +166,13 @@ mod tests {
 
     #[test]
     fn durations_and_counts_read_well() {
-        assert_eq!([0.4, 42.0, 185.0, 3723.0, f64::NAN].map(duration), ["0 s", "42 s", "3:05", "1:02:03", "–"]);
-        assert_eq!([7.0, 70.0, 12_345.0, 4e6].map(count), ["7.0", "70", "12.3 k", "4.0 M"]);
+        assert_eq!(
+            [0.4, 42.0, 185.0, 3723.0, f64::NAN].map(duration),
+            ["0 s", "42 s", "3:05", "1:02:03", "–"]
+        );
+        assert_eq!(
+            [7.0, 70.0, 12_345.0, 4e6].map(count),
+            ["7.0", "70", "12.3 k", "4.0 M"]
+        );
     }
 }
