@@ -135,6 +135,12 @@ fn a_resumed_run_equals_an_uninterrupted_one_bit_for_bit() {
     let finished = interrupted.json_lines().pop().expect("events");
     assert_eq!(finished["reason"], "stopped", "{finished}");
     neif(&["train", &scene, "--out", &out, "--resume", "--json"]).succeeds();
+    let again = neif(&["train", &scene, "--out", &out, "--resume"]).succeeds();
+    assert!(
+        again.stderr.contains("finished already"),
+        "{}",
+        again.stderr
+    );
     for file in ["environment.safetensors", "object.safetensors"] {
         let whole = workshop.bytes(&format!("whole/{file}"));
         assert!(

@@ -31,10 +31,21 @@ impl Failure {
     /// The message with its chain of causes; `None` when there is nothing to say.
     pub(crate) fn message(&self) -> Option<String> {
         match self {
-            Self::Unusable(error) | Self::Failed(error) => Some(format!("{error:#}")),
+            Self::Unusable(error) | Self::Failed(error) => Some(with_causes(error)),
             Self::Interrupted => None,
         }
     }
+}
+
+/// An error with its causes, each said once: many name their cause themselves.
+fn with_causes(error: &anyhow::Error) -> String {
+    let mut text = error.to_string();
+    for cause in error.chain().skip(1).map(ToString::to_string) {
+        if !text.contains(&cause) {
+            text = format!("{text}: {cause}");
+        }
+    }
+    text
 }
 
 /// Errors without a verdict are failures of the work, not of the input.
@@ -53,5 +64,21 @@ pub(crate) trait OrUnusable<T> {
 impl<T, E: Into<anyhow::Error>> OrUnusable<T> for Result<T, E> {
     fn or_unusable(self) -> Result<T, Failure> {
         self.map_err(Failure::unusable)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use anyhow::Context as _;
+
+    use super::*;
+
+    #[test]
+    fn causes_are_named_once() {
+        let full = std::io::Error::other("disk full");
+        let named = Err::<(), _>(full).context("run/a: disk full");
+        assert_eq!(with_causes(&named.unwrap_err()), "run/a: disk full");
+        let silent = Err::<(), _>(std::io::Error::other("disk full")).context("run/a");
+        assert_eq!(with_causes(&silent.unwrap_err()), "run/a: disk full");
     }
 }

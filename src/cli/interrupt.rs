@@ -5,17 +5,22 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// Set by the first Ctrl-C; long work polls it.
 static INTERRUPTED: AtomicBool = AtomicBool::new(false);
 
+/// Set once the handler is there; a second one is refused.
+static INSTALLED: AtomicBool = AtomicBool::new(false);
+
 /// Exit code of an interrupted process, as shells expect it.
 const INTERRUPTED_EXIT_CODE: i32 = 130;
 
-/// Installs the handler and returns the flag that it sets.
+/// Installs the handler, if that has not been done yet, and returns the flag that it sets.
 pub(crate) fn install() -> anyhow::Result<&'static AtomicBool> {
-    ctrlc::try_set_handler(|| {
-        if INTERRUPTED.swap(true, Ordering::SeqCst) {
-            // The second request: whoever presses twice does not want to wait for a save.
-            std::process::exit(INTERRUPTED_EXIT_CODE);
-        }
-    })?;
+    if !INSTALLED.swap(true, Ordering::SeqCst) {
+        ctrlc::set_handler(|| {
+            if INTERRUPTED.swap(true, Ordering::SeqCst) {
+                // Whoever presses twice does not want to wait for a save.
+                std::process::exit(INTERRUPTED_EXIT_CODE);
+            }
+        })?;
+    }
     Ok(&INTERRUPTED)
 }
 

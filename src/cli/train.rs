@@ -8,6 +8,7 @@ use std::{
 use anyhow::Context as _;
 use neif::train::config::TrainConfig;
 use neif::train::plan::Budget;
+use neif::train::run_folder::RunFolder;
 use neif::train::session::SessionOptions;
 
 use super::failure::{Failure, OrUnusable as _};
@@ -77,7 +78,14 @@ pub(crate) struct TrainArgs {
 
 /// `neif train`.
 pub(crate) fn run(args: &TrainArgs, started: Instant) -> Result<(), Failure> {
-    let outcome = training::train(options(args, started)?, args.json)?;
+    let options = options(args, started)?;
+    let before = RunFolder::open(&args.out)
+        .ok()
+        .and_then(|folder| folder.trained());
+    let outcome = training::train(options, args.json)?;
+    if args.resume && before.is_some_and(|before| before.steps == outcome.finish.step) {
+        output::note("the run had finished already: --budget or --steps trains it further");
+    }
     if !args.json {
         let quality = outcome.validation.map(|v| {
             let object = v.psnr_object.map(|db| format!(" (object {db:.2} dB)"));

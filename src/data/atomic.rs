@@ -57,7 +57,11 @@ mod tests {
         });
         assert!(failure.is_err(), "the error is passed on");
         assert_eq!(std::fs::read(&path).unwrap(), b"old", "contents");
-        assert_eq!(folder.path().read_dir().unwrap().count(), 1, "only the file");
+        assert_eq!(
+            folder.path().read_dir().unwrap().count(),
+            1,
+            "only the file"
+        );
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! OpenEXR pictures: colour or grey, half or float, read and written.
+//! `OpenEXR` pictures: colour or grey, half or float, read and written.
 //!
 //! Reads the first layer of a flat file; colour channels may carry a layer prefix
 //! (`Combined.R`). Without all of R, G and B, a `Y` channel or an only channel becomes grey.
@@ -44,8 +44,14 @@ pub fn read_exr_linear(path: &Path) -> Result<(u32, u32, Vec<[f32; 3]>), DataErr
     let layer = file.layer_data;
     let [red, green, blue] = color_channels(path, &layer.channel_data)?;
     let n_pixels = layer.size.0 * layer.size.1;
-    if [red, green, blue].iter().any(|c| c.sample_data.len() != n_pixels) {
-        return Err(DataError::image(path, "subsampled channels are not supported"));
+    if [red, green, blue]
+        .iter()
+        .any(|c| c.sample_data.len() != n_pixels)
+    {
+        return Err(DataError::image(
+            path,
+            "subsampled channels are not supported",
+        ));
     }
     let pixels = red
         .sample_data
@@ -68,22 +74,23 @@ fn color_channels<'a>(
     let named = |wanted: &str| {
         list.iter().find(|channel| {
             let name = channel.name.to_string();
-            name.rsplit('.').next().is_some_and(|last| last.eq_ignore_ascii_case(wanted))
+            name.rsplit('.')
+                .next()
+                .is_some_and(|last| last.eq_ignore_ascii_case(wanted))
         })
     };
     if let (Some(r), Some(g), Some(b)) = (named("R"), named("G"), named("B")) {
         return Ok([r, g, b]);
     }
     let only = if list.len() == 1 { list.first() } else { None };
-    match named("Y").or(only) {
-        Some(grey) => Ok([grey; 3]),
-        None => {
-            let names: Vec<String> = list.iter().map(|c| c.name.to_string()).collect();
-            Err(DataError::image(
-                path,
-                format!("no channels R, G, B or Y, but {}", names.join(", ")),
-            ))
-        }
+    if let Some(grey) = named("Y").or(only) {
+        Ok([grey; 3])
+    } else {
+        let names: Vec<String> = list.iter().map(|c| c.name.to_string()).collect();
+        Err(DataError::image(
+            path,
+            format!("no channels R, G, B or Y, but {}", names.join(", ")),
+        ))
     }
 }
 

@@ -144,7 +144,8 @@ pub(super) fn check_finite(
 }
 
 fn is_exr(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"))
+    path.extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("exr"))
 }
 
 /// Decodes any picture that the `image` crate was built for.

@@ -74,7 +74,9 @@ fn find_frames(
     path: &Path,
     problems: &mut Vec<Problem>,
 ) -> Result<(PathBuf, SplitFrames), DataError> {
-    let is_json = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
+    let is_json = path
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("json"));
     if !path.exists() {
         let missing = std::io::Error::from(std::io::ErrorKind::NotFound);
         return Err(DataError::io(path, missing));
@@ -91,7 +93,9 @@ fn find_frames(
         path.to_owned()
     };
     let split_file = |split: &str| root.join(format!("transforms_{split}.json"));
-    let names_a_split = ["train", "val", "test"].iter().any(|s| path == split_file(s));
+    let names_a_split = ["train", "val", "test"]
+        .iter()
+        .any(|s| path == split_file(s));
     if (names_a_split || !is_json) && split_file("train").is_file() {
         let frames = read_split_files(&split_file, problems)?;
         return Ok((root, frames));
@@ -216,7 +220,11 @@ fn decode_splits(
     });
     problems.extend(loaded.findings.into_problems());
     let mut views = loaded.views;
-    let test: Vec<View> = views.split_off(n_train + n_val).into_iter().flatten().collect();
+    let test: Vec<View> = views
+        .split_off(n_train + n_val)
+        .into_iter()
+        .flatten()
+        .collect();
     let val: Vec<View> = views.split_off(n_train).into_iter().flatten().collect();
     let train: Vec<View> = views.into_iter().flatten().collect();
     let nothing_to_learn_from = options.splits.train && train.is_empty();
@@ -257,9 +265,10 @@ fn load_mesh(
 
 fn folder_name(root: &Path) -> String {
     let absolute = root.canonicalize().unwrap_or_else(|_| root.to_owned());
-    absolute
-        .file_name()
-        .map_or_else(|| "capture".to_owned(), |name| name.to_string_lossy().into_owned())
+    absolute.file_name().map_or_else(
+        || "capture".to_owned(),
+        |name| name.to_string_lossy().into_owned(),
+    )
 }
 
 /// How the finding about cut-out photos begins.

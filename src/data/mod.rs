@@ -3,7 +3,6 @@
 //! One file a format, reading and writing together. [`Dataset::load`] is the way in: it reads
 //! what it can, reports what it could not as [`Problem`]s, and fails only when nothing is left.
 
-pub mod tensor_file;
 mod atomic;
 mod error;
 mod exr_image;
@@ -13,6 +12,7 @@ mod mesh_io;
 mod photo;
 mod problem;
 mod relight;
+pub mod tensor_file;
 mod transforms_json;
 
 use std::fmt;

@@ -58,9 +58,7 @@ impl Photo {
     #[inline]
     pub fn linear(&self, i: usize) -> [f32; 3] {
         match self {
-            Self::Ldr { pixels, .. } => {
-                pixels[i].map(|c| linear_from_srgb(f32::from(c) / 65535.0))
-            }
+            Self::Ldr { pixels, .. } => pixels[i].map(|c| linear_from_srgb(f32::from(c) / 65535.0)),
             Self::Hdr { pixels, .. } => pixels[i],
         }
     }

@@ -193,13 +193,13 @@ fn read_frame(fields: &Fields<'_>, index: usize, lens: Intrinsics) -> Result<Fra
 
 /// The lens of a frame or file, where absent that of `outer`.
 fn read_intrinsics(fields: &Fields<'_>, outer: Intrinsics) -> Result<Intrinsics, DataError> {
-    if let Some(model) = fields.string("camera_model")? {
-        if !CAMERA_MODELS.contains(&model.to_ascii_uppercase().as_str()) {
-            let problem = format!(
-                "\"{model}\" is not supported; undistort the photos to PINHOLE or OPENCV first"
-            );
-            return Err(fields.error("camera_model", problem));
-        }
+    if let Some(model) = fields.string("camera_model")?
+        && !CAMERA_MODELS.contains(&model.to_ascii_uppercase().as_str())
+    {
+        let problem = format!(
+            "\"{model}\" is not supported; undistort the photos to PINHOLE or OPENCV first"
+        );
+        return Err(fields.error("camera_model", problem));
     }
     if fields.value.get("is_fisheye") == Some(&Value::Bool(true)) {
         let problem = "fisheye lenses are not supported; undistort the photos first";
@@ -253,7 +253,10 @@ fn read_pose(fields: &Fields<'_>) -> Result<Affine3A, DataError> {
             })?;
         }
     }
-    let last_is_unit = m[3].iter().zip([0.0, 0.0, 0.0, 1.0]).all(|(a, b)| (a - b).abs() < 1e-4);
+    let last_is_unit = m[3]
+        .iter()
+        .zip([0.0, 0.0, 0.0, 1.0])
+        .all(|(a, b)| (a - b).abs() < 1e-4);
     if !last_is_unit {
         return Err(fail("the last row is not 0 0 0 1"));
     }
@@ -276,7 +279,9 @@ fn rotation_of(x: Vec3, y: Vec3, z: Vec3) -> Result<Mat3, &'static str> {
         return Err("not invertible");
     }
     let unit = axes.iter().all(|a| (a.length() - 1.0).abs() < TOLERANCE);
-    let square = [x.dot(y), y.dot(z), z.dot(x)].iter().all(|d| d.abs() < TOLERANCE);
+    let square = [x.dot(y), y.dot(z), z.dot(x)]
+        .iter()
+        .all(|d| d.abs() < TOLERANCE);
     if !(unit && square) {
         return Err("not a rotation: the axes are sheared or scaled unevenly");
     }
@@ -367,7 +372,11 @@ impl Fields<'_> {
 
     fn string(&self, field: &str) -> Result<Option<&str>, DataError> {
         self.get(field)
-            .map(|value| value.as_str().ok_or_else(|| self.error(field, "not a text")))
+            .map(|value| {
+                value
+                    .as_str()
+                    .ok_or_else(|| self.error(field, "not a text"))
+            })
             .transpose()
     }
 

@@ -22,7 +22,11 @@ pub struct CompositeBuffers {
 impl CompositeBuffers {
     /// Composites `rows` (`[n][16]`) over intervals of lengths `deltas` (`[n]`), `n_samples` a ray.
     pub fn forward(&mut self, rows: &[f32], deltas: &[f32], n_samples: usize) {
-        assert_eq!(rows.len(), deltas.len() * WIDTH, "composite: one row a sample");
+        assert_eq!(
+            rows.len(),
+            deltas.len() * WIDTH,
+            "composite: one row a sample"
+        );
         self.depths.resize(deltas.len(), 0.0);
         self.weights.resize(deltas.len(), 0.0);
         self.features.resize(deltas.len() / n_samples * WIDTH, 0.0);
@@ -34,7 +38,12 @@ impl CompositeBuffers {
     /// Writes `d_rows` (`[n][16]`) from `d_features` (`[n_rays][stride]`, first 16 columns used).
     pub fn backward(&self, rows: &[f32], d_features: &[f32], n_samples: usize, d_rows: &mut [f32]) {
         composite_backward(
-            Kept { rows, depths: &self.depths, weights: &self.weights, n_samples },
+            Kept {
+                rows,
+                depths: &self.depths,
+                weights: &self.weights,
+                n_samples,
+            },
             d_features,
             d_rows,
         );
@@ -67,8 +76,12 @@ fn optical_depths_body<const FMA: bool>(rows: &[f32], deltas: &[f32], depths: &m
     }
     for (depth, delta) in depths.iter_mut().zip(deltas) {
         // `if` rather than `min`: NaN must stay NaN for the non-finite check.
-        let log = if *depth > LOG_DENSITY_MAX { LOG_DENSITY_MAX } else { *depth };
-        let nan = log - log;
+        let log = if *depth > LOG_DENSITY_MAX {
+            LOG_DENSITY_MAX
+        } else {
+            *depth
+        };
+        let nan = log * 0.0;
         *depth = math::exp::<FMA>(log) * delta + nan;
     }
 }
@@ -80,7 +93,7 @@ dispatch! {
 #[inline(always)]
 fn weigh_body<const FMA: bool>(depths: &[f32], n_samples: usize, weights: &mut [f32]) {
     for (weight, depth) in weights.iter_mut().zip(depths) {
-        *weight = 1.0 - math::exp::<FMA>(-*depth) + (*depth - *depth);
+        *weight = 1.0 - math::exp::<FMA>(-*depth) + *depth * 0.0;
     }
     for ray in weights.chunks_exact_mut(n_samples) {
         let mut transmittance = 1.0_f32;
@@ -97,10 +110,17 @@ dispatch! {
 }
 
 #[inline(always)]
-fn sum_features_body<const FMA: bool>(rows: &[f32], weights: &[f32], n_samples: usize, features: &mut [f32]) {
+fn sum_features_body<const FMA: bool>(
+    rows: &[f32],
+    weights: &[f32],
+    n_samples: usize,
+    features: &mut [f32],
+) {
     let (rows, _) = rows.as_chunks::<WIDTH>();
     let (features, _) = features.as_chunks_mut::<WIDTH>();
-    let rays = rows.chunks_exact(n_samples).zip(weights.chunks_exact(n_samples));
+    let rays = rows
+        .chunks_exact(n_samples)
+        .zip(weights.chunks_exact(n_samples));
     for ((ray_rows, ray_weights), out) in rays.zip(features) {
         let mut sum = [0.0; WIDTH];
         for (row, &weight) in ray_rows.iter().zip(ray_weights) {
@@ -110,9 +130,7 @@ fn sum_features_body<const FMA: bool>(rows: &[f32], weights: &[f32], n_samples: 
             }
         }
         let opacity: f32 = ray_weights.iter().sum();
-        for c in 1..WIDTH {
-            out[c - 1] = sum[c];
-        }
+        out[..WIDTH - 1].copy_from_slice(&sum[1..]);
         out[WIDTH - 1] = opacity;
     }
 }
@@ -136,7 +154,8 @@ fn backward_body<const FMA: bool>(kept: Kept<'_>, d_features: &[f32], d_rows: &m
         d[1..].copy_from_slice(&d_feature[..WIDTH - 1]);
         let d_opacity = d_feature[WIDTH - 1];
         let first = ray * n_samples;
-        let mut transmittance_after = 1.0 - kept.weights[first..first + n_samples].iter().sum::<f32>();
+        let mut transmittance_after =
+            1.0 - kept.weights[first..first + n_samples].iter().sum::<f32>();
         let mut behind = 0.0;
         for i in (first..first + n_samples).rev() {
             let weight = kept.weights[i];
@@ -149,7 +168,11 @@ fn backward_body<const FMA: bool>(kept: Kept<'_>, d_features: &[f32], d_rows: &m
             transmittance_after += weight;
             let mut d_row = d.map(|v| v * weight);
             // The clamp is flat beyond its end.
-            d_row[0] = if rows[i][0] < LOG_DENSITY_MAX { d_depth * kept.depths[i] } else { 0.0 };
+            d_row[0] = if rows[i][0] < LOG_DENSITY_MAX {
+                d_depth * kept.depths[i]
+            } else {
+                0.0
+            };
             d_rows[i] = d_row;
         }
     }
@@ -162,7 +185,9 @@ mod tests {
     const N: usize = 5;
 
     fn rows(seed: f32) -> Vec<f32> {
-        (0..2 * N * WIDTH).map(|i| (i as f32 * 0.61 + seed).sin()).collect()
+        (0..2 * N * WIDTH)
+            .map(|i| (i as f32 * 0.61 + seed).sin())
+            .collect()
     }
 
     fn deltas() -> Vec<f32> {
@@ -180,9 +205,16 @@ mod tests {
                 let depth = f64::from(rows[i * WIDTH]).exp() * f64::from(deltas[i]);
                 let weight = transmittance * (1.0 - (-depth).exp());
                 transmittance *= (-depth).exp();
-                assert!((f64::from(buffers.weights[i]) - weight).abs() < 1e-6, "sample {i}");
+                assert!(
+                    (f64::from(buffers.weights[i]) - weight).abs() < 1e-6,
+                    "sample {i}"
+                );
             }
-            assert!((f64::from(buffers.features[ray * WIDTH + 15]) - (1.0 - transmittance)).abs() < 1e-6, "opacity");
+            assert!(
+                (f64::from(buffers.features[ray * WIDTH + 15]) - (1.0 - transmittance)).abs()
+                    < 1e-6,
+                "opacity"
+            );
         }
     }
 
@@ -193,7 +225,12 @@ mod tests {
         let loss = |rows: &[f32]| {
             let mut buffers = CompositeBuffers::default();
             buffers.forward(rows, &deltas, N);
-            buffers.features.iter().zip(&d_features).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum::<f64>()
+            buffers
+                .features
+                .iter()
+                .zip(&d_features)
+                .map(|(a, b)| f64::from(*a) * f64::from(*b))
+                .sum::<f64>()
         };
         let mut buffers = CompositeBuffers::default();
         buffers.forward(&rows, &deltas, N);
@@ -205,7 +242,11 @@ mod tests {
             up[i] += h;
             down[i] -= h;
             let numeric = (loss(&up) - loss(&down)) / f64::from(2.0 * h);
-            assert!((f64::from(d_rows[i]) - numeric).abs() < 1e-3 + 1e-2 * numeric.abs(), "{i}: {} against {numeric}", d_rows[i]);
+            assert!(
+                (f64::from(d_rows[i]) - numeric).abs() < 1e-3 + 1e-2 * numeric.abs(),
+                "{i}: {} against {numeric}",
+                d_rows[i]
+            );
         }
     }
 
@@ -215,10 +256,17 @@ mod tests {
         rows[0] = 1e6_f32.ln();
         let mut buffers = CompositeBuffers::default();
         buffers.forward(&rows, &vec![1.0; 2 * N], N);
-        assert!(buffers.weights[0] > 0.9999 && buffers.weights[1] < 1e-4, "{:?}", &buffers.weights[..N]);
+        assert!(
+            buffers.weights[0] > 0.9999 && buffers.weights[1] < 1e-4,
+            "{:?}",
+            &buffers.weights[..N]
+        );
         let mut d_rows = vec![0.0; rows.len()];
         buffers.backward(&rows, &[1.0; 2 * WIDTH], N, &mut d_rows);
-        assert!(d_rows.iter().all(|v| v.is_finite()), "gradient must stay finite");
+        assert!(
+            d_rows.iter().all(|v| v.is_finite()),
+            "gradient must stay finite"
+        );
     }
 
     #[test]
@@ -227,6 +275,9 @@ mod tests {
         rows[0] = f32::NAN;
         let mut buffers = CompositeBuffers::default();
         buffers.forward(&rows, &deltas(), N);
-        assert!(buffers.features[0].is_nan(), "a NaN must reach the non-finite check");
+        assert!(
+            buffers.features[0].is_nan(),
+            "a NaN must reach the non-finite check"
+        );
     }
 }

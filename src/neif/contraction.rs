@@ -34,7 +34,11 @@ pub fn contract(x: [f32; 3]) -> ([f32; 3], f32) {
     let inverse = 1.0 / outer;
     let scale = (2.0 - inverse) * inverse;
     // Exact: ((2 - 1/m)²/m² · 1/m²)^(1/3).
-    let isotropic = if m > 1.0 { (scale * scale * inverse * inverse).cbrt() } else { 1.0 };
+    let isotropic = if m > 1.0 {
+        (scale * scale * inverse * inverse).cbrt()
+    } else {
+        1.0
+    };
     (x.map(|v| v * scale), isotropic)
 }
 
@@ -64,7 +68,10 @@ mod tests {
         for x in [[0.1, -0.4, 0.9], [3.0, -1.0, 0.5], [0.2, 0.2, -7.0]] {
             let back = expand(contract(x).0);
             for axis in 0..3 {
-                assert!((back[axis] - x[axis]).abs() < 1e-4 * x[axis].abs().max(1.0), "{x:?} came back as {back:?}");
+                assert!(
+                    (back[axis] - x[axis]).abs() < 1e-4 * x[axis].abs().max(1.0),
+                    "{x:?} came back as {back:?}"
+                );
             }
         }
     }
@@ -80,7 +87,12 @@ mod tests {
             Vec3::from(contract(a).0) / (2.0 * h) - Vec3::from(contract(b).0) / (2.0 * h)
         };
         let volume = column(0).cross(column(1)).dot(column(2)).abs();
-        assert!((volume.cbrt() - contract(x).1).abs() < 1e-2 * volume.cbrt(), "{} against {}", volume.cbrt(), contract(x).1);
+        assert!(
+            (volume.cbrt() - contract(x).1).abs() < 1e-2 * volume.cbrt(),
+            "{} against {}",
+            volume.cbrt(),
+            contract(x).1
+        );
     }
 
     #[test]

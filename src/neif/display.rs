@@ -14,6 +14,10 @@ impl Display {
     pub fn value(&self, linear: f32) -> f32 {
         let srgb = srgb_from_linear(linear);
         // The power costs as much as the curve and is often 1.
-        if self.gamma == 1.0 { srgb } else { srgb.powf(self.gamma) }
+        if self.gamma == 1.0 {
+            srgb
+        } else {
+            srgb.powf(self.gamma)
+        }
     }
 }

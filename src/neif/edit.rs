@@ -37,7 +37,10 @@ pub struct MaterialEdit {
 impl Default for MaterialEdit {
     fn default() -> Self {
         Self {
-            roughness: RoughnessEdit::Map { scale: 1.0, offset: 0.0 },
+            roughness: RoughnessEdit::Map {
+                scale: 1.0,
+                offset: 0.0,
+            },
             tint_scale: 1.0,
             tint_color: Vec3::ONE,
             diffuse_gain: Vec3::ONE,
@@ -88,7 +91,13 @@ pub struct EnvironmentTransform {
 
 impl Default for EnvironmentTransform {
     fn default() -> Self {
-        Self { rotate_deg: Vec3::ZERO, translate: Vec3::ZERO, scale: 1.0, exposure_ev: 0.0, white_balance: Vec3::ONE }
+        Self {
+            rotate_deg: Vec3::ZERO,
+            translate: Vec3::ZERO,
+            scale: 1.0,
+            exposure_ev: 0.0,
+            white_balance: Vec3::ONE,
+        }
     }
 }
 
@@ -143,7 +152,11 @@ mod tests {
     fn identity_leaves_points_alone() {
         let motion = EnvironmentTransform::default().environment_from_world();
         let p = Vec3::new(0.3, -2.0, 5.0);
-        assert!((motion.point(p) - p).length() < 1e-6, "{:?}", motion.point(p));
+        assert!(
+            (motion.point(p) - p).length() < 1e-6,
+            "{:?}",
+            motion.point(p)
+        );
     }
 
     #[test]
@@ -155,13 +168,18 @@ mod tests {
             scale: 2.0,
             ..EnvironmentTransform::default()
         };
-        let back = transform.environment_from_world().point(Vec3::new(0.0, 2.0, 1.0));
+        let back = transform
+            .environment_from_world()
+            .point(Vec3::new(0.0, 2.0, 1.0));
         assert!((back - Vec3::X).length() < 1e-5, "{back:?}");
     }
 
     #[test]
     fn rotation_is_about_x_first() {
-        let transform = EnvironmentTransform { rotate_deg: Vec3::new(90.0, 0.0, 90.0), ..Default::default() };
+        let transform = EnvironmentTransform {
+            rotate_deg: Vec3::new(90.0, 0.0, 90.0),
+            ..Default::default()
+        };
         // X by 90° takes +y to +z; Z by 90° leaves +z.
         let back = transform.environment_from_world().point(Vec3::Z);
         assert!((back - Vec3::Y).length() < 1e-5, "{back:?}");
@@ -169,8 +187,18 @@ mod tests {
 
     #[test]
     fn roughness_edits_stay_in_range() {
-        let edit = |roughness| MaterialEdit { roughness, ..MaterialEdit::default() };
-        assert_eq!(edit(RoughnessEdit::Map { scale: 3.0, offset: 0.2 }).roughness(0.5), 1.0);
+        let edit = |roughness| MaterialEdit {
+            roughness,
+            ..MaterialEdit::default()
+        };
+        assert_eq!(
+            edit(RoughnessEdit::Map {
+                scale: 3.0,
+                offset: 0.2
+            })
+            .roughness(0.5),
+            1.0
+        );
         assert_eq!(edit(RoughnessEdit::Constant(-1.0)).roughness(0.5), 0.0);
     }
 }

@@ -55,9 +55,26 @@ pub struct EnvironmentPlace {
 impl Environment {
     /// Puts a field in its place.
     pub fn new(place: EnvironmentPlace, field: RadianceField, density: DensityGrid) -> Self {
-        let EnvironmentPlace { name, frame, gamma, n_samples, up } = place;
-        let header = Header { name, frame, gamma, n_samples, up, field: *field.config() };
-        Self { header, field, density }
+        let EnvironmentPlace {
+            name,
+            frame,
+            gamma,
+            n_samples,
+            up,
+        } = place;
+        let header = Header {
+            name,
+            frame,
+            gamma,
+            n_samples,
+            up,
+            field: *field.config(),
+        };
+        Self {
+            header,
+            field,
+            density,
+        }
     }
 
     /// Shown in lists.
@@ -79,7 +96,10 @@ impl Environment {
     /// The inner box in world coordinates.
     pub fn inner_box(&self) -> Aabb {
         let half = Vec3::splat(self.header.frame.half_side);
-        Aabb { min: self.header.frame.center - half, max: self.header.frame.center + half }
+        Aabb {
+            min: self.header.frame.center - half,
+            max: self.header.frame.center + half,
+        }
     }
 
     /// Exponent of the display transform; 1 is plain sRGB.
@@ -104,19 +124,37 @@ impl Environment {
     pub fn load(path: &Path) -> Result<Self, NeifError> {
         let file = TensorFile::read(path)?;
         if file.text("format")? != FORMAT {
-            return Err(metadata(path, "format", format!("is not `{FORMAT}`: no environment file")));
+            return Err(metadata(
+                path,
+                "format",
+                format!("is not `{FORMAT}`: no environment file"),
+            ));
         }
-        let header: Header =
-            serde_json::from_str(file.text("environment")?).map_err(|e| metadata(path, "environment", e.to_string()))?;
+        let header: Header = serde_json::from_str(file.text("environment")?)
+            .map_err(|e| metadata(path, "environment", e.to_string()))?;
         check_header(path, &header)?;
         let params = read_finite(&file, path, "field.params")?;
         let found = params.len();
-        let field = RadianceField::from_params(header.field, params)
-            .ok_or_else(|| NeifError::Shape { file: path.to_owned(), tensor: "field.params", found })?;
+        let field =
+            RadianceField::from_params(header.field, params).ok_or_else(|| NeifError::Shape {
+                file: path.to_owned(),
+                tensor: "field.params",
+                found,
+            })?;
         let n_codes = DensityGrid::default().codes().len();
-        let density = DensityGrid::from_codes(file.u16("density.codes", &[n_codes])?)
-            .ok_or_else(|| NeifError::Shape { file: path.to_owned(), tensor: "density.codes", found: n_codes })?;
-        Ok(Self { header, field, density })
+        let density =
+            DensityGrid::from_codes(file.u16("density.codes", &[n_codes])?).ok_or_else(|| {
+                NeifError::Shape {
+                    file: path.to_owned(),
+                    tensor: "density.codes",
+                    found: n_codes,
+                }
+            })?;
+        Ok(Self {
+            header,
+            field,
+            density,
+        })
     }
 
     /// Writes the file whole or not at all.
@@ -126,9 +164,14 @@ impl Environment {
     pub fn save(&self, path: &Path) -> Result<(), NeifError> {
         let mut file = TensorFile::default();
         file.metadata.insert("format".to_owned(), FORMAT.to_owned());
-        let header = serde_json::to_string(&self.header).expect("plain numbers and strings serialise");
+        let header =
+            serde_json::to_string(&self.header).expect("plain numbers and strings serialise");
         file.metadata.insert("environment".to_owned(), header);
-        file.insert_f32("field.params", &[self.field.params.len()], self.field.params.clone());
+        file.insert_f32(
+            "field.params",
+            &[self.field.params.len()],
+            self.field.params.clone(),
+        );
         let codes = self.density.codes();
         file.insert_u16("density.codes", &[codes.len()], codes);
         Ok(file.write(path)?)
@@ -136,23 +179,40 @@ impl Environment {
 }
 
 /// All values of a one-dimensional array, refused when one is not finite.
-pub(super) fn read_finite(file: &TensorFile, path: &Path, tensor: &'static str) -> Result<Vec<f32>, NeifError> {
+pub(super) fn read_finite(
+    file: &TensorFile,
+    path: &Path,
+    tensor: &'static str,
+) -> Result<Vec<f32>, NeifError> {
     let n = file.tensor(tensor)?.values.len();
     let values = file.f32(tensor, &[n])?.to_vec();
     if values.iter().any(|v| !v.is_finite()) {
-        return Err(NeifError::NotFinite { file: path.to_owned(), tensor });
+        return Err(NeifError::NotFinite {
+            file: path.to_owned(),
+            tensor,
+        });
     }
     Ok(values)
 }
 
 pub(super) fn metadata(path: &Path, field: &'static str, what: String) -> NeifError {
-    NeifError::Metadata { file: path.to_owned(), field, what }
+    NeifError::Metadata {
+        file: path.to_owned(),
+        field,
+        what,
+    }
 }
 
 fn check_header(path: &Path, header: &Header) -> Result<(), NeifError> {
-    let frame_is_sane = header.frame.center.is_finite() && header.frame.half_side.is_finite() && header.frame.half_side > 0.0;
+    let frame_is_sane = header.frame.center.is_finite()
+        && header.frame.half_side.is_finite()
+        && header.frame.half_side > 0.0;
     if !frame_is_sane {
-        return Err(metadata(path, "environment", "has an inner box that is empty or not finite".to_owned()));
+        return Err(metadata(
+            path,
+            "environment",
+            "has an inner box that is empty or not finite".to_owned(),
+        ));
     }
     let grid = header.field.grid;
     let shape_is_sane = [4, 8, 12, 16].contains(&grid.n_levels)
@@ -161,8 +221,15 @@ fn check_header(path: &Path, header: &Header) -> Result<(), NeifError> {
         && (4..=24).contains(&grid.log2_table_size)
         && header.field.n_hidden.is_multiple_of(16)
         && (16..=1024).contains(&header.field.n_hidden);
-    if !shape_is_sane || !(1..=1024).contains(&header.n_samples) || !(0.05..=20.0).contains(&header.gamma) {
-        return Err(metadata(path, "environment", "describes a field outside the supported range".to_owned()));
+    if !shape_is_sane
+        || !(1..=1024).contains(&header.n_samples)
+        || !(0.05..=20.0).contains(&header.gamma)
+    {
+        return Err(metadata(
+            path,
+            "environment",
+            "describes a field outside the supported range".to_owned(),
+        ));
     }
     Ok(())
 }
@@ -173,10 +240,31 @@ mod tests {
     use crate::neif::hash_grid::GridConfig;
 
     fn environment() -> Environment {
-        let grid = GridConfig { n_levels: 4, coarsest: 2, finest: 8, log2_table_size: 8 };
-        let field = RadianceField::new(FieldConfig { grid, n_hidden: 16, view_dependent: true }, || 0.3);
-        let frame = FieldFrame { center: Vec3::new(1.0, 2.0, 3.0), half_side: 4.0 };
-        let place = EnvironmentPlace { name: "room".to_owned(), frame, gamma: 1.0, n_samples: 16, up: Vec3::Z };
+        let grid = GridConfig {
+            n_levels: 4,
+            coarsest: 2,
+            finest: 8,
+            log2_table_size: 8,
+        };
+        let field = RadianceField::new(
+            FieldConfig {
+                grid,
+                n_hidden: 16,
+                view_dependent: true,
+            },
+            || 0.3,
+        );
+        let frame = FieldFrame {
+            center: Vec3::new(1.0, 2.0, 3.0),
+            half_side: 4.0,
+        };
+        let place = EnvironmentPlace {
+            name: "room".to_owned(),
+            frame,
+            gamma: 1.0,
+            n_samples: 16,
+            up: Vec3::Z,
+        };
         Environment::new(place, field, DensityGrid::default())
     }
 
@@ -204,6 +292,12 @@ mod tests {
         let mut broken = environment();
         broken.field.params[7] = f32::NAN;
         broken.save(&path).unwrap();
-        assert!(Environment::load(&path).unwrap_err().to_string().contains("field.params"), "the tensor must be named");
+        assert!(
+            Environment::load(&path)
+                .unwrap_err()
+                .to_string()
+                .contains("field.params"),
+            "the tensor must be named"
+        );
     }
 }

@@ -50,7 +50,11 @@ impl GridConfig {
                 let resolution = (self.coarsest as f64 * growth.powi(level as i32)).round() as u32;
                 let n_vertices = (resolution as usize + 1).pow(3);
                 let table = 1_usize << self.log2_table_size;
-                Level { resolution, n_entries: n_vertices.min(table), is_dense: n_vertices <= table }
+                Level {
+                    resolution,
+                    n_entries: n_vertices.min(table),
+                    is_dense: n_vertices <= table,
+                }
             })
             .collect()
     }
@@ -99,10 +103,18 @@ pub struct FeatureColumns {
 }
 
 #[inline(always)]
-fn encode_body<const FMA: bool>(level: &Level, table: &[f32], points: SamplePoints<'_>, out: &mut [f32]) {
+fn encode_body<const FMA: bool>(
+    level: &Level,
+    table: &[f32],
+    points: SamplePoints<'_>,
+    out: &mut [f32],
+) {
     let (rows, _) = table.as_chunks::<FEATURES>();
     let (out, _) = out.as_chunks_mut::<FEATURES>();
-    assert!(rows.len() == level.n_entries && out.len() == points.positions.len(), "encode_level: shapes disagree");
+    assert!(
+        rows.len() == level.n_entries && out.len() == points.positions.len(),
+        "encode_level: shapes disagree"
+    );
     let mut corners = Corners::default();
     for (block, out) in out.chunks_mut(BLOCK).enumerate() {
         corners.fill::<FMA>(level, points, block * BLOCK, out.len());
@@ -128,7 +140,10 @@ fn scatter_body<const FMA: bool>(
     d_table: &mut [f32],
 ) {
     let (rows, _) = d_table.as_chunks_mut::<FEATURES>();
-    assert!(rows.len() == level.n_entries, "scatter_level: shapes disagree");
+    assert!(
+        rows.len() == level.n_entries,
+        "scatter_level: shapes disagree"
+    );
     let mut corners = Corners::default();
     for (block, d_rows) in d_features.chunks(BLOCK * layout.stride).enumerate() {
         let n = d_rows.len() / layout.stride;
@@ -160,13 +175,19 @@ struct Corners {
 impl Corners {
     /// Fills the first `n` samples from `points[start..]`; the rest repeats the last one.
     #[inline(always)]
-    fn fill<const FMA: bool>(&mut self, level: &Level, points: SamplePoints<'_>, start: usize, n: usize) {
+    fn fill<const FMA: bool>(
+        &mut self,
+        level: &Level,
+        points: SamplePoints<'_>,
+        start: usize,
+        n: usize,
+    ) {
         let mut position = [[0.0_f32; BLOCK]; 3];
         let mut level_weights = [0.0_f32; BLOCK];
         for s in 0..BLOCK {
             let at = start + s.min(n - 1);
-            for axis in 0..3 {
-                position[axis][s] = points.positions[at][axis];
+            for (values, value) in position.iter_mut().zip(points.positions[at]) {
+                values[s] = value;
             }
             level_weights[s] = points.footprints[at];
         }
@@ -186,16 +207,34 @@ impl Corners {
             }
         }
         let side = level.resolution + 1;
-        let strides = if level.is_dense { [1, side, side * side] } else { [1, 2_654_435_761, 805_459_861] };
-        let mask = if level.is_dense { u32::MAX } else { level.n_entries as u32 - 1 };
+        let strides = if level.is_dense {
+            [1, side, side * side]
+        } else {
+            [1, 2_654_435_761, 805_459_861]
+        };
+        let mask = if level.is_dense {
+            u32::MAX
+        } else {
+            level.n_entries as u32 - 1
+        };
         for corner in 0..8 {
             let upper = [corner & 1, corner >> 1 & 1, corner >> 2].map(|u| u as u32);
             for s in 0..BLOCK {
                 let term = |axis: usize| (cell[axis][s] + upper[axis]).wrapping_mul(strides[axis]);
                 let (x, y, z) = (term(0), term(1), term(2));
-                let index = if level.is_dense { x.wrapping_add(y).wrapping_add(z) } else { x ^ y ^ z };
+                let index = if level.is_dense {
+                    x.wrapping_add(y).wrapping_add(z)
+                } else {
+                    x ^ y ^ z
+                };
                 self.indices[corner][s] = index & mask;
-                let side = |axis: usize| if upper[axis] == 1 { position[axis][s] } else { 1.0 - position[axis][s] };
+                let side = |axis: usize| {
+                    if upper[axis] == 1 {
+                        position[axis][s]
+                    } else {
+                        1.0 - position[axis][s]
+                    }
+                };
                 self.weights[corner][s] = side(0) * side(1) * (side(2) * level_weights[s]);
             }
         }
@@ -205,12 +244,19 @@ impl Corners {
 /// `d loss / d footprint` of each sample, from the weighted features and their gradients (`[n][n_levels * 4]`).
 ///
 /// With `w = (1 + k²)^(-1/2)`, `dw/dσ = -w (1 - w²)/σ`, so the raw features need not be kept.
-pub fn footprint_gradient(levels: &[Level], footprint: f32, features: &[f32], d_features: &[f32]) -> f32 {
+pub fn footprint_gradient(
+    levels: &[Level],
+    footprint: f32,
+    features: &[f32],
+    d_features: &[f32],
+) -> f32 {
     // Below this the weight is 1 to the last bit and the quotient would be 0/0.
     if footprint < 1e-9 {
         return 0.0;
     }
-    let rows = features.chunks_exact(FEATURES).zip(d_features.chunks_exact(FEATURES));
+    let rows = features
+        .chunks_exact(FEATURES)
+        .zip(d_features.chunks_exact(FEATURES));
     let sum: f32 = levels
         .iter()
         .zip(rows)
@@ -227,24 +273,50 @@ pub fn footprint_gradient(levels: &[Level], footprint: f32, features: &[f32], d_
 mod tests {
     use super::*;
 
-    const CONFIG: GridConfig = GridConfig { n_levels: 3, coarsest: 4, finest: 24, log2_table_size: 10 };
+    const CONFIG: GridConfig = GridConfig {
+        n_levels: 3,
+        coarsest: 4,
+        finest: 24,
+        log2_table_size: 10,
+    };
 
     fn table(level: &Level) -> Vec<f32> {
-        (0..level.n_entries * FEATURES).map(|i| (i as f32 * 0.7).sin()).collect()
+        (0..level.n_entries * FEATURES)
+            .map(|i| (i as f32 * 0.7).sin())
+            .collect()
     }
 
-    const POSITIONS: [[f32; 3]; 4] = [[0.11, 0.52, 0.93], [0.0, 1.0, 0.5], [0.333, 0.1, 0.77], [0.9, 0.9, 0.05]];
+    const POSITIONS: [[f32; 3]; 4] = [
+        [0.11, 0.52, 0.93],
+        [0.0, 1.0, 0.5],
+        [0.333, 0.1, 0.77],
+        [0.9, 0.9, 0.05],
+    ];
     const FOOTPRINTS: [f32; 4] = [0.0, 0.01, 0.05, 0.4];
 
     fn points() -> SamplePoints<'static> {
-        SamplePoints { positions: &POSITIONS, footprints: &FOOTPRINTS }
+        SamplePoints {
+            positions: &POSITIONS,
+            footprints: &FOOTPRINTS,
+        }
     }
 
     #[test]
     fn levels_are_dense_while_they_fit() {
         let levels = CONFIG.levels();
-        assert_eq!(levels[0], Level { resolution: 4, n_entries: 125, is_dense: true });
-        assert!(!levels[2].is_dense && levels[2].n_entries == 1024, "finest level must be hashed: {:?}", levels[2]);
+        assert_eq!(
+            levels[0],
+            Level {
+                resolution: 4,
+                n_entries: 125,
+                is_dense: true
+            }
+        );
+        assert!(
+            !levels[2].is_dense && levels[2].n_entries == 1024,
+            "finest level must be hashed: {:?}",
+            levels[2]
+        );
     }
 
     #[test]
@@ -259,10 +331,22 @@ mod tests {
         }
         let footprints = [0.0; 4];
         let mut out = vec![0.0; 16];
-        encode_level(&level, &table, SamplePoints { positions: &POSITIONS, footprints: &footprints }, &mut out);
+        encode_level(
+            &level,
+            &table,
+            SamplePoints {
+                positions: &POSITIONS,
+                footprints: &footprints,
+            },
+            &mut out,
+        );
         for (p, row) in POSITIONS.iter().zip(out.chunks_exact(4)) {
             let expected = 4.0 * (p[0] + 10.0 * p[1] + 100.0 * p[2]);
-            assert!((row[0] - expected).abs() < 1e-3, "{} against {expected}", row[0]);
+            assert!(
+                (row[0] - expected).abs() < 1e-3,
+                "{} against {expected}",
+                row[0]
+            );
         }
     }
 
@@ -274,10 +358,22 @@ mod tests {
             encode_level(&level, &table, points(), &mut out);
             let d_out: Vec<f32> = (0..out.len()).map(|i| (i as f32 * 1.3).cos()).collect();
             let mut d_table = vec![0.0; table.len()];
-            scatter_level(&level, points(), &d_out, FeatureColumns { stride: 4, column: 0 }, &mut d_table);
+            scatter_level(
+                &level,
+                points(),
+                &d_out,
+                FeatureColumns {
+                    stride: 4,
+                    column: 0,
+                },
+                &mut d_table,
+            );
             let left: f32 = out.iter().zip(&d_out).map(|(a, b)| a * b).sum();
             let right: f32 = table.iter().zip(&d_table).map(|(a, b)| a * b).sum();
-            assert!((left - right).abs() < 1e-4, "<A t, d> = {left}, <t, A' d> = {right}");
+            assert!(
+                (left - right).abs() < 1e-4,
+                "<A t, d> = {left}, <t, A' d> = {right}"
+            );
         }
     }
 
@@ -289,24 +385,48 @@ mod tests {
         let encode = |footprint: f32| {
             let mut features = vec![0.0; 12];
             for (l, level) in levels.iter().enumerate() {
-                let at = SamplePoints { positions: &POSITIONS[..1], footprints: &[footprint] };
+                let at = SamplePoints {
+                    positions: &POSITIONS[..1],
+                    footprints: &[footprint],
+                };
                 encode_level(level, &tables[l], at, &mut features[l * 4..l * 4 + 4]);
             }
             features
         };
-        let loss = |footprint: f32| encode(footprint).iter().zip(&d).map(|(a, b)| (a * b) as f64).sum::<f64>();
+        let loss = |footprint: f32| {
+            encode(footprint)
+                .iter()
+                .zip(&d)
+                .map(|(a, b)| (a * b) as f64)
+                .sum::<f64>()
+        };
         let at = 0.03;
         let analytic = footprint_gradient(&levels, at, &encode(at), &d) as f64;
         let numeric = (loss(at + 1e-3) - loss(at - 1e-3)) / 2e-3;
-        assert!((analytic - numeric).abs() < 1e-2 * numeric.abs(), "{analytic} against {numeric}");
+        assert!(
+            (analytic - numeric).abs() < 1e-2 * numeric.abs(),
+            "{analytic} against {numeric}"
+        );
     }
 
     #[test]
     fn positions_outside_or_nan_stay_inside_the_table() {
         let level = CONFIG.levels()[2];
         let mut out = vec![0.0; 12];
-        let positions = [[f32::NAN, 2.0, -1.0], [f32::INFINITY, 0.5, 0.5], [1.0, 1.0, 1.0]];
-        encode_level(&level, &table(&level), SamplePoints { positions: &positions, footprints: &[0.0; 3] }, &mut out);
+        let positions = [
+            [f32::NAN, 2.0, -1.0],
+            [f32::INFINITY, 0.5, 0.5],
+            [1.0, 1.0, 1.0],
+        ];
+        encode_level(
+            &level,
+            &table(&level),
+            SamplePoints {
+                positions: &positions,
+                footprints: &[0.0; 3],
+            },
+            &mut out,
+        );
         assert!(out.iter().all(|v| v.is_finite()), "{out:?}");
     }
 }

@@ -47,9 +47,19 @@ impl Lobe {
     pub fn from_roughness(roughness: f32) -> Self {
         let kappa = kappa_from_roughness(roughness);
         let mean_length = mean_length(kappa);
-        let d_kappa = if kappa < KAPPA_MAX && roughness > 0.0 && roughness < 1.0 { -4.0 * kappa / roughness } else { 0.0 };
+        let d_kappa = if kappa < KAPPA_MAX && roughness > 0.0 && roughness < 1.0 {
+            -4.0 * kappa / roughness
+        } else {
+            0.0
+        };
         let d_variance = d_variance_d_kappa(kappa, mean_length) * d_kappa;
-        Self { kappa, mean_length, variance: mean_length / kappa, d_variance, d_kappa }
+        Self {
+            kappa,
+            mean_length,
+            variance: mean_length / kappa,
+            d_variance,
+            d_kappa,
+        }
     }
 }
 
@@ -60,7 +70,11 @@ fn d_variance_d_kappa(kappa: f32, a: f32) -> f32 {
         return -2.0 * kappa / 45.0;
     }
     // For large kappa A' = 1/kappa² up to exponentially small terms; the general form cancels there.
-    let d_a = if kappa > 20.0 { 1.0 / (kappa * kappa) } else { 1.0 - a * a - 2.0 * a / kappa };
+    let d_a = if kappa > 20.0 {
+        1.0 / (kappa * kappa)
+    } else {
+        1.0 - a * a - 2.0 * a / kappa
+    };
     (d_a - a / kappa) / kappa
 }
 
@@ -78,7 +92,10 @@ mod tests {
             };
             let numeric = (variance(r + h) - variance(r - h)) / f64::from((r + h) - (r - h));
             let analytic = f64::from(Lobe::from_roughness(r).d_variance);
-            assert!((analytic - numeric).abs() < 5e-3 * numeric.abs() + 1e-9, "r = {r}: {analytic} against {numeric}");
+            assert!(
+                (analytic - numeric).abs() < 5e-3 * numeric.abs() + 1e-9,
+                "r = {r}: {analytic} against {numeric}"
+            );
         }
     }
 
@@ -86,8 +103,14 @@ mod tests {
     fn every_roughness_gives_a_finite_lobe() {
         for i in 0..=1000 {
             let lobe = Lobe::from_roughness(i as f32 / 1000.0);
-            assert!(lobe.variance.is_finite() && lobe.d_variance.is_finite() && lobe.mean_length > 0.0, "{i}: {lobe:?}");
-            assert!(lobe.mean_length < 1.0 + 1e-6 && lobe.variance <= 1.0 / 3.0 + 1e-6, "{i}: {lobe:?}");
+            assert!(
+                lobe.variance.is_finite() && lobe.d_variance.is_finite() && lobe.mean_length > 0.0,
+                "{i}: {lobe:?}"
+            );
+            assert!(
+                lobe.mean_length < 1.0 + 1e-6 && lobe.variance <= 1.0 / 3.0 + 1e-6,
+                "{i}: {lobe:?}"
+            );
         }
     }
 
@@ -102,9 +125,15 @@ mod tests {
             });
             let (sum, sum_sin2) = cosines.fold((0.0, 0.0), |(s, t), c| (s + c, t + (1.0 - c * c)));
             let a = mean_length(kappa as f32);
-            assert!((sum / f64::from(n) - f64::from(a)).abs() < 1e-3, "mean, kappa {kappa}");
+            assert!(
+                (sum / f64::from(n) - f64::from(a)).abs() < 1e-3,
+                "mean, kappa {kappa}"
+            );
             let variance = f64::from(a) / kappa;
-            assert!((sum_sin2 / f64::from(n) / 2.0 - variance).abs() < 2e-3 * variance.max(0.1), "variance, kappa {kappa}");
+            assert!(
+                (sum_sin2 / f64::from(n) / 2.0 - variance).abs() < 2e-3 * variance.max(0.1),
+                "variance, kappa {kappa}"
+            );
         }
     }
 }

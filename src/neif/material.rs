@@ -5,7 +5,9 @@
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use super::hash_grid::{FEATURES, FeatureColumns, GridConfig, Level, SamplePoints, encode_level, scatter_level};
+use super::hash_grid::{
+    FEATURES, FeatureColumns, GridConfig, Level, SamplePoints, encode_level, scatter_level,
+};
 use super::kernels::math::{sigmoid, softplus};
 use super::mlp::{Mlp, MlpBuffers, Transposed};
 
@@ -66,12 +68,25 @@ pub struct MaterialBatch {
 
 impl Material {
     /// A grey, glossy surface in the cube around a box with the given centre and side.
-    pub fn new(config: MaterialConfig, center: Vec3, side: f32, mut uniform: impl FnMut() -> f32) -> Self {
+    pub fn new(
+        config: MaterialConfig,
+        center: Vec3,
+        side: f32,
+        mut uniform: impl FnMut() -> f32,
+    ) -> Self {
         let corner = center - Vec3::splat(0.5 * side);
-        let mut material = Self { config, levels: config.grid.levels(), corner, side, params: Vec::new() };
+        let mut material = Self {
+            config,
+            levels: config.grid.levels(),
+            corner,
+            side,
+            params: Vec::new(),
+        };
         let n_network = material.n_network_params();
         material.params = vec![0.0; n_network + material.n_grid_params()];
-        material.net().init(&mut material.params[..n_network], &mut uniform);
+        material
+            .net()
+            .init(&mut material.params[..n_network], &mut uniform);
         for value in &mut material.params[n_network..] {
             *value = (2.0 * uniform() - 1.0) * 1e-2;
         }
@@ -79,9 +94,21 @@ impl Material {
     }
 
     /// A field from stored parameters; `None` when their number does not fit.
-    pub fn from_params(config: MaterialConfig, corner: Vec3, side: f32, params: Vec<f32>) -> Option<Self> {
-        let material = Self { config, levels: config.grid.levels(), corner, side, params };
-        (material.params.len() == material.n_network_params() + material.n_grid_params()).then_some(material)
+    pub fn from_params(
+        config: MaterialConfig,
+        corner: Vec3,
+        side: f32,
+        params: Vec<f32>,
+    ) -> Option<Self> {
+        let material = Self {
+            config,
+            levels: config.grid.levels(),
+            corner,
+            side,
+            params,
+        };
+        (material.params.len() == material.n_network_params() + material.n_grid_params())
+            .then_some(material)
     }
 
     /// The shape.
@@ -104,14 +131,22 @@ impl Material {
     }
 
     fn net(&self) -> Mlp {
-        Mlp { n_in: self.config.grid.n_features(), n_hidden: self.config.n_hidden, n_out: N_OUT }
+        Mlp {
+            n_in: self.config.grid.n_features(),
+            n_hidden: self.config.n_hidden,
+            n_out: N_OUT,
+        }
     }
 
     /// Evaluates the surface at `points`, world coordinates.
     pub fn forward(&self, points: &[Vec3], batch: &mut MaterialBatch, scratch: &mut Vec<f32>) {
         let width = self.config.grid.n_features();
         batch.positions.clear();
-        batch.positions.extend(points.iter().map(|p| ((*p - self.corner) / self.side).to_array()));
+        batch.positions.extend(
+            points
+                .iter()
+                .map(|p| ((*p - self.corner) / self.side).to_array()),
+        );
         batch.footprints.clear();
         batch.footprints.resize(points.len(), 0.0);
         batch.features.resize(points.len() * width, 0.0);
@@ -119,23 +154,45 @@ impl Material {
         let mut start = self.n_network_params();
         for (index, level) in self.levels.iter().enumerate() {
             let end = start + level.n_entries * FEATURES;
-            let at = SamplePoints { positions: &batch.positions, footprints: &batch.footprints };
+            let at = SamplePoints {
+                positions: &batch.positions,
+                footprints: &batch.footprints,
+            };
             encode_level(level, &self.params[start..end], at, scratch);
             start = end;
-            for (row, values) in batch.features.chunks_exact_mut(width).zip(scratch.chunks_exact(FEATURES)) {
+            for (row, values) in batch
+                .features
+                .chunks_exact_mut(width)
+                .zip(scratch.chunks_exact(FEATURES))
+            {
                 row[index * FEATURES..(index + 1) * FEATURES].copy_from_slice(values);
             }
         }
-        self.net().forward(&self.params[..self.n_network_params()], &batch.features, &mut batch.net);
+        self.net().forward(
+            &self.params[..self.n_network_params()],
+            &batch.features,
+            &mut batch.net,
+        );
         batch.surfaces.clear();
-        batch.surfaces.extend(batch.net.output.chunks_exact(N_OUT).map(activate));
+        batch
+            .surfaces
+            .extend(batch.net.output.chunks_exact(N_OUT).map(activate));
     }
 
     /// Adds the network's gradient to `d_network` and keeps the features' gradient for [`Self::scatter_level`].
-    pub fn backward(&self, transposed: &Transposed, batch: &mut MaterialBatch, d_network: &mut [f32]) {
+    pub fn backward(
+        &self,
+        transposed: &Transposed,
+        batch: &mut MaterialBatch,
+        d_network: &mut [f32],
+    ) {
         batch.net.d_output.clear();
         batch.net.d_output.resize(batch.net.output.len(), 0.0);
-        let rows = batch.net.d_output.chunks_exact_mut(N_OUT).zip(batch.net.output.chunks_exact(N_OUT));
+        let rows = batch
+            .net
+            .d_output
+            .chunks_exact_mut(N_OUT)
+            .zip(batch.net.output.chunks_exact(N_OUT));
         for ((d_row, row), (d, value)) in rows.zip(batch.d_surfaces.iter().zip(&batch.surfaces)) {
             for c in 0..3 {
                 d_row[c] = d.diffuse[c] * sigmoid(row[c] + DIFFUSE_SHIFT);
@@ -144,19 +201,27 @@ impl Material {
             let s = (value.roughness - ROUGHNESS_MIN) / (1.0 - ROUGHNESS_MIN);
             d_row[6] = d.roughness * (1.0 - ROUGHNESS_MIN) * s * (1.0 - s);
         }
-        self.net().backward(transposed, &batch.features, &mut batch.net, d_network);
+        self.net()
+            .backward(transposed, &batch.features, &mut batch.net, d_network);
     }
 
     /// Adds the gradient of one level's values; `d_table`: the level's part only.
     pub fn scatter_level(&self, level: usize, batch: &MaterialBatch, d_table: &mut [f32]) {
-        let at = SamplePoints { positions: &batch.positions, footprints: &batch.footprints };
-        let layout = FeatureColumns { stride: self.config.grid.n_features(), column: level * FEATURES };
+        let at = SamplePoints {
+            positions: &batch.positions,
+            footprints: &batch.footprints,
+        };
+        let layout = FeatureColumns {
+            stride: self.config.grid.n_features(),
+            column: level * FEATURES,
+        };
         scatter_level(&self.levels[level], at, &batch.net.d_input, layout, d_table);
     }
 
     /// Transposed network weights for [`Self::backward`].
     pub fn transpose(&self, transposed: &mut Transposed) {
-        self.net().transpose(&self.params[..self.n_network_params()], transposed);
+        self.net()
+            .transpose(&self.params[..self.n_network_params()], transposed);
     }
 }
 
@@ -174,7 +239,12 @@ mod tests {
 
     #[test]
     fn gradients_agree_with_finite_differences() {
-        let grid = GridConfig { n_levels: 4, coarsest: 2, finest: 8, log2_table_size: 9 };
+        let grid = GridConfig {
+            n_levels: 4,
+            coarsest: 2,
+            finest: 8,
+            log2_table_size: 9,
+        };
         let config = MaterialConfig { grid, n_hidden: 16 };
         let mut state = 3_u32;
         let mut material = Material::new(config, Vec3::ZERO, 2.0, || {
@@ -196,7 +266,13 @@ mod tests {
             material.forward(&points, &mut batch, &mut Vec::new());
             let terms = batch.surfaces.iter().enumerate();
             terms
-                .map(|(i, s)| f64::from(s.diffuse.dot(d(i).diffuse) + s.tint.dot(d(i).tint) + s.roughness * d(i).roughness))
+                .map(|(i, s)| {
+                    f64::from(
+                        s.diffuse.dot(d(i).diffuse)
+                            + s.tint.dot(d(i).tint)
+                            + s.roughness * d(i).roughness,
+                    )
+                })
                 .sum::<f64>()
         };
         let mut batch = MaterialBatch::default();
@@ -213,7 +289,11 @@ mod tests {
             start = end;
         }
         let touched = (n_network..gradient.len()).filter(|&i| gradient[i].abs() > 1e-4);
-        for i in (0..n_network).step_by(23).chain(touched).collect::<Vec<_>>() {
+        for i in (0..n_network)
+            .step_by(23)
+            .chain(touched)
+            .collect::<Vec<_>>()
+        {
             let (kept, h) = (material.params[i], 1e-2);
             material.params[i] = kept + h;
             let up = loss(&material);
@@ -221,17 +301,34 @@ mod tests {
             let down = loss(&material);
             material.params[i] = kept;
             let numeric = (up - down) / f64::from(2.0 * h);
-            assert!((f64::from(gradient[i]) - numeric).abs() < 2e-2 * numeric.abs() + 2e-3, "{i}: {} against {numeric}", gradient[i]);
+            assert!(
+                (f64::from(gradient[i]) - numeric).abs() < 2e-2 * numeric.abs() + 2e-3,
+                "{i}: {} against {numeric}",
+                gradient[i]
+            );
         }
     }
 
     #[test]
     fn training_starts_from_a_grey_glossy_surface() {
-        let grid = GridConfig { n_levels: 4, coarsest: 2, finest: 8, log2_table_size: 9 };
-        let material = Material::new(MaterialConfig { grid, n_hidden: 16 }, Vec3::ZERO, 2.0, || 0.4);
+        let grid = GridConfig {
+            n_levels: 4,
+            coarsest: 2,
+            finest: 8,
+            log2_table_size: 9,
+        };
+        let material = Material::new(
+            MaterialConfig { grid, n_hidden: 16 },
+            Vec3::ZERO,
+            2.0,
+            || 0.4,
+        );
         let mut batch = MaterialBatch::default();
         material.forward(&[Vec3::ZERO], &mut batch, &mut Vec::new());
         let s = batch.surfaces[0];
-        assert!((s.roughness - 0.3).abs() < 0.1 && (s.tint - 0.5).abs().max_element() < 0.1, "{s:?}");
+        assert!(
+            (s.roughness - 0.3).abs() < 0.1 && (s.tint - 0.5).abs().max_element() < 0.1,
+            "{s:?}"
+        );
     }
 }

@@ -1,4 +1,4 @@
-//! A network with one hidden layer of ReLUs: forward and hand-written backward pass over a batch.
+//! A network with one hidden layer of `ReLUs`: forward and hand-written backward pass over a batch.
 
 use super::kernels::matmul::{Epilogue, linear, linear_backward_weights, transpose};
 
@@ -16,7 +16,7 @@ pub struct Mlp {
 /// Activations and gradients of one batch; reused from step to step.
 #[derive(Clone, Debug, Default)]
 pub struct MlpBuffers {
-    /// `[n][n_hidden]`, after the ReLU.
+    /// `[n][n_hidden]`, after the `ReLU`.
     pub hidden: Vec<f32>,
     /// `[n][n_out]`.
     pub output: Vec<f32>,
@@ -38,7 +38,10 @@ pub struct Transposed {
 
 impl Transposed {
     /// No weights.
-    pub const EMPTY: Self = Self { first: Vec::new(), second: Vec::new() };
+    pub const EMPTY: Self = Self {
+        first: Vec::new(),
+        second: Vec::new(),
+    };
 }
 
 impl Mlp {
@@ -51,7 +54,10 @@ impl Mlp {
     pub fn init(&self, params: &mut [f32], mut uniform: impl FnMut() -> f32) {
         let shapes = self.split();
         params.fill(0.0);
-        for (range, fan_in) in [(shapes[0].clone(), self.n_in), (shapes[2].clone(), self.n_hidden)] {
+        for (range, fan_in) in [
+            (shapes[0].clone(), self.n_in),
+            (shapes[2].clone(), self.n_hidden),
+        ] {
             let bound = (6.0 / fan_in as f32).sqrt();
             for w in &mut params[range] {
                 *w = (2.0 * uniform() - 1.0) * bound;
@@ -65,12 +71,30 @@ impl Mlp {
         let [w1, b1, w2, b2] = self.split();
         buffers.hidden.resize(n * self.n_hidden, 0.0);
         buffers.output.resize(n * self.n_out, 0.0);
-        linear(input, &params[w1], &params[b1], Epilogue::Relu, &mut buffers.hidden);
-        linear(&buffers.hidden, &params[w2], &params[b2], Epilogue::Linear, &mut buffers.output);
+        linear(
+            input,
+            &params[w1],
+            &params[b1],
+            Epilogue::Relu,
+            &mut buffers.hidden,
+        );
+        linear(
+            &buffers.hidden,
+            &params[w2],
+            &params[b2],
+            Epilogue::Linear,
+            &mut buffers.output,
+        );
     }
 
     /// Adds to `d_params` and writes `buffers.d_input`, from `buffers.d_output`.
-    pub fn backward(&self, transposed: &Transposed, input: &[f32], buffers: &mut MlpBuffers, d_params: &mut [f32]) {
+    pub fn backward(
+        &self,
+        transposed: &Transposed,
+        input: &[f32],
+        buffers: &mut MlpBuffers,
+        d_params: &mut [f32],
+    ) {
         let n = input.len() / self.n_in;
         buffers.d_hidden.resize(n * self.n_hidden, 0.0);
         buffers.d_input.resize(n * self.n_in, 0.0);
@@ -80,9 +104,21 @@ impl Mlp {
         linear_backward_weights(&buffers.hidden, &buffers.d_output, d_w2, d_b2);
         buffers.no_bias.resize(self.n_hidden.max(self.n_in), 0.0);
         let mask = Epilogue::MaskBy(&buffers.hidden);
-        linear(&buffers.d_output, &transposed.second, &buffers.no_bias[..self.n_hidden], mask, &mut buffers.d_hidden);
+        linear(
+            &buffers.d_output,
+            &transposed.second,
+            &buffers.no_bias[..self.n_hidden],
+            mask,
+            &mut buffers.d_hidden,
+        );
         linear_backward_weights(input, &buffers.d_hidden, d_w1, d_b1);
-        linear(&buffers.d_hidden, &transposed.first, &buffers.no_bias[..self.n_in], Epilogue::Linear, &mut buffers.d_input);
+        linear(
+            &buffers.d_hidden,
+            &transposed.first,
+            &buffers.no_bias[..self.n_in],
+            Epilogue::Linear,
+            &mut buffers.d_input,
+        );
     }
 
     /// Refreshes the transposed weights.
@@ -109,7 +145,11 @@ mod tests {
 
     #[test]
     fn gradients_agree_with_finite_differences() {
-        let mlp = Mlp { n_in: 16, n_hidden: 32, n_out: 16 };
+        let mlp = Mlp {
+            n_in: 16,
+            n_hidden: 32,
+            n_out: 16,
+        };
         let mut state = 1_u32;
         let mut uniform = || {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -122,7 +162,12 @@ mod tests {
         let loss = |params: &[f32], input: &[f32]| {
             let mut buffers = MlpBuffers::default();
             mlp.forward(params, input, &mut buffers);
-            buffers.output.iter().zip(&d_output).map(|(a, b)| f64::from(a * b)).sum::<f64>()
+            buffers
+                .output
+                .iter()
+                .zip(&d_output)
+                .map(|(a, b)| f64::from(a * b))
+                .sum::<f64>()
         };
         let mut buffers = MlpBuffers::default();
         let mut transposed = Transposed::default();
@@ -132,20 +177,31 @@ mod tests {
         let mut d_params = vec![0.0; params.len()];
         mlp.backward(&transposed, &input, &mut buffers, &mut d_params);
         let check = |analytic: f32, numeric: f64, what: &str| {
-            assert!((f64::from(analytic) - numeric).abs() < 2e-2 * numeric.abs() + 2e-3, "{what}: {analytic} against {numeric}");
+            assert!(
+                (f64::from(analytic) - numeric).abs() < 2e-2 * numeric.abs() + 2e-3,
+                "{what}: {analytic} against {numeric}"
+            );
         };
         let h = 1e-3;
         for i in (0..params.len()).step_by(37) {
             let (mut up, mut down) = (params.clone(), params.clone());
             up[i] += h;
             down[i] -= h;
-            check(d_params[i], (loss(&up, &input) - loss(&down, &input)) / f64::from(2.0 * h), &format!("parameter {i}"));
+            check(
+                d_params[i],
+                (loss(&up, &input) - loss(&down, &input)) / f64::from(2.0 * h),
+                &format!("parameter {i}"),
+            );
         }
         for i in (0..input.len()).step_by(7) {
             let (mut up, mut down) = (input.clone(), input.clone());
             up[i] += h;
             down[i] -= h;
-            check(buffers.d_input[i], (loss(&params, &up) - loss(&params, &down)) / f64::from(2.0 * h), &format!("input {i}"));
+            check(
+                buffers.d_input[i],
+                (loss(&params, &up) - loss(&params, &down)) / f64::from(2.0 * h),
+                &format!("input {i}"),
+            );
         }
     }
 }

@@ -42,9 +42,14 @@ impl Material {
     pub fn load(path: &Path) -> Result<Self, NeifError> {
         let file = TensorFile::read(path)?;
         if file.text("format")? != FORMAT {
-            return Err(metadata(path, "format", format!("is not `{FORMAT}`: no object file")));
+            return Err(metadata(
+                path,
+                "format",
+                format!("is not `{FORMAT}`: no object file"),
+            ));
         }
-        let header: Header = serde_json::from_str(file.text("object")?).map_err(|e| metadata(path, "object", e.to_string()))?;
+        let header: Header = serde_json::from_str(file.text("object")?)
+            .map_err(|e| metadata(path, "object", e.to_string()))?;
         let grid = header.material.grid;
         let is_sane = header.corner.is_finite()
             && header.side.is_finite()
@@ -56,12 +61,21 @@ impl Material {
             && header.material.n_hidden.is_multiple_of(16)
             && (16..=1024).contains(&header.material.n_hidden);
         if !is_sane {
-            return Err(metadata(path, "object", "describes a field outside the supported range".to_owned()));
+            return Err(metadata(
+                path,
+                "object",
+                "describes a field outside the supported range".to_owned(),
+            ));
         }
         let params = read_finite(&file, path, "material.params")?;
         let found = params.len();
-        Self::from_params(header.material, header.corner, header.side, params)
-            .ok_or_else(|| NeifError::Shape { file: path.to_owned(), tensor: "material.params", found })
+        Self::from_params(header.material, header.corner, header.side, params).ok_or_else(|| {
+            NeifError::Shape {
+                file: path.to_owned(),
+                tensor: "material.params",
+                found,
+            }
+        })
     }
 
     /// Writes the file whole or not at all.
@@ -71,7 +85,11 @@ impl Material {
     pub fn save(&self, path: &Path) -> Result<(), NeifError> {
         let mut file = TensorFile::default();
         file.metadata.insert("format".to_owned(), FORMAT.to_owned());
-        let header = Header { corner: self.corner, side: self.side, material: *self.config() };
+        let header = Header {
+            corner: self.corner,
+            side: self.side,
+            material: *self.config(),
+        };
         let header = serde_json::to_string(&header).expect("plain numbers serialise");
         file.metadata.insert("object".to_owned(), header);
         file.insert_f32("material.params", &[self.params.len()], self.params.clone());
@@ -86,12 +104,25 @@ mod tests {
 
     #[test]
     fn a_saved_material_comes_back_the_same() {
-        let grid = GridConfig { n_levels: 4, coarsest: 2, finest: 8, log2_table_size: 8 };
-        let material = Material::new(MaterialConfig { grid, n_hidden: 16 }, Vec3::ONE, 2.0, || 0.7);
+        let grid = GridConfig {
+            n_levels: 4,
+            coarsest: 2,
+            finest: 8,
+            log2_table_size: 8,
+        };
+        let material = Material::new(
+            MaterialConfig { grid, n_hidden: 16 },
+            Vec3::ONE,
+            2.0,
+            || 0.7,
+        );
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("object.safetensors");
         material.save(&path).unwrap();
         let back = Material::load(&path).unwrap();
-        assert_eq!((back.params, back.corner, back.side), (material.params, material.corner, material.side));
+        assert_eq!(
+            (back.params, back.corner, back.side),
+            (material.params, material.corner, material.side)
+        );
     }
 }

@@ -61,7 +61,9 @@ pub struct DensityGrid {
 
 impl Default for DensityGrid {
     fn default() -> Self {
-        Self { cells: vec![bf16_from_f32(INITIAL_DENSITY); INNER_SIDE.pow(3) + OUTER_SIDE.pow(3)] }
+        Self {
+            cells: vec![bf16_from_f32(INITIAL_DENSITY); INNER_SIDE.pow(3) + OUTER_SIDE.pow(3)],
+        }
     }
 }
 
@@ -87,22 +89,43 @@ impl DensityGrid {
 
     /// A point, in field coordinates, inside cell `index`, placed by three numbers in `[0, 1)`.
     pub fn point_in_cell(index: usize, u: [f32; 3]) -> [f32; 3] {
-        let (index, side) = if index < INNER_SIDE.pow(3) { (index, INNER_SIDE) } else { (index - INNER_SIDE.pow(3), OUTER_SIDE) };
+        let (index, side) = if index < INNER_SIDE.pow(3) {
+            (index, INNER_SIDE)
+        } else {
+            (index - INNER_SIDE.pow(3), OUTER_SIDE)
+        };
         let cell = [index % side, index / side % side, index / side / side];
-        let unit: [f32; 3] = std::array::from_fn(|axis| (cell[axis] as f32 + u[axis]) / side as f32);
-        if side == INNER_SIDE { unit.map(|v| v * 2.0 - 1.0) } else { expand(unit.map(|v| v * 4.0 - 2.0)) }
+        let unit: [f32; 3] =
+            std::array::from_fn(|axis| (cell[axis] as f32 + u[axis]) / side as f32);
+        if side == INNER_SIDE {
+            unit.map(|v| v * 2.0 - 1.0)
+        } else {
+            expand(unit.map(|v| v * 4.0 - 2.0))
+        }
     }
 
     /// The cells in eight bits each, two to a word: `8 log2(density) + 128`, steps of 9 %; for files.
     pub fn codes(&self) -> Vec<u16> {
-        let code = |cell: u16| (8.0 * f32_from_bf16(cell).max(1e-30).log2() + 128.0).round().clamp(0.0, 255.0) as u16;
-        self.cells.chunks_exact(2).map(|pair| code(pair[0]) | code(pair[1]) << 8).collect()
+        let code = |cell: u16| {
+            (8.0 * f32_from_bf16(cell).max(1e-30).log2() + 128.0)
+                .round()
+                .clamp(0.0, 255.0) as u16
+        };
+        self.cells
+            .chunks_exact(2)
+            .map(|pair| code(pair[0]) | code(pair[1]) << 8)
+            .collect()
     }
 
     /// The grid of stored codes; `None` when the count is wrong.
     pub fn from_codes(codes: &[u16]) -> Option<Self> {
         let decode = |code: u16| bf16_from_f32(((f32::from(code) - 128.0) / 8.0).exp2());
-        Self::from_cells(codes.iter().flat_map(|pair| [decode(pair & 0xff), decode(pair >> 8)]).collect())
+        Self::from_cells(
+            codes
+                .iter()
+                .flat_map(|pair| [decode(pair & 0xff), decode(pair >> 8)])
+                .collect(),
+        )
     }
 
     /// Number of cells of both grids.
@@ -158,7 +181,12 @@ pub fn place_samples(grid: &DensityGrid, ray: &ConeRay, placement: Placement, ed
     let mut weights = [0.0; N_STEPS];
     let split = split_distance(ray);
     march(grid, ray, split, &mut weights);
-    invert_cdf(&spread_weights(&weights, placement.uniform_share), split, placement.shift, edges);
+    invert_cdf(
+        &spread_weights(&weights, placement.uniform_share),
+        split,
+        placement.shift,
+        edges,
+    );
 }
 
 dispatch! {
@@ -167,7 +195,12 @@ dispatch! {
 }
 
 #[inline(always)]
-fn march_body<const FMA: bool>(grid: &DensityGrid, ray: &ConeRay, split: f32, weights: &mut [f32; N_STEPS]) {
+fn march_body<const FMA: bool>(
+    grid: &DensityGrid,
+    ray: &ConeRay,
+    split: f32,
+    weights: &mut [f32; N_STEPS],
+) {
     // Index arithmetic first, in loops without branches or loads, so that it vectorises.
     let mut cells = [0_u32; N_STEPS];
     let mut lengths = [split / INNER_STEPS as f32; N_STEPS];
@@ -176,9 +209,16 @@ fn march_body<const FMA: bool>(grid: &DensityGrid, ray: &ConeRay, split: f32, we
         cells[step] = cell_of(ray.at(t).map(|v| v * 0.5 + 0.5), INNER_SIDE);
     }
     for step in INNER_STEPS..N_STEPS {
-        let (near, far) = (outer_distance(step as f32, split), outer_distance(step as f32 + 1.0, split));
+        let (near, far) = (
+            outer_distance(step as f32, split),
+            outer_distance(step as f32 + 1.0, split),
+        );
         lengths[step] = far - near;
-        cells[step] = INNER_CELLS + cell_of(unit_cube(contract_point(ray.at(0.5 * (near + far)))), OUTER_SIDE);
+        cells[step] = INNER_CELLS
+            + cell_of(
+                unit_cube(contract_point(ray.at(0.5 * (near + far)))),
+                OUTER_SIDE,
+            );
     }
     let mut alpha = [0.0; N_STEPS];
     for step in 0..N_STEPS {
@@ -206,7 +246,11 @@ fn split_distance(ray: &ConeRay) -> f32 {
         far = far.min(a.max(b));
     }
     let reach = ray.origin.iter().fold(0.5_f32, |m, v| m.max(v.abs()));
-    if far > near && far.is_finite() { far.max(0.05) } else { reach }
+    if far > near && far.is_finite() {
+        far.max(0.05)
+    } else {
+        reach
+    }
 }
 
 /// Distance of a fractional step.
@@ -286,11 +330,17 @@ mod tests {
     use super::*;
 
     fn ray() -> ConeRay {
-        ConeRay { origin: [0.8, 0.1, 0.0], direction: [-1.0, 0.0, 0.0], ..ConeRay::default() }
+        ConeRay {
+            origin: [0.8, 0.1, 0.0],
+            direction: [-1.0, 0.0, 0.0],
+            ..ConeRay::default()
+        }
     }
 
     fn wall_at(x: f32) -> DensityGrid {
-        let mut grid = DensityGrid { cells: vec![bf16_from_f32(1e-6); DensityGrid::default().len()] };
+        let mut grid = DensityGrid {
+            cells: vec![bf16_from_f32(1e-6); DensityGrid::default().len()],
+        };
         for index in 0..grid.len() {
             if (DensityGrid::point_in_cell(index, [0.5; 3])[0] - x).abs() < 0.02 {
                 grid.cells[index] = bf16_from_f32(1e3);
@@ -303,7 +353,15 @@ mod tests {
     fn edges_increase_and_cover_the_ray() {
         for (shift, uniform_share) in [(0.0, 1.0), (0.5, 0.1), (-0.5, 0.1)] {
             let mut edges = [0.0; 17];
-            place_samples(&wall_at(-0.5), &ray(), Placement { uniform_share, shift }, &mut edges);
+            place_samples(
+                &wall_at(-0.5),
+                &ray(),
+                Placement {
+                    uniform_share,
+                    shift,
+                },
+                &mut edges,
+            );
             assert!(edges.windows(2).all(|w| w[0] <= w[1]), "{edges:?}");
             assert!(edges[0] == 0.0 && edges[16] > 40.0, "{edges:?}");
         }
@@ -312,7 +370,15 @@ mod tests {
     #[test]
     fn most_samples_fall_on_the_wall() {
         let mut edges = [0.0; 17];
-        place_samples(&wall_at(-0.5), &ray(), Placement { uniform_share: 0.1, shift: 0.0 }, &mut edges);
+        place_samples(
+            &wall_at(-0.5),
+            &ray(),
+            Placement {
+                uniform_share: 0.1,
+                shift: 0.0,
+            },
+            &mut edges,
+        );
         let near = edges.iter().filter(|&&t| (t - 1.3).abs() < 0.1).count();
         assert!(near >= 12, "{near} of 17 edges at the wall: {edges:?}");
     }
@@ -325,18 +391,40 @@ mod tests {
             // Outer cells inside the inner box are never used.
             let unused = index >= INNER_SIDE.pow(3) && point.iter().all(|v| v.abs() < 1.0);
             let at_infinity = point.iter().any(|v| v.abs() > 50.0);
-            assert!(back as usize == index || unused || at_infinity, "cell {index} came back as {back}");
+            assert!(
+                back as usize == index || unused || at_infinity,
+                "cell {index} came back as {back}"
+            );
         }
     }
 
     #[test]
     fn odd_rays_still_get_increasing_edges() {
         let grid = DensityGrid::default();
-        for (origin, direction) in [([0.0; 3], [0.0; 3]), ([1e4, 0.0, 0.0], [1.0, 0.0, 0.0]), ([0.0; 3], [0.0, 0.0, 1e-3])] {
+        for (origin, direction) in [
+            ([0.0; 3], [0.0; 3]),
+            ([1e4, 0.0, 0.0], [1.0, 0.0, 0.0]),
+            ([0.0; 3], [0.0, 0.0, 1e-3]),
+        ] {
             let mut edges = [0.0; 9];
-            let ray = ConeRay { origin, direction, ..ConeRay::default() };
-            place_samples(&grid, &ray, Placement { uniform_share: 0.5, shift: 0.0 }, &mut edges);
-            assert!(edges.iter().all(|t| t.is_finite()) && edges.windows(2).all(|w| w[0] <= w[1]), "{edges:?}");
+            let ray = ConeRay {
+                origin,
+                direction,
+                ..ConeRay::default()
+            };
+            place_samples(
+                &grid,
+                &ray,
+                Placement {
+                    uniform_share: 0.5,
+                    shift: 0.0,
+                },
+                &mut edges,
+            );
+            assert!(
+                edges.iter().all(|t| t.is_finite()) && edges.windows(2).all(|w| w[0] <= w[1]),
+                "{edges:?}"
+            );
         }
     }
 
@@ -351,7 +439,10 @@ mod tests {
             let ratio = f32_from_bf16(*a) / f32_from_bf16(*b);
             assert!((0.94..1.06).contains(&ratio), "{ratio}");
         }
-        assert!(DensityGrid::from_codes(&[0; 3]).is_none(), "a wrong count must be refused");
+        assert!(
+            DensityGrid::from_codes(&[0; 3]).is_none(),
+            "a wrong count must be refused"
+        );
     }
 
     #[test]
@@ -360,6 +451,10 @@ mod tests {
         for _ in 0..200 {
             grid.observe(5, 30.0);
         }
-        assert!((f32_from_bf16(grid.cells[5]) - 30.0).abs() < 1.5, "{}", f32_from_bf16(grid.cells[5]));
+        assert!(
+            (f32_from_bf16(grid.cells[5]) - 30.0).abs() < 1.5,
+            "{}",
+            f32_from_bf16(grid.cells[5])
+        );
     }
 }

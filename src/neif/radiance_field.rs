@@ -7,11 +7,14 @@ use serde::{Deserialize, Serialize};
 
 use super::composite::{CompositeBuffers, WIDTH, density};
 use super::hash_grid::{
-    FEATURES, FeatureColumns, GridConfig, Level, SamplePoints, encode_level, footprint_gradient, scatter_level,
+    FEATURES, FeatureColumns, GridConfig, Level, SamplePoints, encode_level, footprint_gradient,
+    scatter_level,
 };
 use super::kernels::math;
 use super::mlp::{Mlp, MlpBuffers, Transposed};
-use super::proposal::{ConeRay, DensityGrid, Placement, place_samples, sample_cell, sample_in_cube};
+use super::proposal::{
+    ConeRay, DensityGrid, Placement, place_samples, sample_cell, sample_in_cube,
+};
 use super::spherical_harmonics::{N_SH, attenuated_sh};
 
 /// Input width of the colour network: 15 features, opacity, 9 harmonics, padding.
@@ -80,7 +83,11 @@ pub struct FieldBatch {
 impl RadianceField {
     /// A field with random networks and nearly zero grid values; `uniform` draws from `[0, 1)`.
     pub fn new(config: FieldConfig, mut uniform: impl FnMut() -> f32) -> Self {
-        let mut field = Self { config, levels: config.grid.levels(), params: Vec::new() };
+        let mut field = Self {
+            config,
+            levels: config.grid.levels(),
+            params: Vec::new(),
+        };
         let n_networks = field.n_network_params();
         let n_grid: usize = field.levels.iter().map(|l| l.n_entries * FEATURES).sum();
         field.params = vec![0.0; n_networks + n_grid];
@@ -101,7 +108,11 @@ impl RadianceField {
 
     /// A field from stored parameters; `None` when their number does not fit the configuration.
     pub fn from_params(config: FieldConfig, params: Vec<f32>) -> Option<Self> {
-        let field = Self { config, levels: config.grid.levels(), params };
+        let field = Self {
+            config,
+            levels: config.grid.levels(),
+            params,
+        };
         let n_grid: usize = field.levels.iter().map(|l| l.n_entries * FEATURES).sum();
         (field.params.len() == field.n_network_params() + n_grid).then_some(field)
     }
@@ -122,28 +133,53 @@ impl RadianceField {
     }
 
     fn density_net(&self) -> Mlp {
-        Mlp { n_in: self.config.grid.n_features(), n_hidden: self.config.n_hidden, n_out: WIDTH }
+        Mlp {
+            n_in: self.config.grid.n_features(),
+            n_hidden: self.config.n_hidden,
+            n_out: WIDTH,
+        }
     }
 
     fn color_net(&self) -> Mlp {
-        Mlp { n_in: COLOR_INPUT, n_hidden: self.config.n_hidden, n_out: 16 }
+        Mlp {
+            n_in: COLOR_INPUT,
+            n_hidden: self.config.n_hidden,
+            n_out: 16,
+        }
     }
 
     fn level_range(&self, level: usize) -> std::ops::Range<usize> {
-        let start: usize =
-            self.n_network_params() + self.levels[..level].iter().map(|l| l.n_entries * FEATURES).sum::<usize>();
+        let start: usize = self.n_network_params()
+            + self.levels[..level]
+                .iter()
+                .map(|l| l.n_entries * FEATURES)
+                .sum::<usize>();
         start..start + self.levels[level].n_entries * FEATURES
     }
 
     /// Weighted features of one level for all samples of a placed batch; `out`: `[n][4]`.
     pub fn encode_level(&self, level: usize, batch: &FieldBatch, out: &mut [f32]) {
-        encode_level(&self.levels[level], &self.params[self.level_range(level)], batch.points(), out);
+        encode_level(
+            &self.levels[level],
+            &self.params[self.level_range(level)],
+            batch.points(),
+            out,
+        );
     }
 
     /// Adds the gradient of one level's values after [`Self::backward`]; `d_table`: the level's part only.
     pub fn scatter_level(&self, level: usize, batch: &FieldBatch, d_table: &mut [f32]) {
-        let layout = FeatureColumns { stride: self.config.grid.n_features(), column: level * FEATURES };
-        scatter_level(&self.levels[level], batch.points(), &batch.density.d_input, layout, d_table);
+        let layout = FeatureColumns {
+            stride: self.config.grid.n_features(),
+            column: level * FEATURES,
+        };
+        scatter_level(
+            &self.levels[level],
+            batch.points(),
+            &batch.density.d_input,
+            layout,
+            d_table,
+        );
     }
 
     /// Encodes all levels of a placed batch.
@@ -159,7 +195,11 @@ impl RadianceField {
     pub fn insert_level(&self, level: usize, encoded: &[f32], batch: &mut FieldBatch) {
         let width = self.config.grid.n_features();
         batch.features.resize(batch.positions.len() * width, 0.0);
-        for (row, values) in batch.features.chunks_exact_mut(width).zip(encoded.chunks_exact(FEATURES)) {
+        for (row, values) in batch
+            .features
+            .chunks_exact_mut(width)
+            .zip(encoded.chunks_exact(FEATURES))
+        {
             row[level * FEATURES..(level + 1) * FEATURES].copy_from_slice(values);
         }
     }
@@ -167,19 +207,34 @@ impl RadianceField {
     /// Writes `batch.radiance` for an encoded batch.
     pub fn forward(&self, batch: &mut FieldBatch) {
         let (density_params, rest) = self.params.split_at(self.density_net().n_params());
-        self.density_net().forward(density_params, &batch.features, &mut batch.density);
-        batch.composite.forward(&batch.density.output, &batch.deltas, batch.n_samples);
+        self.density_net()
+            .forward(density_params, &batch.features, &mut batch.density);
+        batch
+            .composite
+            .forward(&batch.density.output, &batch.deltas, batch.n_samples);
         self.fill_color_input(batch);
         let color_params = &rest[..self.color_net().n_params()];
-        self.color_net().forward(color_params, &batch.color_input, &mut batch.color);
+        self.color_net()
+            .forward(color_params, &batch.color_input, &mut batch.color);
         batch.radiance.clear();
-        batch.radiance.extend(batch.color.output.chunks_exact(16).map(|row| [row[0], row[1], row[2]].map(radiance)));
+        batch.radiance.extend(
+            batch
+                .color
+                .output
+                .chunks_exact(16)
+                .map(|row| [row[0], row[1], row[2]].map(radiance)),
+        );
     }
 
     fn fill_color_input(&self, batch: &mut FieldBatch) {
         batch.color_input.clear();
-        batch.color_input.resize(batch.rays.len() * COLOR_INPUT, 0.0);
-        let rows = batch.color_input.chunks_exact_mut(COLOR_INPUT).zip(batch.composite.features.chunks_exact(WIDTH));
+        batch
+            .color_input
+            .resize(batch.rays.len() * COLOR_INPUT, 0.0);
+        let rows = batch
+            .color_input
+            .chunks_exact_mut(COLOR_INPUT)
+            .zip(batch.composite.features.chunks_exact(WIDTH));
         for ((row, features), ray) in rows.zip(&batch.rays) {
             row[..WIDTH].copy_from_slice(features);
             if self.config.view_dependent {
@@ -189,20 +244,51 @@ impl RadianceField {
     }
 
     /// Back from `batch.d_radiance` to the networks' gradients (added to `d_networks`), the features' and the lobes'.
-    pub fn backward(&self, transposed: &FieldTransposed, batch: &mut FieldBatch, d_networks: &mut [f32]) {
+    pub fn backward(
+        &self,
+        transposed: &FieldTransposed,
+        batch: &mut FieldBatch,
+        d_networks: &mut [f32],
+    ) {
         let (d_density, d_color) = d_networks.split_at_mut(self.density_net().n_params());
         batch.color.d_output.clear();
         batch.color.d_output.resize(batch.rays.len() * 16, 0.0);
-        let rows = batch.color.d_output.chunks_exact_mut(16).zip(batch.color.output.chunks_exact(16));
+        let rows = batch
+            .color
+            .d_output
+            .chunks_exact_mut(16)
+            .zip(batch.color.output.chunks_exact(16));
         for ((d_row, row), (d, value)) in rows.zip(batch.d_radiance.iter().zip(&batch.radiance)) {
             for c in 0..3 {
-                d_row[c] = if row[c].abs() < LOG_RADIANCE_MAX { d[c] * value[c] } else { 0.0 };
+                d_row[c] = if row[c].abs() < LOG_RADIANCE_MAX {
+                    d[c] * value[c]
+                } else {
+                    0.0
+                };
             }
         }
-        self.color_net().backward(&transposed.color, &batch.color_input, &mut batch.color, d_color);
-        batch.density.d_output.resize(batch.density.output.len(), 0.0);
-        batch.composite.backward(&batch.density.output, &batch.color.d_input, batch.n_samples, &mut batch.density.d_output);
-        self.density_net().backward(&transposed.density, &batch.features, &mut batch.density, d_density);
+        self.color_net().backward(
+            &transposed.color,
+            &batch.color_input,
+            &mut batch.color,
+            d_color,
+        );
+        batch
+            .density
+            .d_output
+            .resize(batch.density.output.len(), 0.0);
+        batch.composite.backward(
+            &batch.density.output,
+            &batch.color.d_input,
+            batch.n_samples,
+            &mut batch.density.d_output,
+        );
+        self.density_net().backward(
+            &transposed.density,
+            &batch.features,
+            &mut batch.density,
+            d_density,
+        );
         self.lobe_gradients(batch);
     }
 
@@ -233,20 +319,33 @@ impl RadianceField {
     /// Transposed network weights for [`Self::backward`].
     pub fn transpose(&self, transposed: &mut FieldTransposed) {
         let (density_params, rest) = self.params.split_at(self.density_net().n_params());
-        self.density_net().transpose(density_params, &mut transposed.density);
-        self.color_net().transpose(&rest[..self.color_net().n_params()], &mut transposed.color);
+        self.density_net()
+            .transpose(density_params, &mut transposed.density);
+        self.color_net()
+            .transpose(&rest[..self.color_net().n_params()], &mut transposed.color);
     }
 
     /// Densities (per field unit) at points of the unit cube with the given footprints.
-    pub fn densities(&self, batch: &mut FieldBatch, points: &[([f32; 3], f32)], scratch: &mut Vec<f32>) -> Vec<f32> {
+    pub fn densities(
+        &self,
+        batch: &mut FieldBatch,
+        points: &[([f32; 3], f32)],
+        scratch: &mut Vec<f32>,
+    ) -> Vec<f32> {
         batch.positions.clear();
         batch.positions.extend(points.iter().map(|p| p.0));
         batch.footprints.clear();
         batch.footprints.extend(points.iter().map(|p| p.1));
         self.encode(batch, scratch);
         let params = &self.params[..self.density_net().n_params()];
-        self.density_net().forward(params, &batch.features, &mut batch.density);
-        batch.density.output.chunks_exact(WIDTH).map(|row| density(row[0])).collect()
+        self.density_net()
+            .forward(params, &batch.features, &mut batch.density);
+        batch
+            .density
+            .output
+            .chunks_exact(WIDTH)
+            .map(|row| density(row[0]))
+            .collect()
     }
 }
 
@@ -258,7 +357,7 @@ pub struct FieldTransposed {
 }
 
 fn radiance(log_radiance: f32) -> f32 {
-    let nan = log_radiance - log_radiance;
+    let nan = log_radiance * 0.0;
     math::exp::<false>(log_radiance.clamp(-LOG_RADIANCE_MAX, LOG_RADIANCE_MAX)) + nan
 }
 
@@ -269,12 +368,21 @@ impl FieldBatch {
     }
 
     fn points(&self) -> SamplePoints<'_> {
-        SamplePoints { positions: &self.positions, footprints: &self.footprints }
+        SamplePoints {
+            positions: &self.positions,
+            footprints: &self.footprints,
+        }
     }
 
     /// Places `n_samples` on every ray; `jitter(ray)` gives the shift of the intervals and of the samples inside them,
     /// each in `[-0.5, 0.5]` (0 when rendering).
-    pub fn place(&mut self, grid: &DensityGrid, n_samples: usize, uniform_share: f32, mut jitter: impl FnMut(usize) -> [f32; 2]) {
+    pub fn place(
+        &mut self,
+        grid: &DensityGrid,
+        n_samples: usize,
+        uniform_share: f32,
+        mut jitter: impl FnMut(usize) -> [f32; 2],
+    ) {
         let n = self.rays.len() * n_samples;
         self.n_samples = n_samples;
         self.edges.resize(n_samples + 1, 0.0);
@@ -285,11 +393,23 @@ impl FieldBatch {
         self.positions.reserve(n);
         for (index, ray) in self.rays.iter().enumerate() {
             let [shift, inside] = jitter(index);
-            place_samples(grid, &ray.cone, Placement { uniform_share, shift }, &mut self.edges);
+            place_samples(
+                grid,
+                &ray.cone,
+                Placement {
+                    uniform_share,
+                    shift,
+                },
+                &mut self.edges,
+            );
             for pair in self.edges.windows(2) {
                 let delta = pair[1] - pair[0];
                 // The last interval reaches far out: its sample is where its near half lies in disparity.
-                let t = if delta > 1.0 { pair[0] + (0.5 + inside) } else { pair[0] + delta * (0.5 + inside) };
+                let t = if delta > 1.0 {
+                    pair[0] + (0.5 + inside)
+                } else {
+                    pair[0] + delta * (0.5 + inside)
+                };
                 let (position, footprint) = sample_in_cube(&ray.cone, t);
                 self.distances.push(t);
                 self.deltas.push(delta);
@@ -329,25 +449,61 @@ mod tests {
     use super::*;
 
     fn field() -> RadianceField {
-        let grid = GridConfig { n_levels: 4, coarsest: 4, finest: 32, log2_table_size: 10 };
+        let grid = GridConfig {
+            n_levels: 4,
+            coarsest: 4,
+            finest: 32,
+            log2_table_size: 10,
+        };
         let mut state = 7_u32;
-        RadianceField::new(FieldConfig { grid, n_hidden: 32, view_dependent: true }, move || {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            (state >> 8) as f32 / (1 << 24) as f32
-        })
+        RadianceField::new(
+            FieldConfig {
+                grid,
+                n_hidden: 32,
+                view_dependent: true,
+            },
+            move || {
+                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                (state >> 8) as f32 / (1 << 24) as f32
+            },
+        )
     }
 
     fn rays(lobe_variance: f32) -> Vec<FieldRay> {
         let direction = [0.6, 0.48, 0.64];
-        let cone = ConeRay { origin: [0.1, -0.2, 0.0], direction, base: 0.002, spread: 0.01, lobe_variance };
-        let lobe = FieldRay { cone, direction, kappa: 50.0 };
-        let pixel_cone = ConeRay { direction: [-0.6, 0.0, 0.8], lobe_variance: 0.0, ..cone };
-        vec![lobe, FieldRay { cone: pixel_cone, direction: [-0.6, 0.0, 0.8], kappa: f32::INFINITY }]
+        let cone = ConeRay {
+            origin: [0.1, -0.2, 0.0],
+            direction,
+            base: 0.002,
+            spread: 0.01,
+            lobe_variance,
+        };
+        let lobe = FieldRay {
+            cone,
+            direction,
+            kappa: 50.0,
+        };
+        let pixel_cone = ConeRay {
+            direction: [-0.6, 0.0, 0.8],
+            lobe_variance: 0.0,
+            ..cone
+        };
+        vec![
+            lobe,
+            FieldRay {
+                cone: pixel_cone,
+                direction: [-0.6, 0.0, 0.8],
+                kappa: f32::INFINITY,
+            },
+        ]
     }
 
     /// Runs forward; sample positions depend on the rays' paths only, so they do not move between calls.
     fn run(field: &RadianceField, lobe_variance: f32) -> FieldBatch {
-        let mut batch = FieldBatch { rays: rays(lobe_variance), ..FieldBatch::default() };
+        let mut batch = FieldBatch {
+            rays: rays(lobe_variance),
+            ..FieldBatch::default()
+        };
         batch.place(&DensityGrid::default(), 8, 0.5, |_| [0.1, -0.2]);
         field.encode(&mut batch, &mut Vec::new());
         field.forward(&mut batch);
@@ -358,7 +514,13 @@ mod tests {
 
     fn loss(field: &RadianceField, lobe_variance: f32) -> f64 {
         let batch = run(field, lobe_variance);
-        batch.radiance.iter().flatten().zip(D.iter().flatten()).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum()
+        batch
+            .radiance
+            .iter()
+            .flatten()
+            .zip(D.iter().flatten())
+            .map(|(a, b)| f64::from(*a) * f64::from(*b))
+            .sum()
     }
 
     #[test]
@@ -379,7 +541,10 @@ mod tests {
             let range = field.level_range(level);
             field.scatter_level(level, &batch, &mut gradient[range]);
         }
-        let touched: Vec<usize> = (n_networks..gradient.len()).filter(|&i| gradient[i].abs() > 1e-3).step_by(5).collect();
+        let touched: Vec<usize> = (n_networks..gradient.len())
+            .filter(|&i| gradient[i].abs() > 1e-3)
+            .step_by(5)
+            .collect();
         assert!(touched.len() > 20, "the rays must touch the grid");
         let mut n_off = 0;
         let checked: Vec<usize> = (0..n_networks).step_by(61).chain(touched).collect();
@@ -395,7 +560,11 @@ mod tests {
             n_off += usize::from(error > 3e-2 * numeric.abs() + 2e-3);
         }
         // A ReLU kink between the two evaluations is allowed now and then.
-        assert!(n_off * 50 <= checked.len(), "{n_off} of {} gradients are off", checked.len());
+        assert!(
+            n_off * 50 <= checked.len(),
+            "{n_off} of {} gradients are off",
+            checked.len()
+        );
     }
 
     #[test]
@@ -412,7 +581,10 @@ mod tests {
         field.backward(&transposed, &mut batch, &mut vec![0.0; n_networks]);
         let numeric = (loss(&field, 0.021) - loss(&field, 0.019)) / 0.002;
         let analytic = f64::from(batch.d_lobe_variance[0]);
-        assert!((analytic - numeric).abs() < 3e-2 * numeric.abs(), "{analytic} against {numeric}");
+        assert!(
+            (analytic - numeric).abs() < 3e-2 * numeric.abs(),
+            "{analytic} against {numeric}"
+        );
         assert_eq!(batch.d_lobe_variance[1], 0.0, "a pixel's ray has no lobe");
     }
 }

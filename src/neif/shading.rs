@@ -60,21 +60,36 @@ impl SurfacePoint {
     /// The same point seen in a mirror of that lobe variance from `distance`: its footprint grows.
     pub fn seen_through(&self, lobe_variance: f32, distance: f32) -> Self {
         let blur = lobe_variance * distance * distance;
-        Self { base: (self.base * self.base + blur).sqrt(), ..*self }
+        Self {
+            base: (self.base * self.base + blur).sqrt(),
+            ..*self
+        }
     }
 
     /// The cone that gathers light along the lobe, in field coordinates; `extra_variance` widens it.
-    pub fn lobe_ray(&self, lobe: &Lobe, extra_variance: f32, motion: &EnvironmentFromWorld, frame: &FieldFrame) -> FieldRay {
+    pub fn lobe_ray(
+        &self,
+        lobe: &Lobe,
+        extra_variance: f32,
+        motion: &EnvironmentFromWorld,
+        frame: &FieldFrame,
+    ) -> FieldRay {
         let direction = motion.direction(self.reflected());
         let to_field = motion.length(1.0) / frame.half_side;
         let cone = ConeRay {
-            origin: frame.field_from_world(motion.point(self.position)).to_array(),
+            origin: frame
+                .field_from_world(motion.point(self.position))
+                .to_array(),
             direction: (direction * lobe.mean_length).to_array(),
             base: self.base * to_field,
             spread: self.spread,
             lobe_variance: lobe.variance + extra_variance,
         };
-        FieldRay { cone, direction: direction.to_array(), kappa: lobe.kappa }
+        FieldRay {
+            cone,
+            direction: direction.to_array(),
+            kappa: lobe.kappa,
+        }
     }
 }
 
@@ -91,7 +106,8 @@ impl Blocked {
         let share = inside_core * self.core
             + (inside_ring - inside_core) * self.rings[0]
             + (1.0 - inside_ring) * self.rings[1];
-        let d_share = d_core * self.core + (d_ring - d_core) * self.rings[0] - d_ring * self.rings[1];
+        let d_share =
+            d_core * self.core + (d_ring - d_core) * self.rings[0] - d_ring * self.rings[1];
         (share.clamp(0.0, 1.0), d_share)
     }
 }
@@ -126,7 +142,13 @@ pub fn fresnel(tint: Vec3, cos: f32) -> Vec3 {
 }
 
 /// Back from `d_out`: adds to `d_surface` (diffuse and tint) and returns `d_light`. The gain is 1 in training.
-pub fn outgoing_backward(surface: &Surface, cos: f32, light: Vec3, d_out: Vec3, d_surface: &mut Surface) -> Vec3 {
+pub fn outgoing_backward(
+    surface: &Surface,
+    cos: f32,
+    light: Vec3,
+    d_out: Vec3,
+    d_surface: &mut Surface,
+) -> Vec3 {
     let fresnel = fresnel(surface.tint, cos);
     d_surface.diffuse += d_out * (Vec3::ONE - fresnel);
     let d_fresnel = d_out * (light - surface.diffuse);
@@ -140,7 +162,11 @@ mod tests {
 
     #[test]
     fn outgoing_gradients_agree_with_finite_differences() {
-        let surface = Surface { diffuse: Vec3::new(0.2, 0.5, 0.1), tint: Vec3::new(0.9, 0.04, 0.4), roughness: 0.3 };
+        let surface = Surface {
+            diffuse: Vec3::new(0.2, 0.5, 0.1),
+            tint: Vec3::new(0.9, 0.04, 0.4),
+            roughness: 0.3,
+        };
         let (cos, light, d_out) = (0.4, Vec3::new(1.5, 0.2, 3.0), Vec3::new(0.7, -0.4, 1.2));
         let loss = |s: &Surface, light: Vec3| outgoing(s, cos, Vec3::ONE, light).dot(d_out);
         let mut d = Surface::default();
@@ -148,10 +174,16 @@ mod tests {
         let h = 1e-2;
         for c in 0..3 {
             let step = Vec3::AXES[c] * h;
-            let shifted = |sign: f32| Surface { diffuse: surface.diffuse + sign * step, ..surface };
+            let shifted = |sign: f32| Surface {
+                diffuse: surface.diffuse + sign * step,
+                ..surface
+            };
             let numeric = (loss(&shifted(1.0), light) - loss(&shifted(-1.0), light)) / (2.0 * h);
             assert!((d.diffuse[c] - numeric).abs() < 1e-3, "diffuse {c}");
-            let shifted = |sign: f32| Surface { tint: surface.tint + sign * step, ..surface };
+            let shifted = |sign: f32| Surface {
+                tint: surface.tint + sign * step,
+                ..surface
+            };
             let numeric = (loss(&shifted(1.0), light) - loss(&shifted(-1.0), light)) / (2.0 * h);
             assert!((d.tint[c] - numeric).abs() < 1e-3, "tint {c}");
             let numeric = (loss(&surface, light + step) - loss(&surface, light - step)) / (2.0 * h);
@@ -161,15 +193,27 @@ mod tests {
 
     #[test]
     fn blocked_share_follows_the_lobe() {
-        let blocked = Blocked { core: 1.0, rings: [0.5, 0.25] };
-        assert!((blocked.share(1e6).0 - 1.0).abs() < 1e-6, "a mirror sees the mirror ray only");
-        assert!((blocked.share(0.35).0 - 0.25).abs() < 0.05, "a wide lobe sees the outer ring");
+        let blocked = Blocked {
+            core: 1.0,
+            rings: [0.5, 0.25],
+        };
+        assert!(
+            (blocked.share(1e6).0 - 1.0).abs() < 1e-6,
+            "a mirror sees the mirror ray only"
+        );
+        assert!(
+            (blocked.share(0.35).0 - 0.25).abs() < 0.05,
+            "a wide lobe sees the outer ring"
+        );
         assert_eq!(Blocked::default().share(10.0).0, 0.0, "nothing blocked");
         for kappa in [0.5_f32, 5.0, 50.0, 500.0] {
             let h = 1e-2 * kappa;
             let numeric = (blocked.share(kappa + h).0 - blocked.share(kappa - h).0) / (2.0 * h);
             let analytic = blocked.share(kappa).1;
-            assert!((analytic - numeric).abs() < 2e-2 * numeric.abs() + 1e-5, "kappa {kappa}: {analytic} against {numeric}");
+            assert!(
+                (analytic - numeric).abs() < 2e-2 * numeric.abs() + 1e-5,
+                "kappa {kappa}: {analytic} against {numeric}"
+            );
         }
     }
 
@@ -177,9 +221,16 @@ mod tests {
     fn a_white_furnace_stays_white() {
         // Metal: no diffuse part; any tint between returns at most what comes in.
         for cos in [0.0, 0.1, 0.5, 1.0] {
-            let metal = Surface { diffuse: Vec3::ZERO, tint: Vec3::splat(0.8), roughness: 0.2 };
+            let metal = Surface {
+                diffuse: Vec3::ZERO,
+                tint: Vec3::splat(0.8),
+                roughness: 0.2,
+            };
             let out = outgoing(&metal, cos, Vec3::ONE, Vec3::ONE);
-            assert!(out.max_element() <= 1.0 + 1e-6 && out.min_element() >= 0.8 - 1e-6, "cos {cos}: {out:?}");
+            assert!(
+                out.max_element() <= 1.0 + 1e-6 && out.min_element() >= 0.8 - 1e-6,
+                "cos {cos}: {out:?}"
+            );
         }
     }
 }

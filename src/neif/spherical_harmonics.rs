@@ -38,14 +38,19 @@ mod tests {
             let sh = attenuated_sh([r * phi.cos(), r * phi.sin(), z], f32::INFINITY);
             for a in 0..N_SH {
                 for b in 0..N_SH {
-                    gram[a][b] += f64::from(sh[a] * sh[b]) * 4.0 * std::f64::consts::PI / f64::from(n);
+                    gram[a][b] +=
+                        f64::from(sh[a] * sh[b]) * 4.0 * std::f64::consts::PI / f64::from(n);
                 }
             }
         }
         for a in 0..N_SH {
             for b in 0..N_SH {
                 let expected = if a == b { 1.0 } else { 0.0 };
-                assert!((gram[a][b] - expected).abs() < 1e-3, "<{a}, {b}> = {}", gram[a][b]);
+                assert!(
+                    (gram[a][b] - expected).abs() < 1e-3,
+                    "<{a}, {b}> = {}",
+                    gram[a][b]
+                );
             }
         }
     }

@@ -25,7 +25,12 @@ impl GBuffer {
     pub fn trace(tracer: Option<&SurfaceTracer>, camera: &Camera, rows: Range<u32>) -> Self {
         let width = camera.width;
         let n = (rows.len() as u32 * width) as usize;
-        let mut buffer = Self { first: rows.start * width, coverage: vec![0.0; n], index: vec![NONE; n], points: Vec::new() };
+        let mut buffer = Self {
+            first: rows.start * width,
+            coverage: vec![0.0; n],
+            index: vec![NONE; n],
+            points: Vec::new(),
+        };
         if let Some(tracer) = tracer {
             buffer.fill(tracer, camera, rows);
         }
@@ -44,7 +49,8 @@ impl GBuffer {
 
     /// The surface a pixel (index in the whole image) sees.
     pub fn point_at(&self, pixel: u32) -> Option<&TracedPoint> {
-        self.points.get(self.index[(pixel - self.first) as usize] as usize)
+        self.points
+            .get(self.index[(pixel - self.first) as usize] as usize)
     }
 
     fn fill(&mut self, tracer: &SurfaceTracer, camera: &Camera, rows: Range<u32>) {
@@ -57,12 +63,22 @@ impl GBuffer {
         for i in 0..self.coverage.len() {
             let at = i + width;
             let x = i % width;
-            let hits = [at - width, at + width, at - usize::from(x > 0), at + usize::from(x + 1 < width)];
+            let hits = [
+                at - width,
+                at + width,
+                at - usize::from(x > 0),
+                at + usize::from(x + 1 < width),
+            ];
             let inside = centers[at].is_some();
             let (coverage, point) = if hits.iter().all(|&j| centers[j].is_some() == inside) {
                 (f32::from(u8::from(inside)), centers[at])
             } else {
-                subsample(tracer, camera, x as f32, (rows.start as usize + i / width) as f32)
+                subsample(
+                    tracer,
+                    camera,
+                    x as f32,
+                    (rows.start as usize + i / width) as f32,
+                )
             };
             self.coverage[i] = coverage;
             if let Some(point) = point {
@@ -71,14 +87,23 @@ impl GBuffer {
                 // It depends on the place in the picture alone, not on the rows traced together.
                 let turn = ((self.first as usize + i) % 4096) as f32 * 2.399_963;
                 let (blocked, second) = trace_bounce(tracer, &point, turn);
-                self.points.push(TracedPoint { point, blocked, second });
+                self.points.push(TracedPoint {
+                    point,
+                    blocked,
+                    second,
+                });
             }
         }
     }
 }
 
 /// Coverage of pixel `(x, y)`, and the hit nearest to the covered part's centre.
-fn subsample(tracer: &SurfaceTracer, camera: &Camera, x: f32, y: f32) -> (f32, Option<SurfacePoint>) {
+fn subsample(
+    tracer: &SurfaceTracer,
+    camera: &Camera,
+    x: f32,
+    y: f32,
+) -> (f32, Option<SurfacePoint>) {
     let mut hits = [(0.0, 0.0, SurfacePoint::default()); SUBSAMPLES * SUBSAMPLES];
     let mut n = 0;
     for k in 0..SUBSAMPLES * SUBSAMPLES {
@@ -90,9 +115,15 @@ fn subsample(tracer: &SurfaceTracer, camera: &Camera, x: f32, y: f32) -> (f32, O
         }
     }
     let hits = &hits[..n];
-    let mean = |f: fn(&(f32, f32, SurfacePoint)) -> f32| hits.iter().map(f).sum::<f32>() / n.max(1) as f32;
+    let mean =
+        |f: fn(&(f32, f32, SurfacePoint)) -> f32| hits.iter().map(f).sum::<f32>() / n.max(1) as f32;
     let (u, v) = (mean(|h| h.0), mean(|h| h.1));
     let distance = |h: &&(f32, f32, SurfacePoint)| (h.0 - u).powi(2) + (h.1 - v).powi(2);
-    let nearest = hits.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));
-    (n as f32 / (SUBSAMPLES * SUBSAMPLES) as f32, nearest.map(|h| h.2))
+    let nearest = hits
+        .iter()
+        .min_by(|a, b| distance(a).total_cmp(&distance(b)));
+    (
+        n as f32 / (SUBSAMPLES * SUBSAMPLES) as f32,
+        nearest.map(|h| h.2),
+    )
 }

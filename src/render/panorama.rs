@@ -35,17 +35,35 @@ pub fn panorama(
         edit: MaterialEdit::default(),
     };
     let mut pixels = vec![[0.0; 3]; (width * height) as usize];
-    pixels.par_chunks_mut(width as usize).enumerate().for_each_init(ShadeScratch::default, |scratch, (y, row)| {
-        if !cancel.load(Ordering::Relaxed) {
-            panorama_row(&scene, at, roughness, (y as u32, height), row, scratch);
-        }
-    });
-    (!cancel.load(Ordering::Relaxed)).then_some(Picture { width, height, pixels })
+    pixels
+        .par_chunks_mut(width as usize)
+        .enumerate()
+        .for_each_init(ShadeScratch::default, |scratch, (y, row)| {
+            if !cancel.load(Ordering::Relaxed) {
+                panorama_row(&scene, at, roughness, (y as u32, height), row, scratch);
+            }
+        });
+    (!cancel.load(Ordering::Relaxed)).then_some(Picture {
+        width,
+        height,
+        pixels,
+    })
 }
 
-fn panorama_row(scene: &Scene, at: Vec3, roughness: f32, (y, height): (u32, u32), row: &mut [[f32; 3]], scratch: &mut ShadeScratch) {
+fn panorama_row(
+    scene: &Scene,
+    at: Vec3,
+    roughness: f32,
+    (y, height): (u32, u32),
+    row: &mut [[f32; 3]],
+    scratch: &mut ShadeScratch,
+) {
     let motion = scene.transform.environment_from_world();
-    let origin = scene.environment.frame().field_from_world(motion.point(at)).to_array();
+    let origin = scene
+        .environment
+        .frame()
+        .field_from_world(motion.point(at))
+        .to_array();
     let width = row.len();
     let elevation = std::f32::consts::PI * (0.5 - (y as f32 + 0.5) / height as f32);
     let lobe = (roughness > 0.0).then(|| Lobe::from_roughness(roughness));
@@ -65,7 +83,11 @@ fn panorama_row(scene: &Scene, at: Vec3, roughness: f32, (y, height): (u32, u32)
             lobe_variance: lobe.map_or(0.0, |l| l.variance),
         };
         let kappa = lobe.map_or(f32::INFINITY, |l| l.kappa);
-        scratch.batch().rays.push(FieldRay { cone, direction: direction.to_array(), kappa });
+        scratch.batch().rays.push(FieldRay {
+            cone,
+            direction: direction.to_array(),
+            kappa,
+        });
     }
     scratch.light(scene);
     for (out, radiance) in row.iter_mut().zip(&scratch.batch().radiance) {

@@ -34,16 +34,30 @@ pub fn render(
     let (width, height) = (camera.width, camera.height);
     let mut pixels = vec![[0.0; 3]; (width * height) as usize];
     let done = AtomicU32::new(0);
-    pixels.par_chunks_mut((BAND * width) as usize).enumerate().for_each_init(ShadeScratch::default, |scratch, (band, out)| {
-        if cancel.load(Ordering::Relaxed) {
-            return;
-        }
-        let first = band as u32 * BAND;
-        render_rows(scene, camera, layer, first..(first + BAND).min(height), out, scratch);
-        let rows = done.fetch_add(BAND, Ordering::Relaxed) + BAND;
-        on_progress(rows.min(height) as f32 / height as f32);
-    });
-    (!cancel.load(Ordering::Relaxed)).then_some(Picture { width, height, pixels })
+    pixels
+        .par_chunks_mut((BAND * width) as usize)
+        .enumerate()
+        .for_each_init(ShadeScratch::default, |scratch, (band, out)| {
+            if cancel.load(Ordering::Relaxed) {
+                return;
+            }
+            let first = band as u32 * BAND;
+            render_rows(
+                scene,
+                camera,
+                layer,
+                first..(first + BAND).min(height),
+                out,
+                scratch,
+            );
+            let rows = done.fetch_add(BAND, Ordering::Relaxed) + BAND;
+            on_progress(rows.min(height) as f32 / height as f32);
+        });
+    (!cancel.load(Ordering::Relaxed)).then_some(Picture {
+        width,
+        height,
+        pixels,
+    })
 }
 
 fn render_rows(
@@ -54,14 +68,28 @@ fn render_rows(
     out: &mut [[f32; 3]],
     scratch: &mut ShadeScratch,
 ) {
-    let tracer = scene.object.as_ref().filter(|_| layer.shows_object()).map(|object| &*object.tracer);
+    let tracer = scene
+        .object
+        .as_ref()
+        .filter(|_| layer.shows_object())
+        .map(|object| &*object.tracer);
     let gbuffer = GBuffer::trace(tracer, camera, rows.clone());
     let first = rows.start * camera.width;
     let list = |keep: &dyn Fn(f32) -> bool| -> Vec<u32> {
-        gbuffer.coverage().iter().enumerate().filter(|(_, c)| keep(**c)).map(|(i, _)| first + i as u32).collect()
+        gbuffer
+            .coverage()
+            .iter()
+            .enumerate()
+            .filter(|(_, c)| keep(**c))
+            .map(|(i, _)| first + i as u32)
+            .collect()
     };
     let covered = list(&|c| c > 0.0);
-    let open = if layer.shows_background() { list(&|c| c < 1.0) } else { Vec::new() };
+    let open = if layer.shows_background() {
+        list(&|c| c < 1.0)
+    } else {
+        Vec::new()
+    };
     let mut object = vec![[0.0; 3]; covered.len()];
     shade_object(scene, &gbuffer, &covered, layer, &mut object, scratch);
     let mut background = vec![[0.0; 3]; open.len()];
@@ -76,6 +104,12 @@ fn render_rows(
         backgrounds[(pixel - first) as usize] = value;
     }
     for (i, out) in out.iter_mut().enumerate() {
-        *out = compose(scene, layer, gbuffer.coverage()[i], objects[i], backgrounds[i]);
+        *out = compose(
+            scene,
+            layer,
+            gbuffer.coverage()[i],
+            objects[i],
+            backgrounds[i],
+        );
     }
 }

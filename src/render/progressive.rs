@@ -274,7 +274,7 @@ impl Pass {
                 let start = thread_cpu();
                 let done = band.update(&work, scratch);
                 band.compose(&work, out);
-                let nanos = (thread_cpu() - start).as_nanos() as usize;
+                let nanos = thread_cpu().saturating_sub(start).as_nanos() as usize;
                 let parts = done.map(|part| [part.n_pixels, part.nanos]);
                 for (count, value) in counts
                     .iter()

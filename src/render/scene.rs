@@ -41,8 +41,15 @@ pub enum Layer {
 
 impl Layer {
     /// All layers, in the order of the window's keys.
-    pub const ALL: [Self; 7] =
-        [Self::Final, Self::Diffuse, Self::Specular, Self::Roughness, Self::Tint, Self::Normal, Self::Environment];
+    pub const ALL: [Self; 7] = [
+        Self::Final,
+        Self::Diffuse,
+        Self::Specular,
+        Self::Roughness,
+        Self::Tint,
+        Self::Normal,
+        Self::Environment,
+    ];
 
     /// Lower-case name, as on the command line.
     pub fn name(self) -> &'static str {
@@ -81,6 +88,11 @@ impl FromStr for Layer {
         Self::ALL
             .into_iter()
             .find(|layer| layer.name() == text)
-            .ok_or_else(|| format!("unknown layer `{text}`; known: {}", Self::ALL.map(Self::name).join(", ")))
+            .ok_or_else(|| {
+                format!(
+                    "unknown layer `{text}`; known: {}",
+                    Self::ALL.map(Self::name).join(", ")
+                )
+            })
     }
 }

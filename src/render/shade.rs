@@ -34,7 +34,13 @@ pub struct ShadeScratch {
 }
 
 /// Linear radiance of the surroundings through each listed pixel (`y * width + x` of `camera`); `out`: one a pixel.
-pub fn shade_background(scene: &Scene, camera: &Camera, pixels: &[u32], out: &mut [[f32; 3]], scratch: &mut ShadeScratch) {
+pub fn shade_background(
+    scene: &Scene,
+    camera: &Camera,
+    pixels: &[u32],
+    out: &mut [[f32; 3]],
+    scratch: &mut ShadeScratch,
+) {
     assert_eq!(pixels.len(), out.len(), "one result a pixel");
     let motion = scene.transform.environment_from_world();
     let frame = scene.environment.frame();
@@ -46,8 +52,18 @@ pub fn shade_background(scene: &Scene, camera: &Camera, pixels: &[u32], out: &mu
             let ray = camera.ray(x as f32 + 0.5, y as f32 + 0.5);
             let direction = motion.direction(ray.direction).to_array();
             let origin = frame.field_from_world(motion.point(ray.origin)).to_array();
-            let cone = ConeRay { origin, direction, base: 0.0, spread, lobe_variance: 0.0 };
-            scratch.batch.rays.push(FieldRay { cone, direction, kappa: f32::INFINITY });
+            let cone = ConeRay {
+                origin,
+                direction,
+                base: 0.0,
+                spread,
+                lobe_variance: 0.0,
+            };
+            scratch.batch.rays.push(FieldRay {
+                cone,
+                direction,
+                kappa: f32::INFINITY,
+            });
         }
         scratch.light(scene);
         for (out, radiance) in out.iter_mut().zip(&scratch.batch.radiance) {
@@ -57,15 +73,28 @@ pub fn shade_background(scene: &Scene, camera: &Camera, pixels: &[u32], out: &mu
 }
 
 /// The object's part of each listed pixel: linear radiance, or the layer's value; 0 where the object is not seen.
-pub fn shade_object(scene: &Scene, gbuffer: &GBuffer, pixels: &[u32], layer: Layer, out: &mut [[f32; 3]], scratch: &mut ShadeScratch) {
+pub fn shade_object(
+    scene: &Scene,
+    gbuffer: &GBuffer,
+    pixels: &[u32],
+    layer: Layer,
+    out: &mut [[f32; 3]],
+    scratch: &mut ShadeScratch,
+) {
     assert_eq!(pixels.len(), out.len(), "one result a pixel");
     out.fill([0.0; 3]);
     let Some(object) = &scene.object else { return };
     for (pixels, out) in pixels.chunks(TILE).zip(out.chunks_mut(TILE)) {
-        let seen: Vec<(usize, &TracedPoint)> =
-            pixels.iter().enumerate().filter_map(|(i, &pixel)| Some((i, gbuffer.point_at(pixel)?))).collect();
+        let seen: Vec<(usize, &TracedPoint)> = pixels
+            .iter()
+            .enumerate()
+            .filter_map(|(i, &pixel)| Some((i, gbuffer.point_at(pixel)?)))
+            .collect();
         let points: Vec<&TracedPoint> = seen.iter().map(|s| s.1).collect();
-        for ((i, _), value) in seen.iter().zip(shade_points(scene, object, &points, layer, scratch)) {
+        for ((i, _), value) in seen
+            .iter()
+            .zip(shade_points(scene, object, &points, layer, scratch))
+        {
             out[*i] = value.to_array();
         }
     }
@@ -81,13 +110,34 @@ struct Lit {
     met: Option<(usize, Surface)>,
 }
 
-fn shade_points(scene: &Scene, object: &ObjectModel, points: &[&TracedPoint], layer: Layer, scratch: &mut ShadeScratch) -> Vec<Vec3> {
-    let seconds: Vec<usize> = (0..points.len()).filter(|&i| points[i].second.is_some()).collect();
+fn shade_points(
+    scene: &Scene,
+    object: &ObjectModel,
+    points: &[&TracedPoint],
+    layer: Layer,
+    scratch: &mut ShadeScratch,
+) -> Vec<Vec3> {
+    let seconds: Vec<usize> = (0..points.len())
+        .filter(|&i| points[i].second.is_some())
+        .collect();
     scratch.points.clear();
-    scratch.points.extend(points.iter().map(|p| p.point.position));
-    scratch.points.extend(seconds.iter().filter_map(|&i| points[i].second.map(|s| s.point.position)));
-    object.material.forward(&scratch.points, &mut scratch.material, &mut scratch.encoded);
-    let surfaces: Vec<Surface> = scratch.material.surfaces.iter().map(|s| scene.edit.apply(*s)).collect();
+    scratch
+        .points
+        .extend(points.iter().map(|p| p.point.position));
+    scratch.points.extend(
+        seconds
+            .iter()
+            .filter_map(|&i| points[i].second.map(|s| s.point.position)),
+    );
+    object
+        .material
+        .forward(&scratch.points, &mut scratch.material, &mut scratch.encoded);
+    let surfaces: Vec<Surface> = scratch
+        .material
+        .surfaces
+        .iter()
+        .map(|s| scene.edit.apply(*s))
+        .collect();
     if let Some(values) = unlit(scene, points, &surfaces, layer) {
         return values;
     }
@@ -98,8 +148,17 @@ fn shade_points(scene: &Scene, object: &ObjectModel, points: &[&TracedPoint], la
         .iter()
         .enumerate()
         .map(|(i, point)| {
-            let second = met.next_if(|(at, _)| **at == i).map(|(_, surface)| *surface);
-            aim(scene, point, surfaces[i], second, &motion, &mut scratch.batch.rays)
+            let second = met
+                .next_if(|(at, _)| **at == i)
+                .map(|(_, surface)| *surface);
+            aim(
+                scene,
+                point,
+                surfaces[i],
+                second,
+                &motion,
+                &mut scratch.batch.rays,
+            )
         })
         .collect();
     scratch.light(scene);
@@ -109,24 +168,39 @@ fn shade_points(scene: &Scene, object: &ObjectModel, points: &[&TracedPoint], la
         .zip(points)
         .map(|(lit, point)| {
             let free = lit.free.map_or(Vec3::ZERO, light);
-            let met = lit.met.zip(point.second).map_or(Vec3::ZERO, |((ray, surface), second)| {
-                outgoing(&surface, second.point.n_dot_v(), gain, light(ray))
-            });
+            let met = lit
+                .met
+                .zip(point.second)
+                .map_or(Vec3::ZERO, |((ray, surface), second)| {
+                    outgoing(&surface, second.point.n_dot_v(), gain, light(ray))
+                });
             let incoming = free * (1.0 - lit.share) + met * lit.share;
             let cos = point.point.n_dot_v();
             let part = match layer {
                 Layer::Diffuse => Surface { ..lit.surface },
-                Layer::Specular => Surface { diffuse: Vec3::ZERO, ..lit.surface },
+                Layer::Specular => Surface {
+                    diffuse: Vec3::ZERO,
+                    ..lit.surface
+                },
                 _ => lit.surface,
             };
-            let incoming = if layer == Layer::Diffuse { Vec3::ZERO } else { incoming };
+            let incoming = if layer == Layer::Diffuse {
+                Vec3::ZERO
+            } else {
+                incoming
+            };
             outgoing(&part, cos, gain, incoming)
         })
         .collect()
 }
 
 /// Layers that need no light.
-fn unlit(scene: &Scene, points: &[&TracedPoint], surfaces: &[Surface], layer: Layer) -> Option<Vec<Vec3>> {
+fn unlit(
+    scene: &Scene,
+    points: &[&TracedPoint],
+    surfaces: &[Surface],
+    layer: Layer,
+) -> Option<Vec<Vec3>> {
     let value = |point: &TracedPoint, surface: &Surface| match layer {
         Layer::Roughness => Some(Vec3::splat(surface.roughness)),
         Layer::Tint => Some(fresnel(surface.tint, 1.0) * scene.edit.specular_gain()),
@@ -134,7 +208,11 @@ fn unlit(scene: &Scene, points: &[&TracedPoint], surfaces: &[Surface], layer: La
         Layer::Environment => Some(Vec3::ZERO),
         Layer::Final | Layer::Diffuse | Layer::Specular => None,
     };
-    points.iter().zip(surfaces).map(|(point, surface)| value(point, surface)).collect()
+    points
+        .iter()
+        .zip(surfaces)
+        .map(|(point, surface)| value(point, surface))
+        .collect()
 }
 
 /// Adds the rays that a point's lobe needs.
@@ -148,25 +226,46 @@ fn aim(
 ) -> Lit {
     let frame = scene.environment.frame();
     let lobe = Lobe::from_roughness(surface.roughness);
-    let share = if second.is_some() { traced.blocked.share(lobe.kappa).0 } else { 0.0 };
+    let share = if second.is_some() {
+        traced.blocked.share(lobe.kappa).0
+    } else {
+        0.0
+    };
     let mut push = |ray| {
         rays.push(ray);
         rays.len() - 1
     };
-    let free = (share < 1.0 - SHARE_MARGIN).then(|| push(traced.point.lobe_ray(&lobe, 0.0, motion, frame)));
-    let met = second.zip(traced.second).filter(|_| share > SHARE_MARGIN).map(|(surface, second)| {
-        let second_lobe = Lobe::from_roughness(surface.roughness);
-        let seen = second.point.seen_through(lobe.variance, second.distance);
-        (push(seen.lobe_ray(&second_lobe, lobe.variance, motion, frame)), surface)
-    });
-    Lit { surface, share, free, met }
+    let free = (share < 1.0 - SHARE_MARGIN)
+        .then(|| push(traced.point.lobe_ray(&lobe, 0.0, motion, frame)));
+    let met = second
+        .zip(traced.second)
+        .filter(|_| share > SHARE_MARGIN)
+        .map(|(surface, second)| {
+            let second_lobe = Lobe::from_roughness(surface.roughness);
+            let seen = second.point.seen_through(lobe.variance, second.distance);
+            (
+                push(seen.lobe_ray(&second_lobe, lobe.variance, motion, frame)),
+                surface,
+            )
+        });
+    Lit {
+        surface,
+        share,
+        free,
+        met,
+    }
 }
 
 impl ShadeScratch {
     /// Evaluates the environment along the batch's rays.
     pub(super) fn light(&mut self, scene: &Scene) {
         let environment = &scene.environment;
-        self.batch.place(&environment.density, environment.n_samples(), UNIFORM_SHARE, |_| [0.0; 2]);
+        self.batch.place(
+            &environment.density,
+            environment.n_samples(),
+            UNIFORM_SHARE,
+            |_| [0.0; 2],
+        );
         environment.field.encode(&mut self.batch, &mut self.encoded);
         environment.field.forward(&mut self.batch);
     }
@@ -178,13 +277,26 @@ impl ShadeScratch {
 }
 
 /// Object over background by coverage, in linear light, then the display transform; in `[0, 1]`.
-pub fn compose(scene: &Scene, layer: Layer, coverage: f32, object: [f32; 3], background: [f32; 3]) -> [f32; 3] {
-    let behind = if layer.shows_background() { background } else { [0.0; 3] };
-    let mixed: [f32; 3] = std::array::from_fn(|c| object[c] * coverage + behind[c] * (1.0 - coverage));
+pub fn compose(
+    scene: &Scene,
+    layer: Layer,
+    coverage: f32,
+    object: [f32; 3],
+    background: [f32; 3],
+) -> [f32; 3] {
+    let behind = if layer.shows_background() {
+        background
+    } else {
+        [0.0; 3]
+    };
+    let mixed: [f32; 3] =
+        std::array::from_fn(|c| object[c] * coverage + behind[c] * (1.0 - coverage));
     match layer {
         Layer::Roughness | Layer::Normal => mixed.map(|v| v.clamp(0.0, 1.0)),
         _ => {
-            let display = Display { gamma: scene.environment.gamma() };
+            let display = Display {
+                gamma: scene.environment.gamma(),
+            };
             mixed.map(|v| display.value(v.max(0.0)).min(1.0))
         }
     }

@@ -13,7 +13,7 @@ const BLOCK: usize = 1 << 15;
 
 /// First and second moments of a parameter vector.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Adam {
+pub(super) struct Adam {
     /// Running mean of the gradient.
     pub first: Vec<f32>,
     /// Running mean of its square.
@@ -22,14 +22,26 @@ pub struct Adam {
 
 impl Adam {
     /// Zero moments for `n` parameters.
-    pub fn new(n: usize) -> Self {
-        Self { first: vec![0.0; n], second: vec![0.0; n] }
+    pub(super) fn new(n: usize) -> Self {
+        Self {
+            first: vec![0.0; n],
+            second: vec![0.0; n],
+        }
     }
 
     /// One step, the `step`-th (from 1): `params[i]` moves by at most about `lr(i)`; the head `..n_head` has `lr_head`.
     /// Leaves the gradient zero: clearing it here, while it is in cache, saves a pass over it.
-    pub fn update(&mut self, params: &mut [f32], gradient: &mut [f32], rates: Rates, step: u64) {
-        assert!(params.len() == self.first.len() && gradient.len() == params.len(), "adam: lengths differ");
+    pub(super) fn update(
+        &mut self,
+        params: &mut [f32],
+        gradient: &mut [f32],
+        rates: Rates,
+        step: u64,
+    ) {
+        assert!(
+            params.len() == self.first.len() && gradient.len() == params.len(),
+            "adam: lengths differ"
+        );
         let bias1 = 1.0 - f64::from(BETA1).powf(step as f64);
         let bias2 = 1.0 - f64::from(BETA2).powf(step as f64);
         let unbias = (bias2.sqrt() / bias1) as f32;
@@ -41,14 +53,18 @@ impl Adam {
         adam_block(head, m_head, v_head, g_head, [rates.head * unbias, epsilon]);
         tail.par_chunks_mut(BLOCK)
             .zip(m_tail.par_chunks_mut(BLOCK))
-            .zip(v_tail.par_chunks_mut(BLOCK).zip(g_tail.par_chunks_mut(BLOCK)))
+            .zip(
+                v_tail
+                    .par_chunks_mut(BLOCK)
+                    .zip(g_tail.par_chunks_mut(BLOCK)),
+            )
             .for_each(|((p, m), (v, g))| adam_block(p, m, v, g, [rates.tail * unbias, epsilon]));
     }
 }
 
 /// Learning rates of the networks (the head of the vector) and of the grid (the rest).
 #[derive(Clone, Copy, Debug)]
-pub struct Rates {
+pub(super) struct Rates {
     /// Parameters in the head.
     pub n_head: usize,
     /// Their rate.
@@ -62,7 +78,13 @@ dispatch! {
 }
 
 #[inline(always)]
-fn adam_body<const FMA: bool>(params: &mut [f32], first: &mut [f32], second: &mut [f32], gradient: &mut [f32], rate_epsilon: [f32; 2]) {
+fn adam_body<const FMA: bool>(
+    params: &mut [f32],
+    first: &mut [f32],
+    second: &mut [f32],
+    gradient: &mut [f32],
+    rate_epsilon: [f32; 2],
+) {
     let [rate, epsilon] = rate_epsilon;
     for (((p, m), v), g) in params.iter_mut().zip(first).zip(second).zip(gradient) {
         *m += (1.0 - BETA1) * (*g - *m);
@@ -82,7 +104,11 @@ mod tests {
         let mut adam = Adam::new(3);
         let mut reference = [1.0_f64, -2.0, 0.5];
         let (mut m, mut v) = ([0.0_f64; 3], [0.0_f64; 3]);
-        let rates = Rates { n_head: 1, head: 0.01, tail: 0.1 };
+        let rates = Rates {
+            n_head: 1,
+            head: 0.01,
+            tail: 0.1,
+        };
         for step in 1..=20_u64 {
             let gradient: Vec<f32> = (0..3).map(|i| ((step * 3 + i) as f32).sin()).collect();
             adam.update(&mut params, &mut gradient.clone(), rates, step);
@@ -90,12 +116,20 @@ mod tests {
                 let g = f64::from(gradient[i]);
                 m[i] = 0.9 * m[i] + 0.1 * g;
                 v[i] = 0.99 * v[i] + 0.01 * g * g;
-                let (mh, vh) = (m[i] / (1.0 - 0.9_f64.powi(step as i32)), v[i] / (1.0 - 0.99_f64.powi(step as i32)));
+                let (mh, vh) = (
+                    m[i] / (1.0 - 0.9_f64.powi(step as i32)),
+                    v[i] / (1.0 - 0.99_f64.powi(step as i32)),
+                );
                 reference[i] -= if i == 0 { 0.01 } else { 0.1 } * mh / (vh.sqrt() + 1e-15);
             }
         }
         for i in 0..3 {
-            assert!((f64::from(params[i]) - reference[i]).abs() < 1e-4, "{i}: {} against {}", params[i], reference[i]);
+            assert!(
+                (f64::from(params[i]) - reference[i]).abs() < 1e-4,
+                "{i}: {} against {}",
+                params[i],
+                reference[i]
+            );
         }
     }
 
@@ -103,7 +137,16 @@ mod tests {
     fn untouched_parameters_stay() {
         let mut params = vec![3.0; 10];
         let mut adam = Adam::new(10);
-        adam.update(&mut params, &mut [0.0; 10], Rates { n_head: 0, head: 0.0, tail: 1.0 }, 1);
+        adam.update(
+            &mut params,
+            &mut [0.0; 10],
+            Rates {
+                n_head: 0,
+                head: 0.0,
+                tail: 1.0,
+            },
+            1,
+        );
         assert_eq!(params, vec![3.0; 10]);
     }
 }

@@ -21,9 +21,25 @@ impl Trainer {
             insert(&mut file, "material.first", &material.adam.first);
             insert(&mut file, "material.second", &material.adam.second);
         }
-        insert(&mut file, "gamma", &[self.gamma, self.gamma_adam.first[0], self.gamma_adam.second[0]]);
-        file.insert_u16("density.cells", &[self.density.len()], self.density.cells().to_vec());
-        file.insert_u64("counters", &[3], vec![self.step, self.updates, self.skipped]);
+        insert(
+            &mut file,
+            "gamma",
+            &[
+                self.gamma,
+                self.gamma_adam.first[0],
+                self.gamma_adam.second[0],
+            ],
+        );
+        file.insert_u16(
+            "density.cells",
+            &[self.density.len()],
+            self.density.cells().to_vec(),
+        );
+        file.insert_u64(
+            "counters",
+            &[3],
+            vec![self.step, self.updates, self.skipped],
+        );
         file
     }
 
@@ -33,31 +49,59 @@ impl Trainer {
     /// When the file is no checkpoint or belongs to another shape of model; the trainer is then unchanged.
     pub fn restore(&mut self, file: &TensorFile) -> Result<(), TrainError> {
         if file.text("format")? != FORMAT {
-            return Err(TrainError::Checkpoint { file: file.origin().to_owned(), what: "is no checkpoint" });
+            return Err(TrainError::Checkpoint {
+                file: file.origin().to_owned(),
+                what: "is no checkpoint",
+            });
         }
-        let vector = |name: &str, n: usize| -> Result<Vec<f32>, TensorFileError> { Ok(file.f32(name, &[n])?.to_vec()) };
+        let vector = |name: &str, n: usize| -> Result<Vec<f32>, TensorFileError> {
+            Ok(file.f32(name, &[n])?.to_vec())
+        };
         let n_field = self.field.value.params.len();
-        let field = [vector("field.params", n_field)?, vector("field.first", n_field)?, vector("field.second", n_field)?];
+        let field = [
+            vector("field.params", n_field)?,
+            vector("field.first", n_field)?,
+            vector("field.second", n_field)?,
+        ];
         let material = match &self.material {
             Some(m) => {
                 let n = m.value.params.len();
-                Some([vector("material.params", n)?, vector("material.first", n)?, vector("material.second", n)?])
+                Some([
+                    vector("material.params", n)?,
+                    vector("material.first", n)?,
+                    vector("material.second", n)?,
+                ])
             }
             None => None,
         };
         let gamma = vector("gamma", 3)?;
         let counters = file.u64("counters", &[3])?.to_vec();
-        let density = DensityGrid::from_cells(file.u16("density.cells", &[self.density.len()])?.to_vec())
-            .ok_or_else(|| TrainError::Checkpoint { file: file.origin().to_owned(), what: "has another density grid" })?;
+        let density =
+            DensityGrid::from_cells(file.u16("density.cells", &[self.density.len()])?.to_vec())
+                .ok_or_else(|| TrainError::Checkpoint {
+                    file: file.origin().to_owned(),
+                    what: "has another density grid",
+                })?;
         let all = field.iter().chain(material.iter().flatten()).flatten();
         if !all.chain(&gamma).all(|v| v.is_finite()) {
-            return Err(TrainError::Checkpoint { file: file.origin().to_owned(), what: "holds values that are not finite" });
+            return Err(TrainError::Checkpoint {
+                file: file.origin().to_owned(),
+                what: "holds values that are not finite",
+            });
         }
-        [self.field.value.params, self.field.adam.first, self.field.adam.second] = field;
+        [
+            self.field.value.params,
+            self.field.adam.first,
+            self.field.adam.second,
+        ] = field;
         if let (Some(m), Some(stored)) = (&mut self.material, material) {
             [m.value.params, m.adam.first, m.adam.second] = stored;
         }
-        (self.gamma, self.gamma_adam.first[0], self.gamma_adam.second[0]) = (gamma[0], gamma[1], gamma[2]);
+        (
+            self.gamma,
+            self.gamma_adam.first[0],
+            self.gamma_adam.second[0],
+        ) = (gamma[0], gamma[1], gamma[2]);
         self.density = density;
         (self.step, self.updates, self.skipped) = (counters[0], counters[1], counters[2]);
         self.transpose();

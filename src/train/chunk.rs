@@ -112,11 +112,19 @@ impl Chunk {
     /// The `index`-th chunk.
     pub(super) fn new(index: usize) -> Self {
         // Beyond the slots of the pixels, and a million rays apart.
-        Self { jitter_slot: (1 << 40) + ((index as u64) << 20), ..Self::default() }
+        Self {
+            jitter_slot: (1 << 40) + ((index as u64) << 20),
+            ..Self::default()
+        }
     }
 
     /// Draws the pixels of slots `objects` and `backgrounds`, evaluates their surfaces and places the samples.
-    pub(super) fn prepare(&mut self, context: &StepContext<'_>, objects: Range<usize>, backgrounds: Range<usize>) {
+    pub(super) fn prepare(
+        &mut self,
+        context: &StepContext<'_>,
+        objects: Range<usize>,
+        backgrounds: Range<usize>,
+    ) {
         self.slots.clear();
         self.points.clear();
         self.pairs.clear();
@@ -128,10 +136,15 @@ impl Chunk {
         }
         self.draw_backgrounds(context, backgrounds);
         let (seed, step, first) = (context.config.seed, context.step, self.jitter_slot);
-        self.batch.place(context.density, context.config.samples_per_ray, context.uniform_share, |ray| {
-            let mut random = SlotRandom::new(seed, step, first + ray as u64);
-            [random.uniform() - 0.5, random.uniform() - 0.5]
-        });
+        self.batch.place(
+            context.density,
+            context.config.samples_per_ray,
+            context.uniform_share,
+            |ray| {
+                let mut random = SlotRandom::new(seed, step, first + ray as u64);
+                [random.uniform() - 0.5, random.uniform() - 0.5]
+            },
+        );
     }
 
     /// Object pixels first, then the points their lobes meet, then the neighbours of the smoothness term.
@@ -148,7 +161,13 @@ impl Chunk {
                 lobe: Lobe::from_roughness(1.0),
                 share: (0.0, 0.0),
                 ray: None,
-                second: second.map(|s| SecondSlot { surface: 0, point: s.point, distance: s.distance, lobe: Lobe::from_roughness(1.0), ray: 0 }),
+                second: second.map(|s| SecondSlot {
+                    surface: 0,
+                    point: s.point,
+                    distance: s.distance,
+                    lobe: Lobe::from_roughness(1.0),
+                    ray: 0,
+                }),
             });
         }
         for slot in &mut self.slots {
@@ -159,7 +178,11 @@ impl Chunk {
         }
         let side = context.material.map_or(1.0, |m| m.side);
         for index in (0..self.slots.len()).step_by(SMOOTHNESS_STRIDE) {
-            let mut random = SlotRandom::new(context.config.seed, context.step, self.jitter_slot ^ (1 << 41) ^ index as u64);
+            let mut random = SlotRandom::new(
+                context.config.seed,
+                context.step,
+                self.jitter_slot ^ (1 << 41) ^ index as u64,
+            );
             let phi = random.uniform() * std::f32::consts::TAU;
             let (tangent, bitangent) = orthonormal_basis(self.slots[index].point.normal);
             let offset = (tangent * phi.cos() + bitangent * phi.sin()) * (SMOOTHNESS_STEP * side);
@@ -178,17 +201,27 @@ impl Chunk {
                 slot.share = (0.0, 0.0);
             }
             slot.ray = (slot.share.0 < 1.0 - SHARE_MARGIN).then(|| {
-                self.batch.rays.push(slot.point.lobe_ray(&slot.lobe, 0.0, &still, context.frame));
+                self.batch
+                    .rays
+                    .push(slot.point.lobe_ray(&slot.lobe, 0.0, &still, context.frame));
                 self.batch.rays.len() - 1
             });
             if slot.share.0 <= SHARE_MARGIN {
                 slot.second = None;
             }
             if let Some(second) = &mut slot.second {
-                second.lobe = Lobe::from_roughness(self.material.surfaces[second.surface].roughness);
+                second.lobe =
+                    Lobe::from_roughness(self.material.surfaces[second.surface].roughness);
                 second.ray = self.batch.rays.len();
-                let seen = second.point.seen_through(slot.lobe.variance, second.distance);
-                self.batch.rays.push(seen.lobe_ray(&second.lobe, slot.lobe.variance, &still, context.frame));
+                let seen = second
+                    .point
+                    .seen_through(slot.lobe.variance, second.distance);
+                self.batch.rays.push(seen.lobe_ray(
+                    &second.lobe,
+                    slot.lobe.variance,
+                    &still,
+                    context.frame,
+                ));
             }
         }
     }
@@ -197,8 +230,11 @@ impl Chunk {
         self.backgrounds.clear();
         self.first_background_ray = self.batch.rays.len();
         for slot in backgrounds {
-            let mut random = SlotRandom::new(context.config.seed, context.step, (1 << 32) + slot as u64);
-            let sample = context.pixels.draw_background(&mut random, context.config.preconvolved_share);
+            let mut random =
+                SlotRandom::new(context.config.seed, context.step, (1 << 32) + slot as u64);
+            let sample = context
+                .pixels
+                .draw_background(&mut random, context.config.preconvolved_share);
             let cone = ConeRay {
                 origin: context.frame.field_from_world(sample.origin).to_array(),
                 direction: sample.direction.to_array(),
@@ -206,7 +242,11 @@ impl Chunk {
                 spread: sample.spread,
                 lobe_variance: 0.0,
             };
-            self.batch.rays.push(FieldRay { cone, direction: sample.direction.to_array(), kappa: f32::INFINITY });
+            self.batch.rays.push(FieldRay {
+                cone,
+                direction: sample.direction.to_array(),
+                kappa: f32::INFINITY,
+            });
             self.backgrounds.push(sample);
         }
     }
@@ -215,23 +255,37 @@ impl Chunk {
     pub(super) fn run(&mut self, context: &StepContext<'_>) {
         self.loss = ChunkLoss::default();
         self.d_field_networks.clear();
-        self.d_field_networks.resize(context.field.n_network_params(), 0.0);
+        self.d_field_networks
+            .resize(context.field.n_network_params(), 0.0);
         context.field.forward(&mut self.batch);
         self.batch.d_radiance.clear();
-        self.batch.d_radiance.resize(self.batch.rays.len(), [0.0; 3]);
+        self.batch
+            .d_radiance
+            .resize(self.batch.rays.len(), [0.0; 3]);
         self.material.d_surfaces.clear();
-        self.material.d_surfaces.resize(self.material.surfaces.len(), Surface::default());
+        self.material
+            .d_surfaces
+            .resize(self.material.surfaces.len(), Surface::default());
         self.background_losses(context);
         for index in 0..self.slots.len() {
             self.object_loss(context, index);
         }
-        context.field.backward(context.field_transposed, &mut self.batch, &mut self.d_field_networks);
+        context.field.backward(
+            context.field_transposed,
+            &mut self.batch,
+            &mut self.d_field_networks,
+        );
         if let Some(material) = context.material {
             self.smoothness_losses(context);
             self.roughness_gradients(context);
             self.d_material_network.clear();
-            self.d_material_network.resize(material.n_network_params(), 0.0);
-            material.backward(context.material_transposed, &mut self.material, &mut self.d_material_network);
+            self.d_material_network
+                .resize(material.n_network_params(), 0.0);
+            material.backward(
+                context.material_transposed,
+                &mut self.material,
+                &mut self.d_material_network,
+            );
         }
         self.is_finite = self.check_finite();
     }
@@ -239,7 +293,11 @@ impl Chunk {
     fn background_losses(&mut self, context: &StepContext<'_>) {
         let scale = context.config.background_weight / context.config.background_pixels as f32;
         for (sample, ray) in self.backgrounds.iter().zip(self.first_background_ray..) {
-            let loss = pixel_loss(context.display, Vec3::from(self.batch.radiance[ray]), sample.target);
+            let loss = pixel_loss(
+                context.display,
+                Vec3::from(self.batch.radiance[ray]),
+                sample.target,
+            );
             self.loss.background += f64::from(loss.value);
             self.loss.d_gamma += f64::from(loss.d_gamma * scale);
             self.batch.d_radiance[ray] = (loss.d_linear * scale).to_array();
@@ -252,19 +310,36 @@ impl Chunk {
         let surface = self.material.surfaces[index];
         let cos = slot.point.n_dot_v();
         let share = slot.share.0;
-        let light_free = slot.ray.map_or(Vec3::ZERO, |ray| Vec3::from(self.batch.radiance[ray]));
+        let light_free = slot
+            .ray
+            .map_or(Vec3::ZERO, |ray| Vec3::from(self.batch.radiance[ray]));
         let light_met = slot.second.map_or(Vec3::ZERO, |second| {
             let light = Vec3::from(self.batch.radiance[second.ray]);
-            outgoing(&self.material.surfaces[second.surface], second.point.n_dot_v(), Vec3::ONE, light)
+            outgoing(
+                &self.material.surfaces[second.surface],
+                second.point.n_dot_v(),
+                Vec3::ONE,
+                light,
+            )
         });
         let light = light_free * (1.0 - share) + light_met * share;
-        let loss = pixel_loss(context.display, outgoing(&surface, cos, Vec3::ONE, light), slot.target);
+        let loss = pixel_loss(
+            context.display,
+            outgoing(&surface, cos, Vec3::ONE, light),
+            slot.target,
+        );
         let scale = 1.0 / context.config.object_pixels as f32;
         self.loss.object += f64::from(loss.value);
         self.loss.d_gamma += f64::from(loss.d_gamma * scale);
 
         let d_out = loss.d_linear * scale;
-        let d_light = outgoing_backward(&surface, cos, light, d_out, &mut self.material.d_surfaces[index]);
+        let d_light = outgoing_backward(
+            &surface,
+            cos,
+            light,
+            d_out,
+            &mut self.material.d_surfaces[index],
+        );
         if let Some(ray) = slot.ray {
             self.batch.d_radiance[ray] = (d_light * (1.0 - share)).to_array();
         }
@@ -272,7 +347,13 @@ impl Chunk {
             let light = Vec3::from(self.batch.radiance[second.ray]);
             let met = self.material.surfaces[second.surface];
             let d_surface = &mut self.material.d_surfaces[second.surface];
-            let d_met = outgoing_backward(&met, second.point.n_dot_v(), light, d_light * share, d_surface);
+            let d_met = outgoing_backward(
+                &met,
+                second.point.n_dot_v(),
+                light,
+                d_light * share,
+                d_surface,
+            );
             self.batch.d_radiance[second.ray] = d_met.to_array();
             // share depends on kappa = 0.35 / r^4: d kappa / d r = -4 kappa / r.
             let d_kappa = slot.share.1 * d_light.dot(light_met - light_free);
@@ -285,18 +366,25 @@ impl Chunk {
         if context.step < u64::from(context.config.roughness_delay) {
             // The output shares its hidden layer with the others and would drift; a spring holds it.
             let scale = HOLD_STRENGTH / self.material.surfaces.len() as f32 / N_CHUNKS as f32;
-            for (d, surface) in self.material.d_surfaces.iter_mut().zip(&self.material.surfaces) {
+            for (d, surface) in self
+                .material
+                .d_surfaces
+                .iter_mut()
+                .zip(&self.material.surfaces)
+            {
                 d.roughness = scale * (surface.roughness - INITIAL_ROUGHNESS);
             }
             return;
         }
         for (index, slot) in self.slots.iter().enumerate() {
             if let Some(ray) = slot.ray {
-                self.material.d_surfaces[index].roughness += self.batch.d_lobe_variance[ray] * slot.lobe.d_variance;
+                self.material.d_surfaces[index].roughness +=
+                    self.batch.d_lobe_variance[ray] * slot.lobe.d_variance;
             }
             if let Some(second) = slot.second {
                 let d_variance = self.batch.d_lobe_variance[second.ray];
-                self.material.d_surfaces[second.surface].roughness += d_variance * second.lobe.d_variance;
+                self.material.d_surfaces[second.surface].roughness +=
+                    d_variance * second.lobe.d_variance;
                 self.material.d_surfaces[index].roughness += d_variance * slot.lobe.d_variance;
             }
         }
@@ -304,12 +392,17 @@ impl Chunk {
 
     /// Eq. 8 by finite differences: `|Δ roughness| + |Δ tint|` over the step, where the image is smooth.
     fn smoothness_losses(&mut self, context: &StepContext<'_>) {
-        let weight = context.config.smoothness_weight / (SMOOTHNESS_STEP * self.pairs.len().max(1) as f32 * N_CHUNKS as f32);
+        let weight = context.config.smoothness_weight
+            / (SMOOTHNESS_STEP * self.pairs.len().max(1) as f32 * N_CHUNKS as f32);
         for &(index, beside) in &self.pairs {
             let weight = weight * self.slots[index].smoothness;
-            let (a, b) = (self.material.surfaces[index], self.material.surfaces[beside]);
+            let (a, b) = (
+                self.material.surfaces[index],
+                self.material.surfaces[beside],
+            );
             let (d_roughness, d_tint) = (a.roughness - b.roughness, a.tint - b.tint);
-            self.loss.smoothness += f64::from(weight * (d_roughness.abs() + d_tint.abs().element_sum()));
+            self.loss.smoothness +=
+                f64::from(weight * (d_roughness.abs() + d_tint.abs().element_sum()));
             // `signum` of zero is one; equal neighbours should feel nothing.
             let sign = |v: f32| if v == 0.0 { 0.0 } else { v.signum() * weight };
             let tint = Vec3::new(sign(d_tint.x), sign(d_tint.y), sign(d_tint.z));
@@ -323,7 +416,9 @@ impl Chunk {
 
     fn check_finite(&self) -> bool {
         let probe = |values: &[f32]| values.iter().map(|v| v * 0.0).sum::<f32>();
-        let sum = probe(&self.d_field_networks) + probe(&self.d_material_network) + self.batch.gradient_probe();
+        let sum = probe(&self.d_field_networks)
+            + probe(&self.d_material_network)
+            + self.batch.gradient_probe();
         sum == 0.0 && (self.loss.object + self.loss.background + self.loss.smoothness).is_finite()
     }
 }

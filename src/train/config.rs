@@ -39,9 +39,9 @@ pub struct TrainConfig {
     pub warmup_steps: u32,
     /// What is left of the learning rates at the end of the planned run (exponential decay).
     pub final_rate: f32,
-    /// Weight of background and pre-convolved pixels against object pixels (lambda_p).
+    /// Weight of background and pre-convolved pixels against object pixels (`lambda_p`).
     pub background_weight: f32,
-    /// Weight of the bilateral smoothness of roughness and tint (lambda_s, Eq. 8).
+    /// Weight of the bilateral smoothness of roughness and tint (`lambda_s`, Eq. 8).
     pub smoothness_weight: f32,
     /// Share of background pixels drawn from blurred levels.
     pub preconvolved_share: f32,
@@ -73,12 +73,22 @@ impl Default for TrainConfig {
             render_samples: 24,
             inner_box_scale: 1.1,
             field: FieldConfig {
-                grid: GridConfig { n_levels: 8, coarsest: 16, finest: 768, log2_table_size: 16 },
+                grid: GridConfig {
+                    n_levels: 8,
+                    coarsest: 16,
+                    finest: 768,
+                    log2_table_size: 15,
+                },
                 n_hidden: 64,
                 view_dependent: true,
             },
             material: MaterialConfig {
-                grid: GridConfig { n_levels: 4, coarsest: 12, finest: 96, log2_table_size: 15 },
+                grid: GridConfig {
+                    n_levels: 4,
+                    coarsest: 12,
+                    finest: 96,
+                    log2_table_size: 15,
+                },
                 n_hidden: 64,
             },
             grid_rate: 1e-2,
@@ -86,7 +96,7 @@ impl Default for TrainConfig {
             gamma_rate: 5e-4,
             warmup_steps: 50,
             final_rate: 0.1,
-            background_weight: 0.5,
+            background_weight: 0.2,
             smoothness_weight: 1e-4,
             preconvolved_share: 0.3,
             preconvolved_levels: 5,
@@ -108,7 +118,10 @@ impl TrainConfig {
     pub fn preset(name: &str) -> Result<Self, TrainError> {
         match name {
             "fast" => Ok(Self::default()),
-            _ => Err(TrainError::Config { field: "preset", what: format!("`{name}` is not known; known: fast, or a .toml file") }),
+            _ => Err(TrainError::Config {
+                field: "preset",
+                what: format!("`{name}` is not known; known: fast, or a .toml file"),
+            }),
         }
     }
 
@@ -117,7 +130,10 @@ impl TrainConfig {
     /// # Errors
     /// When a field is unknown, has the wrong type or is out of range.
     pub fn from_toml(text: &str) -> Result<Self, TrainError> {
-        let config: Self = toml::from_str(text).map_err(|e| TrainError::Config { field: "toml", what: e.to_string() })?;
+        let config: Self = toml::from_str(text).map_err(|e| TrainError::Config {
+            field: "toml",
+            what: e.to_string(),
+        })?;
         config.validate()?;
         Ok(config)
     }
@@ -135,27 +151,55 @@ impl TrainConfig {
         let positive = |v: f32| v.is_finite() && v > 0.0;
         let grid_ok = |g: &GridConfig| {
             // Feature widths are multiples of 16.
-            [4, 8, 12, 16].contains(&g.n_levels) && g.coarsest >= 1 && g.finest >= g.coarsest && g.finest <= 1 << 14 && (4..=22).contains(&g.log2_table_size)
+            [4, 8, 12, 16].contains(&g.n_levels)
+                && g.coarsest >= 1
+                && g.finest >= g.coarsest
+                && g.finest <= 1 << 14
+                && (4..=22).contains(&g.log2_table_size)
         };
         let width_ok = |n: usize| n.is_multiple_of(16) && (16..=256).contains(&n);
         let checks: [(&'static str, bool); 14] = [
             ("threads", self.threads <= 1024),
             ("object_pixels", (1..=1 << 16).contains(&self.object_pixels)),
-            ("background_pixels", (1..=1 << 16).contains(&self.background_pixels)),
+            (
+                "background_pixels",
+                (1..=1 << 16).contains(&self.background_pixels),
+            ),
             ("samples_per_ray", (2..=256).contains(&self.samples_per_ray)),
             ("render_samples", (2..=256).contains(&self.render_samples)),
             ("inner_box_scale", positive(self.inner_box_scale)),
             ("field.grid", grid_ok(&self.field.grid)),
             ("material.grid", grid_ok(&self.material.grid)),
-            ("n_hidden", width_ok(self.field.n_hidden) && width_ok(self.material.n_hidden)),
-            ("grid_rate or network_rate", positive(self.grid_rate) && positive(self.network_rate)),
-            ("gamma_rate", self.gamma_rate.is_finite() && self.gamma_rate >= 0.0),
-            ("final_rate", positive(self.final_rate) && self.final_rate <= 1.0),
-            ("background_weight or smoothness_weight", positive(self.background_weight) && self.smoothness_weight >= 0.0),
-            ("preconvolved_levels", self.preconvolved_levels <= 5 && (0.0..1.0).contains(&self.preconvolved_share)),
+            (
+                "n_hidden",
+                width_ok(self.field.n_hidden) && width_ok(self.material.n_hidden),
+            ),
+            (
+                "grid_rate or network_rate",
+                positive(self.grid_rate) && positive(self.network_rate),
+            ),
+            (
+                "gamma_rate",
+                self.gamma_rate.is_finite() && self.gamma_rate >= 0.0,
+            ),
+            (
+                "final_rate",
+                positive(self.final_rate) && self.final_rate <= 1.0,
+            ),
+            (
+                "background_weight or smoothness_weight",
+                positive(self.background_weight) && self.smoothness_weight >= 0.0,
+            ),
+            (
+                "preconvolved_levels",
+                self.preconvolved_levels <= 5 && (0.0..1.0).contains(&self.preconvolved_share),
+            ),
         ];
         match checks.iter().find(|(_, ok)| !ok) {
-            Some((field, _)) => Err(TrainError::Config { field, what: "is out of range".to_owned() }),
+            Some((field, _)) => Err(TrainError::Config {
+                field,
+                what: "is out of range".to_owned(),
+            }),
             None => Ok(()),
         }
     }
@@ -167,13 +211,27 @@ mod tests {
 
     #[test]
     fn settings_survive_toml() {
-        let config = TrainConfig { seed: 7, background_weight: 0.25, ..TrainConfig::default() };
+        let config = TrainConfig {
+            seed: 7,
+            background_weight: 0.25,
+            ..TrainConfig::default()
+        };
         assert_eq!(TrainConfig::from_toml(&config.to_toml()).unwrap(), config);
     }
 
     #[test]
     fn unknown_and_absurd_fields_are_named() {
-        assert!(TrainConfig::from_toml("speed = 9").unwrap_err().to_string().contains("speed"));
-        assert!(TrainConfig::from_toml("samples_per_ray = 0").unwrap_err().to_string().contains("samples_per_ray"));
+        assert!(
+            TrainConfig::from_toml("speed = 9")
+                .unwrap_err()
+                .to_string()
+                .contains("speed")
+        );
+        assert!(
+            TrainConfig::from_toml("samples_per_ray = 0")
+                .unwrap_err()
+                .to_string()
+                .contains("samples_per_ray")
+        );
     }
 }

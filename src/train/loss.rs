@@ -12,7 +12,7 @@ const TINY: f32 = 1e-6;
 
 /// Error of one pixel and its gradients.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct PixelLoss {
+pub(super) struct PixelLoss {
     /// Sum of squared differences over the colours.
     pub value: f32,
     /// By the linear radiance.
@@ -22,7 +22,7 @@ pub struct PixelLoss {
 }
 
 /// `|srgb(C)^gamma - target|²` with its gradients (Eq. 9).
-pub fn pixel_loss(display: Display, linear: Vec3, target: [f32; 3]) -> PixelLoss {
+pub(super) fn pixel_loss(display: Display, linear: Vec3, target: [f32; 3]) -> PixelLoss {
     let mut loss = PixelLoss::default();
     for c in 0..3 {
         // `max` would turn NaN into 0 and hide it from the non-finite check.
@@ -54,13 +54,21 @@ mod tests {
             let loss = pixel_loss(Display { gamma }, linear, target);
             let h = 1e-3;
             for c in 0..3 {
-                let at = |s: f32| pixel_loss(Display { gamma }, linear + Vec3::AXES[c] * s, target).value;
+                let at = |s: f32| {
+                    pixel_loss(Display { gamma }, linear + Vec3::AXES[c] * s, target).value
+                };
                 let numeric = (at(h) - at(-h)) / (2.0 * h);
-                assert!((loss.d_linear[c] - numeric).abs() < 1e-2 * numeric.abs() + 1e-3, "gamma {gamma}, colour {c}");
+                assert!(
+                    (loss.d_linear[c] - numeric).abs() < 1e-2 * numeric.abs() + 1e-3,
+                    "gamma {gamma}, colour {c}"
+                );
             }
             let at = |g: f32| pixel_loss(Display { gamma: g }, linear, target).value;
             let numeric = (at(gamma + h) - at(gamma - h)) / (2.0 * h);
-            assert!((loss.d_gamma - numeric).abs() < 1e-2 * numeric.abs() + 1e-3, "gamma {gamma}");
+            assert!(
+                (loss.d_gamma - numeric).abs() < 1e-2 * numeric.abs() + 1e-3,
+                "gamma {gamma}"
+            );
         }
     }
 
@@ -72,6 +80,10 @@ mod tests {
 
     #[test]
     fn nan_stays_visible() {
-        assert!(pixel_loss(Display { gamma: 1.0 }, Vec3::splat(f32::NAN), [0.5; 3]).value.is_nan());
+        assert!(
+            pixel_loss(Display { gamma: 1.0 }, Vec3::splat(f32::NAN), [0.5; 3])
+                .value
+                .is_nan()
+        );
     }
 }

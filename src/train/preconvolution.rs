@@ -15,14 +15,14 @@ const INVALID: u16 = u16::MAX;
 
 /// One photo's surroundings at all blur levels, sharp first.
 #[derive(Clone, Debug)]
-pub struct BlurredView {
+pub(super) struct BlurredView {
     /// The levels.
     pub levels: Vec<BlurredImage>,
 }
 
 /// One level: a grid of samples, every `stride` pixels, of the photo blurred by `sigma_px`.
 #[derive(Clone, Debug)]
-pub struct BlurredImage {
+pub(super) struct BlurredImage {
     width: u32,
     stride: u32,
     sigma_px: f32,
@@ -35,15 +35,30 @@ struct Weighted([f32; 4]);
 
 impl BlurredView {
     /// Blurs the pixels of `photo` that are background.
-    pub fn new(photo: &Photo, is_background: &[bool], n_blurred: usize) -> Self {
+    pub(super) fn new(photo: &Photo, is_background: &[bool], n_blurred: usize) -> Self {
         let (mut width, mut height) = (photo.width(), photo.height());
-        let sharp = is_background.iter().enumerate().map(|(i, &b)| if b { encode(photo.srgb(i)) } else { [INVALID; 3] });
-        let mut levels = vec![BlurredImage { width, stride: 1, sigma_px: 0.0, pixels: sharp.collect() }];
+        let sharp = is_background.iter().enumerate().map(|(i, &b)| {
+            if b {
+                encode(photo.srgb(i))
+            } else {
+                [INVALID; 3]
+            }
+        });
+        let mut levels = vec![BlurredImage {
+            width,
+            stride: 1,
+            sigma_px: 0.0,
+            pixels: sharp.collect(),
+        }];
         if n_blurred == 0 {
             return Self { levels };
         }
         let linear = linear_by_code();
-        let mut image: Vec<Weighted> = levels[0].pixels.iter().map(|code| weigh(*code, &linear)).collect();
+        let mut image: Vec<Weighted> = levels[0]
+            .pixels
+            .iter()
+            .map(|code| weigh(*code, &linear))
+            .collect();
         let (mut stride, mut sigma_px) = (1, 0.0_f32);
         for level in 1..=n_blurred {
             let next = (1 << (level - 1)) as f32;
@@ -57,7 +72,12 @@ impl BlurredView {
             let step = (next * next - sigma_px * sigma_px).sqrt() / stride as f32;
             image = blur(&image, width, height, step);
             sigma_px = next;
-            levels.push(BlurredImage { width, stride, sigma_px, pixels: image.iter().map(unweigh).collect() });
+            levels.push(BlurredImage {
+                width,
+                stride,
+                sigma_px,
+                pixels: image.iter().map(unweigh).collect(),
+            });
         }
         Self { levels }
     }
@@ -65,23 +85,30 @@ impl BlurredView {
 
 impl BlurredImage {
     /// Samples that hold background.
-    pub fn valid_pixels(&self) -> impl Iterator<Item = u32> + '_ {
-        self.pixels.iter().enumerate().filter(|(_, p)| p[0] != INVALID).map(|(i, _)| i as u32)
+    pub(super) fn valid_pixels(&self) -> impl Iterator<Item = u32> + '_ {
+        self.pixels
+            .iter()
+            .enumerate()
+            .filter(|(_, p)| p[0] != INVALID)
+            .map(|(i, _)| i as u32)
     }
 
     /// Centre of a sample in pixels of the photo.
-    pub fn position_px(&self, sample: u32) -> (f32, f32) {
+    pub(super) fn position_px(&self, sample: u32) -> (f32, f32) {
         let (x, y) = (sample % self.width, sample / self.width);
-        ((x as f32 + 0.5) * self.stride as f32, (y as f32 + 0.5) * self.stride as f32)
+        (
+            (x as f32 + 0.5) * self.stride as f32,
+            (y as f32 + 0.5) * self.stride as f32,
+        )
     }
 
     /// Standard deviation of what a sample averages, pixels of the photo: the blur and the pixel itself.
-    pub fn std_px(&self) -> f32 {
+    pub(super) fn std_px(&self) -> f32 {
         (self.sigma_px * self.sigma_px + 1.0 / 12.0).sqrt()
     }
 
     /// The sample, sRGB in `[0, 1]`.
-    pub fn srgb(&self, sample: u32) -> [f32; 3] {
+    pub(super) fn srgb(&self, sample: u32) -> [f32; 3] {
         self.pixels[sample as usize].map(|code| f32::from(code) / CODE_MAX)
     }
 }
@@ -92,7 +119,9 @@ fn encode(srgb: [f32; 3]) -> [u16; 3] {
 
 /// Linear value of every 16th code: the photos have 8 bits, and 4096 steps are finer.
 fn linear_by_code() -> Vec<f32> {
-    (0..=4096).map(|i| linear_from_srgb(i as f32 * 16.0 / CODE_MAX)).collect()
+    (0..=4096)
+        .map(|i| linear_from_srgb(i as f32 * 16.0 / CODE_MAX))
+        .collect()
 }
 
 fn weigh(code: [u16; 3], linear: &[f32]) -> Weighted {
@@ -105,7 +134,11 @@ fn weigh(code: [u16; 3], linear: &[f32]) -> Weighted {
 
 fn unweigh(w: &Weighted) -> [u16; 3] {
     let [r, g, b, weight] = w.0;
-    if weight < MIN_WEIGHT { [INVALID; 3] } else { encode([r, g, b].map(|v| srgb_from_linear(v / weight))) }
+    if weight < MIN_WEIGHT {
+        [INVALID; 3]
+    } else {
+        encode([r, g, b].map(|v| srgb_from_linear(v / weight)))
+    }
 }
 
 /// Averages of 2 x 2 samples; an odd last row or column is dropped.
@@ -115,7 +148,12 @@ fn halve(image: &[Weighted], width: u32, height: u32) -> Vec<Weighted> {
     let mut out = Vec::with_capacity(image.len() / 4);
     for y in 0..height / 2 {
         for x in 0..width / 2 {
-            let average = |c| 0.25 * (at(2 * x, 2 * y, c) + at(2 * x + 1, 2 * y, c) + at(2 * x, 2 * y + 1, c) + at(2 * x + 1, 2 * y + 1, c));
+            let average = |c| {
+                0.25 * (at(2 * x, 2 * y, c)
+                    + at(2 * x + 1, 2 * y, c)
+                    + at(2 * x, 2 * y + 1, c)
+                    + at(2 * x + 1, 2 * y + 1, c))
+            };
             out.push(Weighted(std::array::from_fn(average)));
         }
     }
@@ -126,7 +164,9 @@ fn halve(image: &[Weighted], width: u32, height: u32) -> Vec<Weighted> {
 fn blur(image: &[Weighted], width: u32, height: u32, sigma: f32) -> Vec<Weighted> {
     let (width, height) = (width as usize, height as usize);
     let reach = (3.0 * sigma).ceil() as usize;
-    let raw: Vec<f32> = (0..=2 * reach).map(|i| (-0.5 * ((i as f32 - reach as f32) / sigma).powi(2)).exp()).collect();
+    let raw: Vec<f32> = (0..=2 * reach)
+        .map(|i| (-0.5 * ((i as f32 - reach as f32) / sigma).powi(2)).exp())
+        .collect();
     let total: f32 = raw.iter().sum();
     let kernel: Vec<f32> = raw.iter().map(|k| k / total).collect();
     let along_x = convolve(image, width, height, &kernel, 1);
@@ -134,7 +174,13 @@ fn blur(image: &[Weighted], width: u32, height: u32, sigma: f32) -> Vec<Weighted
 }
 
 /// Convolves along rows (`step == 1`) or columns (`step == width`).
-fn convolve(image: &[Weighted], width: usize, height: usize, kernel: &[f32], step: usize) -> Vec<Weighted> {
+fn convolve(
+    image: &[Weighted],
+    width: usize,
+    height: usize,
+    kernel: &[f32],
+    step: usize,
+) -> Vec<Weighted> {
     let reach = kernel.len() / 2;
     let mut out = vec![Weighted::default(); image.len()];
     for y in 0..height {

@@ -71,6 +71,20 @@ pub enum RunFolderError {
     Mesh(#[from] DataError),
 }
 
+impl RunFolderError {
+    /// True when the system refused to read or write, e.g. because the disk is full: the run
+    /// folder itself is not at fault.
+    pub fn is_refused_by_system(&self) -> bool {
+        matches!(
+            self,
+            Self::Io { .. }
+                | Self::Tensors(TensorFileError::Io { .. })
+                | Self::Field(NeifError::File(TensorFileError::Io { .. }))
+                | Self::Mesh(DataError::Io { .. })
+        )
+    }
+}
+
 /// Where the capture of a run lies. Both ways are kept, so that a run survives being moved
 /// together with its capture, and on its own.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -147,7 +147,7 @@ impl SessionError {
     pub fn is_unusable_input(&self) -> bool {
         match self {
             Self::Dataset(_) | Self::Train(_) => true,
-            Self::RunFolder(error) => !matches!(error, RunFolderError::Io { .. }),
+            Self::RunFolder(error) => !error.is_refused_by_system(),
             Self::NotFinite(_) | Self::Threads(_) | Self::Panicked => false,
         }
     }

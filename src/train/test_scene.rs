@@ -20,8 +20,11 @@ const DIFFUSE: Vec3 = Vec3::new(0.02, 0.05, 0.10);
 pub(super) fn sphere_in_a_box(n_views: usize, size: u32) -> Dataset {
     let mesh = Arc::new(sphere(0.5, 24));
     let tracer = SurfaceTracer::new(Arc::clone(&mesh));
-    let views: Vec<View> = (0..n_views).map(|i| view(&tracer, i, n_views, size)).collect();
-    let (val, train): (Vec<_>, Vec<_>) = views.into_iter().enumerate().partition(|(i, _)| i % 5 == 4);
+    let views: Vec<View> = (0..n_views)
+        .map(|i| view(&tracer, i, n_views, size))
+        .collect();
+    let (val, train): (Vec<_>, Vec<_>) =
+        views.into_iter().enumerate().partition(|(i, _)| i % 5 == 4);
     let strip = |views: Vec<(usize, View)>| views.into_iter().map(|(_, v)| v).collect();
     Dataset {
         name: "sphere in a box".to_owned(),
@@ -38,7 +41,14 @@ pub(super) fn sphere_in_a_box(n_views: usize, size: u32) -> Dataset {
 
 fn view(tracer: &SurfaceTracer, index: usize, n_views: usize, size: u32) -> View {
     let direction = fibonacci_sphere(n_views)[index];
-    let camera = Camera::look_at(direction * 1.9, Vec3::ZERO, Vec3::new(0.1, 0.2, 1.0), 1.0, size, size);
+    let camera = Camera::look_at(
+        direction * 1.9,
+        Vec3::ZERO,
+        Vec3::new(0.1, 0.2, 1.0),
+        1.0,
+        size,
+        size,
+    );
     let (mut pixels, mut coverage) = (Vec::new(), Vec::new());
     for i in 0..size * size {
         let (x, y) = (i % size, i / size);
@@ -58,8 +68,16 @@ fn view(tracer: &SurfaceTracer, index: usize, n_views: usize, size: u32) -> View
     View {
         name: format!("view {index}"),
         camera,
-        photo: Photo::Ldr { width: size, height: size, pixels },
-        mask: Some(Mask { width: size, height: size, coverage }),
+        photo: Photo::Ldr {
+            width: size,
+            height: size,
+            pixels,
+        },
+        mask: Some(Mask {
+            width: size,
+            height: size,
+            coverage,
+        }),
     }
 }
 
@@ -69,7 +87,10 @@ fn shade(tracer: &SurfaceTracer, ray: &Ray) -> (Vec3, bool) {
             let cos = hit.normal.dot(-ray.direction).max(0.0);
             let reflected = ray.direction + 2.0 * cos * hit.normal;
             let fresnel = TINT + (Vec3::ONE - TINT) * (1.0 - cos).powi(5);
-            (DIFFUSE * (Vec3::ONE - fresnel) + fresnel * wall(hit.position, reflected), true)
+            (
+                DIFFUSE * (Vec3::ONE - fresnel) + fresnel * wall(hit.position, reflected),
+                true,
+            )
         }
         None => (wall(ray.origin, ray.direction), false),
     }
@@ -79,7 +100,11 @@ fn shade(tracer: &SurfaceTracer, ray: &Ray) -> (Vec3, bool) {
 fn wall(origin: Vec3, direction: Vec3) -> Vec3 {
     let distance = |axis: usize| {
         let d = direction[axis];
-        if d.abs() < 1e-9 { f32::INFINITY } else { (BOX * d.signum() - origin[axis]) / d }
+        if d.abs() < 1e-9 {
+            f32::INFINITY
+        } else {
+            (BOX * d.signum() - origin[axis]) / d
+        }
     };
     let t = (0..3).map(distance).fold(f32::INFINITY, f32::min);
     let p = origin + direction * t;
@@ -95,14 +120,23 @@ fn sphere(radius: f32, n: usize) -> Mesh {
         let theta = std::f32::consts::PI * row as f32 / n as f32;
         for column in 0..=columns {
             let phi = std::f32::consts::TAU * column as f32 / columns as f32;
-            normals.push(Vec3::new(theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos()));
+            normals.push(Vec3::new(
+                theta.sin() * phi.cos(),
+                theta.sin() * phi.sin(),
+                theta.cos(),
+            ));
         }
     }
     let index = |row: usize, column: usize| (row * (columns + 1) + column) as u32;
     let triangles = (0..n)
         .flat_map(|row| (0..columns).map(move |column| (row, column)))
         .flat_map(|(row, column)| {
-            let [a, b, c, d] = [index(row, column), index(row + 1, column), index(row + 1, column + 1), index(row, column + 1)];
+            let [a, b, c, d] = [
+                index(row, column),
+                index(row + 1, column),
+                index(row + 1, column + 1),
+                index(row, column + 1),
+            ];
             [[a, b, c], [a, c, d]]
         })
         .collect();

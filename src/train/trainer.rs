@@ -91,7 +91,10 @@ impl Trainer {
         on_progress: &(dyn Fn(f32) + Sync),
     ) -> Result<Self, TrainError> {
         config.validate()?;
-        let tracer = dataset.mesh.as_ref().map(|mesh| Arc::new(SurfaceTracer::new(Arc::clone(mesh))));
+        let tracer = dataset
+            .mesh
+            .as_ref()
+            .map(|mesh| Arc::new(SurfaceTracer::new(Arc::clone(mesh))));
         let options = PixelOptions {
             seed: config.seed,
             max_pixels: config.max_pixels,
@@ -103,23 +106,34 @@ impl Trainer {
             on_progress(done.fetch_add(1, Ordering::Relaxed) as f32 / total);
             !cancel.load(Ordering::Relaxed)
         };
-        let pixels = PixelStore::collect(dataset, tracer.as_deref(), options, &on_view).ok_or(TrainError::Cancelled)?;
+        let pixels = PixelStore::collect(dataset, tracer.as_deref(), options, &on_view)
+            .ok_or(TrainError::Cancelled)?;
         if pixels.n_objects() == 0 && pixels.n_backgrounds() == 0 {
-            return Err(TrainError::NoPixels { dataset: dataset.root.clone() });
+            return Err(TrainError::NoPixels {
+                dataset: dataset.root.clone(),
+            });
         }
         Ok(Self::with_pixels(config, dataset, tracer, pixels))
     }
 
-    fn with_pixels(config: &TrainConfig, dataset: &Dataset, tracer: Option<Arc<SurfaceTracer>>, pixels: PixelStore) -> Self {
+    fn with_pixels(
+        config: &TrainConfig,
+        dataset: &Dataset,
+        tracer: Option<Arc<SurfaceTracer>>,
+        pixels: PixelStore,
+    ) -> Self {
         let mut random = SlotRandom::new(config.seed, u64::MAX, 0);
         let frame = field_frame(dataset, config.inner_box_scale);
         let field = RadianceField::new(config.field, || random.uniform());
-        let material = tracer.as_ref().filter(|_| pixels.n_objects() > 0).map(|tracer| {
-            let bounds = tracer.mesh().bounds();
-            // A margin, so that the rim of the cube is never needed.
-            let side = 1.05 * bounds.extent().max_element();
-            Material::new(config.material, bounds.center(), side, || random.uniform())
-        });
+        let material = tracer
+            .as_ref()
+            .filter(|_| pixels.n_objects() > 0)
+            .map(|tracer| {
+                let bounds = tracer.mesh().bounds();
+                // A margin, so that the rim of the cube is never needed.
+                let side = 1.05 * bounds.extent().max_element();
+                Material::new(config.material, bounds.center(), side, || random.uniform())
+            });
         let mut trainer = Self {
             config: config.clone(),
             name: dataset.name.clone(),
@@ -196,14 +210,25 @@ impl Trainer {
             n_samples: self.config.render_samples,
             up: self.up,
         };
-        let object = self.material.as_ref().zip(self.tracer.as_ref()).map(|(material, tracer)| {
-            Arc::new(ObjectModel { tracer: Arc::clone(tracer), material: Arc::new(material.value.clone()) })
-        });
+        let object = self
+            .material
+            .as_ref()
+            .zip(self.tracer.as_ref())
+            .map(|(material, tracer)| {
+                Arc::new(ObjectModel {
+                    tracer: Arc::clone(tracer),
+                    material: Arc::new(material.value.clone()),
+                })
+            });
         let environment = Environment::new(place, self.field.value.clone(), self.density.clone());
-        Snapshot { step: self.step, object, environment: Arc::new(environment) }
+        Snapshot {
+            step: self.step,
+            object,
+            environment: Arc::new(environment),
+        }
     }
 
-    fn context<'a>(&'a self) -> StepContext<'a> {
+    fn context(&self) -> StepContext<'_> {
         let explored = self.step as f32 / self.config.exploration_steps.max(1) as f32;
         StepContext {
             config: &self.config,
@@ -224,12 +249,26 @@ impl Trainer {
     fn prepare(&mut self) {
         let mut chunks = std::mem::take(&mut self.chunks);
         let context = self.context();
-        let backgrounds = if self.pixels.n_backgrounds() == 0 { 0 } else { self.config.background_pixels };
-        let objects = if context.material.is_some() { self.config.object_pixels } else { 0 };
+        let backgrounds = if self.pixels.n_backgrounds() == 0 {
+            0
+        } else {
+            self.config.background_pixels
+        };
+        let objects = if context.material.is_some() {
+            self.config.object_pixels
+        } else {
+            0
+        };
         // Without an object its share of the work goes to the background.
-        let backgrounds = if objects == 0 { backgrounds + self.config.object_pixels } else { backgrounds };
+        let backgrounds = if objects == 0 {
+            backgrounds + self.config.object_pixels
+        } else {
+            backgrounds
+        };
         let share = |n: usize, i: usize| n * i / N_CHUNKS..n * (i + 1) / N_CHUNKS;
-        chunks.par_iter_mut().enumerate().for_each(|(i, chunk)| chunk.prepare(&context, share(objects, i), share(backgrounds, i)));
+        chunks.par_iter_mut().enumerate().for_each(|(i, chunk)| {
+            chunk.prepare(&context, share(objects, i), share(backgrounds, i));
+        });
         self.chunks = chunks;
     }
 
@@ -237,15 +276,19 @@ impl Trainer {
     fn encode(&mut self) {
         let (field, chunks) = (&self.field.value, &self.chunks);
         let n: usize = chunks.iter().map(|c| c.batch.n()).sum();
-        self.encoded.par_iter_mut().enumerate().rev().for_each(|(level, out)| {
-            out.resize(n * FEATURES, 0.0);
-            let mut rest = out.as_mut_slice();
-            for chunk in chunks {
-                let (head, tail) = rest.split_at_mut(chunk.batch.n() * FEATURES);
-                field.encode_level(level, &chunk.batch, head);
-                rest = tail;
-            }
-        });
+        self.encoded
+            .par_iter_mut()
+            .enumerate()
+            .rev()
+            .for_each(|(level, out)| {
+                out.resize(n * FEATURES, 0.0);
+                let mut rest = out.as_mut_slice();
+                for chunk in chunks {
+                    let (head, tail) = rest.split_at_mut(chunk.batch.n() * FEATURES);
+                    field.encode_level(level, &chunk.batch, head);
+                    rest = tail;
+                }
+            });
     }
 
     fn run_chunks(&mut self) {
@@ -260,13 +303,20 @@ impl Trainer {
             .collect();
         let context = self.context();
         let encoded = &self.encoded;
-        chunks.par_iter_mut().zip(starts).for_each(|(chunk, start)| {
-            let n = chunk.batch.n();
-            for (level, values) in encoded.iter().enumerate() {
-                context.field.insert_level(level, &values[start * FEATURES..(start + n) * FEATURES], &mut chunk.batch);
-            }
-            chunk.run(&context);
-        });
+        chunks
+            .par_iter_mut()
+            .zip(starts)
+            .for_each(|(chunk, start)| {
+                let n = chunk.batch.n();
+                for (level, values) in encoded.iter().enumerate() {
+                    context.field.insert_level(
+                        level,
+                        &values[start * FEATURES..(start + n) * FEATURES],
+                        &mut chunk.batch,
+                    );
+                }
+                chunk.run(&context);
+            });
         self.chunks = chunks;
     }
 
@@ -275,7 +325,9 @@ impl Trainer {
         let object = sum(|c| c.loss.object) / self.config.object_pixels as f64;
         let background = sum(|c| c.loss.background) / self.config.background_pixels as f64;
         StepStats {
-            loss: (object + f64::from(self.config.background_weight) * background + sum(|c| c.loss.smoothness)) as f32,
+            loss: (object
+                + f64::from(self.config.background_weight) * background
+                + sum(|c| c.loss.smoothness)) as f32,
             loss_object: object as f32,
             loss_background: background as f32,
             rays: self.chunks.iter().map(|c| c.batch.rays.len() as u32).sum(),
@@ -301,21 +353,32 @@ impl Trainer {
                     }
                 });
             }
-            scope.spawn(move |_| sum_in_order(networks, chunks.iter().map(|c| c.d_field_networks.as_slice())));
+            scope.spawn(move |_| {
+                sum_in_order(
+                    networks,
+                    chunks.iter().map(|c| c.d_field_networks.as_slice()),
+                );
+            });
             scope.spawn(move |_| {
                 for chunk in chunks {
-                    chunk.batch.observe_densities(|cell, value| density.observe(cell, value));
+                    chunk
+                        .batch
+                        .observe_densities(|cell, value| density.observe(cell, value));
                 }
             });
             if let Some(learned) = material {
                 let material = &learned.value;
-                let (network, mut grids) = learned.gradient.split_at_mut(material.n_network_params());
-                sum_in_order(network, chunks.iter().map(|c| c.d_material_network.as_slice()));
+                let (network, mut grids) =
+                    learned.gradient.split_at_mut(material.n_network_params());
+                sum_in_order(
+                    network,
+                    chunks.iter().map(|c| c.d_material_network.as_slice()),
+                );
                 for (level, shape) in material.levels().iter().enumerate() {
                     let (table, rest) = grids.split_at_mut(shape.n_entries * FEATURES);
                     grids = rest;
                     scope.spawn(move |_| {
-                            for chunk in chunks {
+                        for chunk in chunks {
                             material.scatter_level(level, &chunk.material, table);
                         }
                     });
@@ -328,17 +391,36 @@ impl Trainer {
         self.updates += 1;
         let warmup = ((self.updates as f32) / self.config.warmup_steps.max(1) as f32).min(1.0);
         let decay = warmup * self.config.final_rate.powf(progress.clamp(0.0, 1.0));
-        let rates = |n_head| Rates { n_head, head: decay * self.config.network_rate, tail: decay * self.config.grid_rate };
+        let rates = |n_head| Rates {
+            n_head,
+            head: decay * self.config.network_rate,
+            tail: decay * self.config.grid_rate,
+        };
         let n_head = self.field.value.n_network_params();
-        self.field.adam.update(&mut self.field.value.params, &mut self.field.gradient, rates(n_head), self.updates);
+        self.field.adam.update(
+            &mut self.field.value.params,
+            &mut self.field.gradient,
+            rates(n_head),
+            self.updates,
+        );
         if let Some(m) = &mut self.material {
             let n_head = m.value.n_network_params();
-            m.adam.update(&mut m.value.params, &mut m.gradient, rates(n_head), self.updates);
+            m.adam.update(
+                &mut m.value.params,
+                &mut m.gradient,
+                rates(n_head),
+                self.updates,
+            );
         }
         let d_gamma = self.chunks.iter().map(|c| c.loss.d_gamma).sum::<f64>() as f32;
-        let rates = Rates { n_head: 1, head: decay * self.config.gamma_rate, tail: 0.0 };
+        let rates = Rates {
+            n_head: 1,
+            head: decay * self.config.gamma_rate,
+            tail: 0.0,
+        };
         let mut gamma = [self.gamma];
-        self.gamma_adam.update(&mut gamma, &mut [d_gamma], rates, self.updates);
+        self.gamma_adam
+            .update(&mut gamma, &mut [d_gamma], rates, self.updates);
         // Outside this range the transform is no display transform any more.
         self.gamma = gamma[0].clamp(0.2, 5.0);
         self.transpose();
@@ -354,15 +436,23 @@ impl Trainer {
     /// Looks into random cells of the density cache, so that places no sample goes to are known too.
     fn probe_density(&mut self) {
         let mut random = SlotRandom::new(self.config.seed, self.step, u64::MAX);
-        let cells: Vec<usize> = (0..N_PROBES).map(|_| random.index(self.density.len())).collect();
+        let cells: Vec<usize> = (0..N_PROBES)
+            .map(|_| random.index(self.density.len()))
+            .collect();
         let points: Vec<_> = cells
             .iter()
             .map(|&cell| {
                 let u = [random.uniform(), random.uniform(), random.uniform()];
-                (unit_cube(contract(DensityGrid::point_in_cell(cell, u)).0), 0.0)
+                (
+                    unit_cube(contract(DensityGrid::point_in_cell(cell, u)).0),
+                    0.0,
+                )
             })
             .collect();
-        let densities = self.field.value.densities(&mut self.probe, &points, &mut Vec::new());
+        let densities = self
+            .field
+            .value
+            .densities(&mut self.probe, &points, &mut Vec::new());
         for (&cell, density) in cells.iter().zip(densities) {
             self.density.observe(cell as u32, density);
         }
@@ -374,7 +464,12 @@ static EMPTY: Transposed = Transposed::EMPTY;
 impl<F, T: Default> Learned<F, T> {
     fn new(value: F, n_params: impl Fn(&F) -> usize) -> Self {
         let n = n_params(&value);
-        Self { value, adam: Adam::new(n), gradient: vec![0.0; n], transposed: T::default() }
+        Self {
+            value,
+            adam: Adam::new(n),
+            gradient: vec![0.0; n],
+            transposed: T::default(),
+        }
     }
 }
 

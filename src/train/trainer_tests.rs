@@ -11,9 +11,24 @@ use crate::neif::material::MaterialBatch;
 use crate::render::{Layer, render};
 
 fn config() -> TrainConfig {
-    let mut config = TrainConfig { object_pixels: 128, background_pixels: 128, preconvolved_levels: 3, ..TrainConfig::default() };
-    config.field.grid = GridConfig { n_levels: 8, coarsest: 8, finest: 96, log2_table_size: 13 };
-    config.material.grid = GridConfig { n_levels: 4, coarsest: 4, finest: 24, log2_table_size: 12 };
+    let mut config = TrainConfig {
+        object_pixels: 128,
+        background_pixels: 128,
+        preconvolved_levels: 3,
+        ..TrainConfig::default()
+    };
+    config.field.grid = GridConfig {
+        n_levels: 8,
+        coarsest: 8,
+        finest: 96,
+        log2_table_size: 13,
+    };
+    config.material.grid = GridConfig {
+        n_levels: 4,
+        coarsest: 4,
+        finest: 24,
+        log2_table_size: 12,
+    };
     config
 }
 
@@ -34,11 +49,20 @@ fn validation_psnr(trainer: &Trainer, dataset: &Dataset) -> [f64; 2] {
     let scene = trainer.snapshot().scene();
     let (mut error, mut n) = ([0.0_f64; 2], [0_u32; 2]);
     for view in &dataset.val {
-        let picture = render(&scene, &view.camera, Layer::Final, &AtomicBool::new(false), &|_| ()).unwrap();
+        let picture = render(
+            &scene,
+            &view.camera,
+            Layer::Final,
+            &AtomicBool::new(false),
+            &|_| (),
+        )
+        .unwrap();
         for (i, shown) in picture.pixels.iter().enumerate() {
             let kind = usize::from(!view.mask.as_ref().unwrap().is_object(i));
             let truth = view.photo.srgb(i);
-            error[kind] += (0..3).map(|c| f64::from(shown[c] - truth[c]).powi(2)).sum::<f64>();
+            error[kind] += (0..3)
+                .map(|c| f64::from(shown[c] - truth[c]).powi(2))
+                .sum::<f64>();
             n[kind] += 3;
         }
     }
@@ -53,19 +77,32 @@ fn a_glossy_sphere_in_a_box_is_learned() {
     train(&mut trainer, 1200);
     let [object, background] = validation_psnr(&trainer, &dataset);
     assert!(before[0] < 22.0, "untrained: {before:?}");
-    assert!(object > 30.0 && background > 26.0, "object {object:.1} dB, background {background:.1} dB");
+    assert!(
+        object > 30.0 && background > 26.0,
+        "object {object:.1} dB, background {background:.1} dB"
+    );
     let material = &trainer.snapshot().object.unwrap().material;
     let mut batch = MaterialBatch::default();
-    material.forward(&[glam::Vec3::new(0.5, 0.0, 0.0)], &mut batch, &mut Vec::new());
+    material.forward(
+        &[glam::Vec3::new(0.5, 0.0, 0.0)],
+        &mut batch,
+        &mut Vec::new(),
+    );
     let tint = batch.surfaces[0].tint;
-    assert!((tint - TINT).abs().max_element() < 0.15, "tint {tint:?} against {TINT:?}");
+    assert!(
+        (tint - TINT).abs().max_element() < 0.15,
+        "tint {tint:?} against {TINT:?}"
+    );
 }
 
 #[test]
 fn the_same_seed_gives_the_same_bits_on_any_number_of_threads() {
     let dataset = sphere_in_a_box(6, 24);
     let run = |threads: usize, seed: u64| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
         pool.install(|| {
             let mut trainer = trainer(&TrainConfig { seed, ..config() }, &dataset);
             train(&mut trainer, 40);
@@ -73,9 +110,18 @@ fn the_same_seed_gives_the_same_bits_on_any_number_of_threads() {
         })
     };
     let reference = run(1, 1);
-    assert!(run(1, 1) == reference, "a repeated run must give the same bits");
-    assert!(run(3, 1) == reference, "three threads must give the same bits as one");
-    assert!(run(1, 2) != reference, "another seed must give another result");
+    assert!(
+        run(1, 1) == reference,
+        "a repeated run must give the same bits"
+    );
+    assert!(
+        run(3, 1) == reference,
+        "three threads must give the same bits as one"
+    );
+    assert!(
+        run(1, 2) != reference,
+        "another seed must give another result"
+    );
 }
 
 #[test]
@@ -94,7 +140,10 @@ fn a_resumed_run_equals_an_uninterrupted_one() {
     for step in 17..40 {
         second.step(step as f32 / 40.0);
     }
-    assert!(second.checkpoint().to_bytes() == whole.checkpoint().to_bytes(), "resume must be exact");
+    assert!(
+        second.checkpoint().to_bytes() == whole.checkpoint().to_bytes(),
+        "resume must be exact"
+    );
 }
 
 #[test]
@@ -107,7 +156,10 @@ fn steps_with_numbers_that_are_not_finite_are_skipped_and_counted() {
     let before = trainer.field.value.params[1000];
     assert!(trainer.step(0.1).skipped, "a NaN weight must be noticed");
     assert_eq!((trainer.skipped_steps(), trainer.steps()), (1, 6));
-    assert_eq!(trainer.field.value.params[1000], before, "a skipped step learns nothing");
+    assert_eq!(
+        trainer.field.value.params[1000], before,
+        "a skipped step learns nothing"
+    );
     trainer.field.value.params[3] = kept;
     trainer.transpose();
     assert!(!trainer.step(0.1).skipped, "training goes on");
@@ -115,7 +167,12 @@ fn steps_with_numbers_that_are_not_finite_are_skipped_and_counted() {
 
 #[test]
 fn scenes_of_any_size_and_black_or_white_photos_stay_finite() {
-    for (scale, level) in [(1e-3_f32, None), (1e4, None), (1.0, Some(0_u16)), (1.0, Some(u16::MAX))] {
+    for (scale, level) in [
+        (1e-3_f32, None),
+        (1e4, None),
+        (1.0, Some(0_u16)),
+        (1.0, Some(u16::MAX)),
+    ] {
         let mut dataset = sphere_in_a_box(2, 16);
         for view in dataset.train.iter_mut().chain(&mut dataset.val) {
             view.camera.world_from_camera.translation *= scale;
@@ -123,11 +180,18 @@ fn scenes_of_any_size_and_black_or_white_photos_stay_finite() {
                 pixels.fill([level; 3]);
             }
         }
-        let mesh = dataset.mesh.as_ref().unwrap().transformed(glam::Affine3A::from_scale(glam::Vec3::splat(scale)));
+        let mesh = dataset
+            .mesh
+            .as_ref()
+            .unwrap()
+            .transformed(glam::Affine3A::from_scale(glam::Vec3::splat(scale)));
         dataset.mesh = Some(std::sync::Arc::new(mesh));
         let mut trainer = trainer(&config(), &dataset);
         let stats = train(&mut trainer, 30);
-        assert!(stats.loss.is_finite() && trainer.skipped_steps() == 0, "scale {scale}, level {level:?}: {stats:?}");
+        assert!(
+            stats.loss.is_finite() && trainer.skipped_steps() == 0,
+            "scale {scale}, level {level:?}: {stats:?}"
+        );
     }
 }
 
@@ -137,5 +201,8 @@ fn a_capture_without_object_trains_an_environment() {
     dataset.mesh = None;
     let mut trainer = trainer(&config(), &dataset);
     let stats = train(&mut trainer, 30);
-    assert!(stats.loss.is_finite() && trainer.snapshot().object.is_none(), "{stats:?}");
+    assert!(
+        stats.loss.is_finite() && trainer.snapshot().object.is_none(),
+        "{stats:?}"
+    );
 }

@@ -20,15 +20,16 @@ pub(super) fn read(path: &Path) -> Result<Soup, DataError> {
     check_glb_header(path, &bytes)?;
     let fail = |e: gltf::Error| DataError::mesh(path, format!("not a readable glTF: {e}"));
     let file = gltf::Gltf::from_slice(&bytes).map_err(fail)?;
-    let buffers =
-        gltf::import_buffers(&file.document, path.parent(), file.blob).map_err(fail)?;
+    let buffers = gltf::import_buffers(&file.document, path.parent(), file.blob).map_err(fail)?;
     let document = file.document;
     let mut reader = Reader {
         path,
         buffers: &buffers,
         soup: Soup::default(),
     };
-    let scene = document.default_scene().or_else(|| document.scenes().next());
+    let scene = document
+        .default_scene()
+        .or_else(|| document.scenes().next());
     match scene {
         Some(scene) => {
             for node in scene.nodes() {
@@ -153,7 +154,10 @@ impl Reader<'_> {
         let Some(view) = accessor.view().filter(|_| accessor.sparse().is_none()) else {
             return Err(self.error("sparse accessors are not supported"));
         };
-        let length = self.buffers.get(view.buffer().index()).map_or(0, |b| b.len());
+        let length = self
+            .buffers
+            .get(view.buffer().index())
+            .map_or(0, |b| b.len());
         let stride = view.stride().unwrap_or_else(|| accessor.size());
         let end = accessor
             .count()
@@ -162,11 +166,17 @@ impl Reader<'_> {
             .and_then(|offset| offset.checked_add(accessor.offset()))
             .and_then(|offset| offset.checked_add(accessor.size()));
         let fits = end.is_some_and(|end| end <= view.length())
-            && view.offset().checked_add(view.length()).is_some_and(|end| end <= length);
+            && view
+                .offset()
+                .checked_add(view.length())
+                .is_some_and(|end| end <= length);
         if fits {
             Ok(())
         } else {
-            Err(self.error(&format!("accessor {} overruns its buffer", accessor.index())))
+            Err(self.error(&format!(
+                "accessor {} overruns its buffer",
+                accessor.index()
+            )))
         }
     }
 
@@ -199,7 +209,7 @@ fn triangles(mode: Mode, indices: &[u32]) -> Vec<[u32; 3]> {
 pub fn write_glb(path: &Path, mesh: &Mesh) -> Result<(), DataError> {
     let vectors = |list: &[Vec3]| -> Vec<u8> {
         list.iter()
-            .flat_map(|v| v.to_array())
+            .flat_map(glam::Vec3::to_array)
             .flat_map(f32::to_le_bytes)
             .collect()
     };
@@ -217,7 +227,10 @@ pub fn write_glb(path: &Path, mesh: &Mesh) -> Result<(), DataError> {
     let binary = [positions, normals, indices].concat();
     let length = 12 + 8 + text.len() + 8 + binary.len();
     let Ok(length) = u32::try_from(length) else {
-        return Err(DataError::mesh(path, "larger than the 4 GiB that a GLB can hold"));
+        return Err(DataError::mesh(
+            path,
+            "larger than the 4 GiB that a GLB can hold",
+        ));
     };
     write_atomically(path, |file| {
         file.write_all(b"glTF")?;

@@ -36,7 +36,8 @@ pub fn read_mesh(path: &Path) -> Result<Mesh, DataError> {
         "ply" => ply::read(path)?,
         "obj" => obj::read(path)?,
         _ => {
-            let problem = format!("\".{extension}\" is not a mesh format; use GLB, glTF, PLY or OBJ");
+            let problem =
+                format!("\".{extension}\" is not a mesh format; use GLB, glTF, PLY or OBJ");
             return Err(DataError::mesh(path, problem));
         }
     };

@@ -19,7 +19,7 @@ pub(super) fn read(path: &Path) -> Result<Soup, DataError> {
         ignore_lines: true,
         ..tobj::LoadOptions::default()
     };
-    let no_materials = |_: &Path| -> tobj::MTLLoadResult { Ok((Vec::new(), Default::default())) };
+    let no_materials = |_: &Path| Ok((Vec::new(), std::collections::HashMap::default()));
     let (models, _) = tobj::load_obj_buf(&mut BufReader::new(file), &options, no_materials)
         .map_err(|e| DataError::mesh(path, e))?;
     let mut soup = Soup::default();
@@ -32,8 +32,11 @@ pub(super) fn read(path: &Path) -> Result<Soup, DataError> {
         // Objects without normals get zeros, to be computed later.
         soup.normals.resize(base as usize + n_vertices, Vec3::ZERO);
         let (faces, _) = mesh.indices.as_chunks::<3>();
-        soup.triangles
-            .extend(faces.iter().map(|face| face.map(|v| base.saturating_add(v))));
+        soup.triangles.extend(
+            faces
+                .iter()
+                .map(|face| face.map(|v| base.saturating_add(v))),
+        );
     }
     Ok(soup)
 }

@@ -25,7 +25,9 @@ impl PropertyAccess for Element {
     }
 
     fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
-        let slot = ["x", "y", "z", "nx", "ny", "nz"].iter().position(|n| *n == name);
+        let slot = ["x", "y", "z", "nx", "ny", "nz"]
+            .iter()
+            .position(|n| *n == name);
         match (slot, number(&property)) {
             (Some(slot), Some(value)) => self.numbers[slot] = value,
             _ if matches!(name, "vertex_indices" | "vertex_index") => {
@@ -55,7 +57,9 @@ fn number(property: &Property) -> Option<f32> {
 /// A list property as indices; negative ones become out of range, to be reported as such.
 fn indices(property: &Property) -> Vec<u32> {
     fn convert<T: Copy + TryInto<u32>>(list: &[T]) -> Vec<u32> {
-        list.iter().map(|i| (*i).try_into().unwrap_or(u32::MAX)).collect()
+        list.iter()
+            .map(|i| (*i).try_into().unwrap_or(u32::MAX))
+            .collect()
     }
     match property {
         Property::ListInt(list) => convert(list),

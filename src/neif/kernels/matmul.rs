@@ -46,11 +46,20 @@ pub fn transpose(w: &[f32], m: usize, w_t: &mut [f32]) {
 }
 
 #[inline(always)]
-fn linear_body<const FMA: bool>(x: &[f32], w: &[f32], bias: &[f32], epilogue: Epilogue<'_>, y: &mut [f32]) {
+fn linear_body<const FMA: bool>(
+    x: &[f32],
+    w: &[f32],
+    bias: &[f32],
+    epilogue: Epilogue<'_>,
+    y: &mut [f32],
+) {
     let m = bias.len();
     let n = y.len() / m;
     let k = w.len() / m;
-    assert!(m % LANES == 0 && w.len() == k * m && x.len() == n * k && y.len() == n * m, "linear: shapes disagree");
+    assert!(
+        m.is_multiple_of(LANES) && w.len() == k * m && x.len() == n * k && y.len() == n * m,
+        "linear: shapes disagree"
+    );
     let full = n / ROWS * ROWS;
     for j in (0..m).step_by(LANES) {
         let init = first_lanes(&bias[j..]);
@@ -116,12 +125,16 @@ fn outer_body<const FMA: bool>(x: &[f32], d_y: &[f32], d_w: &mut [f32], d_bias: 
     let k = d_w.len() / m;
     let n = d_y.len() / m;
     assert!(
-        m % LANES == 0 && k % OUTER_ROWS == 0 && x.len() == n * k && d_y.len() == n * m,
+        m.is_multiple_of(LANES)
+            && k.is_multiple_of(OUTER_ROWS)
+            && x.len() == n * k
+            && d_y.len() == n * m,
         "linear_backward_weights: shapes disagree"
     );
     for j in (0..m).step_by(LANES) {
         for i in (0..k).step_by(OUTER_ROWS) {
-            let mut sums: [[f32; LANES]; OUTER_ROWS] = std::array::from_fn(|r| first_lanes(&d_w[(i + r) * m + j..]));
+            let mut sums: [[f32; LANES]; OUTER_ROWS] =
+                std::array::from_fn(|r| first_lanes(&d_w[(i + r) * m + j..]));
             for (x_row, d_row) in x.chunks_exact(k).zip(d_y.chunks_exact(m)) {
                 let a = &x_row[i..i + OUTER_ROWS];
                 let d = first_lanes(&d_row[j..]);
@@ -165,7 +178,12 @@ mod tests {
         let m = bias.len();
         x.chunks_exact(k)
             .flat_map(|row| {
-                (0..m).map(|j| bias[j] as f64 + (0..k).map(|p| row[p] as f64 * w[p * m + j] as f64).sum::<f64>())
+                (0..m).map(|j| {
+                    bias[j] as f64
+                        + (0..k)
+                            .map(|p| row[p] as f64 * w[p * m + j] as f64)
+                            .sum::<f64>()
+                })
             })
             .map(|v| v as f32)
             .collect()
@@ -174,7 +192,10 @@ mod tests {
     fn assert_close(a: &[f32], b: &[f32], tolerance: f32) {
         assert_eq!(a.len(), b.len(), "lengths");
         for (i, (x, y)) in a.iter().zip(b).enumerate() {
-            assert!((x - y).abs() <= tolerance * (1.0 + y.abs()), "element {i}: {x} against {y}");
+            assert!(
+                (x - y).abs() <= tolerance * (1.0 + y.abs()),
+                "element {i}: {x} against {y}"
+            );
         }
     }
 
