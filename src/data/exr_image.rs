@@ -1,4 +1,4 @@
-//! OpenEXR pictures: colour or grey, half or float, read and written.
+//! `OpenEXR` pictures: colour or grey, half or float, read and written.
 //!
 //! Reads the first layer of a flat file; colour channels may carry a layer prefix
 //! (`Combined.R`). Without all of R, G and B, a `Y` channel or an only channel becomes grey.
@@ -83,15 +83,14 @@ fn color_channels<'a>(
         return Ok([r, g, b]);
     }
     let only = if list.len() == 1 { list.first() } else { None };
-    match named("Y").or(only) {
-        Some(grey) => Ok([grey; 3]),
-        None => {
-            let names: Vec<String> = list.iter().map(|c| c.name.to_string()).collect();
-            Err(DataError::image(
-                path,
-                format!("no channels R, G, B or Y, but {}", names.join(", ")),
-            ))
-        }
+    if let Some(grey) = named("Y").or(only) {
+        Ok([grey; 3])
+    } else {
+        let names: Vec<String> = list.iter().map(|c| c.name.to_string()).collect();
+        Err(DataError::image(
+            path,
+            format!("no channels R, G, B or Y, but {}", names.join(", ")),
+        ))
     }
 }
 

@@ -193,13 +193,13 @@ fn read_frame(fields: &Fields<'_>, index: usize, lens: Intrinsics) -> Result<Fra
 
 /// The lens of a frame or file, where absent that of `outer`.
 fn read_intrinsics(fields: &Fields<'_>, outer: Intrinsics) -> Result<Intrinsics, DataError> {
-    if let Some(model) = fields.string("camera_model")? {
-        if !CAMERA_MODELS.contains(&model.to_ascii_uppercase().as_str()) {
-            let problem = format!(
-                "\"{model}\" is not supported; undistort the photos to PINHOLE or OPENCV first"
-            );
-            return Err(fields.error("camera_model", problem));
-        }
+    if let Some(model) = fields.string("camera_model")?
+        && !CAMERA_MODELS.contains(&model.to_ascii_uppercase().as_str())
+    {
+        let problem = format!(
+            "\"{model}\" is not supported; undistort the photos to PINHOLE or OPENCV first"
+        );
+        return Err(fields.error("camera_model", problem));
     }
     if fields.value.get("is_fisheye") == Some(&Value::Bool(true)) {
         let problem = "fisheye lenses are not supported; undistort the photos first";

@@ -81,7 +81,7 @@ fn optical_depths_body<const FMA: bool>(rows: &[f32], deltas: &[f32], depths: &m
         } else {
             *depth
         };
-        let nan = log - log;
+        let nan = log * 0.0;
         *depth = math::exp::<FMA>(log) * delta + nan;
     }
 }
@@ -93,7 +93,7 @@ dispatch! {
 #[inline(always)]
 fn weigh_body<const FMA: bool>(depths: &[f32], n_samples: usize, weights: &mut [f32]) {
     for (weight, depth) in weights.iter_mut().zip(depths) {
-        *weight = 1.0 - math::exp::<FMA>(-*depth) + (*depth - *depth);
+        *weight = 1.0 - math::exp::<FMA>(-*depth) + *depth * 0.0;
     }
     for ray in weights.chunks_exact_mut(n_samples) {
         let mut transmittance = 1.0_f32;
@@ -130,9 +130,7 @@ fn sum_features_body<const FMA: bool>(
             }
         }
         let opacity: f32 = ray_weights.iter().sum();
-        for c in 1..WIDTH {
-            out[c - 1] = sum[c];
-        }
+        out[..WIDTH - 1].copy_from_slice(&sum[1..]);
         out[WIDTH - 1] = opacity;
     }
 }

@@ -186,8 +186,8 @@ impl Corners {
         let mut level_weights = [0.0_f32; BLOCK];
         for s in 0..BLOCK {
             let at = start + s.min(n - 1);
-            for axis in 0..3 {
-                position[axis][s] = points.positions[at][axis];
+            for (values, value) in position.iter_mut().zip(points.positions[at]) {
+                values[s] = value;
             }
             level_weights[s] = points.footprints[at];
         }

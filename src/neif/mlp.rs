@@ -1,4 +1,4 @@
-//! A network with one hidden layer of ReLUs: forward and hand-written backward pass over a batch.
+//! A network with one hidden layer of `ReLUs`: forward and hand-written backward pass over a batch.
 
 use super::kernels::matmul::{Epilogue, linear, linear_backward_weights, transpose};
 
@@ -16,7 +16,7 @@ pub struct Mlp {
 /// Activations and gradients of one batch; reused from step to step.
 #[derive(Clone, Debug, Default)]
 pub struct MlpBuffers {
-    /// `[n][n_hidden]`, after the ReLU.
+    /// `[n][n_hidden]`, after the `ReLU`.
     pub hidden: Vec<f32>,
     /// `[n][n_out]`.
     pub output: Vec<f32>,

@@ -357,7 +357,7 @@ pub struct FieldTransposed {
 }
 
 fn radiance(log_radiance: f32) -> f32 {
-    let nan = log_radiance - log_radiance;
+    let nan = log_radiance * 0.0;
     math::exp::<false>(log_radiance.clamp(-LOG_RADIANCE_MAX, LOG_RADIANCE_MAX)) + nan
 }
 

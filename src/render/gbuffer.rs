@@ -84,7 +84,9 @@ impl GBuffer {
             if let Some(point) = point {
                 self.index[i] = self.points.len() as u32;
                 // A turn that varies from pixel to pixel spreads the few lobe rays (golden angle).
-                let (blocked, second) = trace_bounce(tracer, &point, i as f32 * 2.399_963);
+                // It depends on the place in the picture alone, not on the rows traced together.
+                let turn = ((self.first as usize + i) % 4096) as f32 * 2.399_963;
+                let (blocked, second) = trace_bounce(tracer, &point, turn);
                 self.points.push(TracedPoint {
                     point,
                     blocked,

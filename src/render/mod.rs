@@ -1,5 +1,6 @@
 //! Pictures from a scene: the same shading for full images, panoramas and the progressive preview.
 
+mod band;
 pub mod gbuffer;
 pub mod panorama;
 pub mod picture;

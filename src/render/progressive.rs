@@ -5,25 +5,20 @@
 //! the object's own light. A changed material leaves the first two, a changed environment the
 //! first; a pass that was interrupted goes on where it stopped.
 
-use std::ops::Range;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use rayon::prelude::*;
 
-use super::gbuffer::GBuffer;
+use super::band::{Band, Versions, Work, band_rows, bands};
 use super::scene::{Layer, Scene};
-use super::shade::{ShadeScratch, compose, shade_background, shade_object};
+use super::shade::ShadeScratch;
 use crate::geometry::{Camera, SurfaceTracer};
 use crate::neif::{Environment, EnvironmentTransform, Material, MaterialEdit};
 
 /// The resolution divisors of the passes, coarsest first; nothing is ever coarser than a quarter.
 pub const SCALES: [u32; 3] = [4, 2, 1];
-/// Pixels of a band, about: the grain of interruption.
-const BAND_PIXELS: u32 = 2048;
-/// Fewest rows of a band: tracing looks at one more row on each side.
-const MIN_BAND_ROWS: u32 = 4;
 
 /// A picture that is wanted.
 #[derive(Clone, Debug)]
@@ -136,27 +131,6 @@ fn same<T>(a: Option<&Arc<T>>, b: Option<&Arc<T>>) -> bool {
     a.map(Arc::as_ptr) == b.map(Arc::as_ptr)
 }
 
-/// Counters of the causes: a part of a band is good while its number is the pass's.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-struct Versions {
-    geometry: u64,
-    background: u64,
-    object: u64,
-}
-
-/// Some rows of one pass, with what is known of them; 0 in `versions` is nothing.
-#[derive(Debug)]
-struct Band {
-    rows: Range<u32>,
-    versions: Versions,
-    gbuffer: GBuffer,
-    /// `[rows * width]` linear; behind the object only where `is_background_whole`.
-    background: Vec<[f32; 3]>,
-    is_background_whole: bool,
-    /// `[rows * width]` linear, or the layer's value.
-    object: Vec<[f32; 3]>,
-}
-
 /// The state of one resolution.
 #[derive(Debug, Default)]
 struct Pass {
@@ -249,7 +223,8 @@ fn thread_cpu() -> Duration {
 /// Elsewhere the time that has passed must do.
 #[cfg(not(unix))]
 fn thread_cpu() -> Duration {
-    static START: std::sync::LazyLock<Instant> = std::sync::LazyLock::new(Instant::now);
+    static START: std::sync::LazyLock<std::time::Instant> =
+        std::sync::LazyLock::new(std::time::Instant::now);
     START.elapsed()
 }
 
@@ -299,7 +274,7 @@ impl Pass {
                 let start = thread_cpu();
                 let done = band.update(&work, scratch);
                 band.compose(&work, out);
-                let nanos = (thread_cpu() - start).as_nanos() as usize;
+                let nanos = thread_cpu().saturating_sub(start).as_nanos() as usize;
                 let parts = done.map(|part| [part.n_pixels, part.nanos]);
                 for (count, value) in counts
                     .iter()
@@ -373,169 +348,6 @@ impl Pass {
         self.versions.background += u64::from(!(geometry && light));
         self.versions.object += u64::from(!(geometry && object));
         self.causes = Some(causes);
-    }
-}
-
-/// What all bands of a pass share.
-struct Work<'a> {
-    request: &'a PreviewScene,
-    camera: Camera,
-    versions: Versions,
-}
-
-/// What a band computed of one part.
-#[derive(Clone, Copy, Debug, Default)]
-struct Part {
-    n_pixels: usize,
-    nanos: usize,
-}
-
-impl Part {
-    /// Runs `compute`, which returns a pixel count, if it is `needed`.
-    fn measure(needed: bool, compute: impl FnOnce() -> usize) -> Self {
-        if !needed {
-            return Self::default();
-        }
-        let start = Instant::now();
-        let n_pixels = compute();
-        Self {
-            n_pixels,
-            nanos: start.elapsed().as_nanos() as usize,
-        }
-    }
-}
-
-fn band_rows(width: u32) -> u32 {
-    (BAND_PIXELS / width.max(1)).max(MIN_BAND_ROWS)
-}
-
-fn bands(width: u32, height: u32) -> Vec<Band> {
-    let rows = band_rows(width);
-    (0..height.div_ceil(rows))
-        .map(|i| Band {
-            rows: i * rows..((i + 1) * rows).min(height),
-            versions: Versions::default(),
-            gbuffer: GBuffer::default(),
-            background: Vec::new(),
-            is_background_whole: false,
-            object: Vec::new(),
-        })
-        .collect()
-}
-
-impl Band {
-    /// Computes what is out of date and needed for the layer: geometry, surroundings, object.
-    fn update(&mut self, work: &Work<'_>, scratch: &mut ShadeScratch) -> [Part; 3] {
-        let layer = work.request.layer;
-        [
-            Part::measure(self.versions.geometry != work.versions.geometry, || {
-                self.trace(work)
-            }),
-            Part::measure(layer.shows_background(), || {
-                self.update_background(work, scratch)
-            }),
-            Part::measure(
-                layer.shows_object() && self.versions.object != work.versions.object,
-                || self.update_object(work, scratch),
-            ),
-        ]
-    }
-
-    fn trace(&mut self, work: &Work<'_>) -> usize {
-        let tracer = work
-            .request
-            .scene
-            .object
-            .as_ref()
-            .map(|object| &*object.tracer);
-        self.gbuffer = GBuffer::trace(tracer, &work.camera, self.rows.clone());
-        self.versions = Versions {
-            geometry: work.versions.geometry,
-            ..Versions::default()
-        };
-        self.gbuffer.coverage().len()
-    }
-
-    fn update_object(&mut self, work: &Work<'_>, scratch: &mut ShadeScratch) -> usize {
-        let pixels = self.pixels(work.camera.width, |coverage| coverage > 0.0);
-        let mut out = vec![[0.0; 3]; pixels.len()];
-        shade_object(
-            &work.request.scene,
-            &self.gbuffer,
-            &pixels,
-            work.request.layer,
-            &mut out,
-            scratch,
-        );
-        self.object.clear();
-        self.object.resize(self.gbuffer.coverage().len(), [0.0; 3]);
-        scatter(
-            &mut self.object,
-            self.rows.start * work.camera.width,
-            &pixels,
-            &out,
-        );
-        self.versions.object = work.versions.object;
-        pixels.len()
-    }
-
-    fn update_background(&mut self, work: &Work<'_>, scratch: &mut ShadeScratch) -> usize {
-        // With the object hidden, the surroundings behind it are wanted as well.
-        let wants_whole = !work.request.layer.shows_object();
-        let is_fresh = self.versions.background == work.versions.background;
-        if is_fresh && (self.is_background_whole || !wants_whole) {
-            return 0;
-        }
-        let width = work.camera.width;
-        let pixels = match (is_fresh, wants_whole) {
-            (true, _) => self.pixels(width, |coverage| coverage >= 1.0),
-            (false, true) => self.pixels(width, |_| true),
-            (false, false) => self.pixels(width, |coverage| coverage < 1.0),
-        };
-        let mut out = vec![[0.0; 3]; pixels.len()];
-        shade_background(
-            &work.request.scene,
-            &work.camera,
-            &pixels,
-            &mut out,
-            scratch,
-        );
-        self.background
-            .resize(self.gbuffer.coverage().len(), [0.0; 3]);
-        scatter(&mut self.background, self.rows.start * width, &pixels, &out);
-        self.versions.background = work.versions.background;
-        self.is_background_whole = wants_whole;
-        pixels.len()
-    }
-
-    /// Indices in the whole picture of the band's pixels whose coverage is as asked.
-    fn pixels(&self, width: u32, keep: impl Fn(f32) -> bool) -> Vec<u32> {
-        let first = self.rows.start * width;
-        let coverage = self.gbuffer.coverage().iter().enumerate();
-        coverage
-            .filter(|(_, coverage)| keep(**coverage))
-            .map(|(i, _)| first + i as u32)
-            .collect()
-    }
-
-    fn compose(&self, work: &Work<'_>, out: &mut [[u8; 4]]) {
-        let layer = work.request.layer;
-        let value =
-            |part: &[[f32; 3]], i: usize, shown: bool| if shown { part[i] } else { [0.0; 3] };
-        for (i, (out, &coverage)) in out.iter_mut().zip(self.gbuffer.coverage()).enumerate() {
-            let coverage = if layer.shows_object() { coverage } else { 0.0 };
-            let object = value(&self.object, i, layer.shows_object());
-            let background = value(&self.background, i, layer.shows_background());
-            let [r, g, b] = compose(&work.request.scene, layer, coverage, object, background)
-                .map(|v| (v * 255.0 + 0.5) as u8);
-            *out = [r, g, b, 255];
-        }
-    }
-}
-
-fn scatter(into: &mut [[f32; 3]], first: u32, pixels: &[u32], values: &[[f32; 3]]) {
-    for (pixel, value) in pixels.iter().zip(values) {
-        into[(pixel - first) as usize] = *value;
     }
 }
 

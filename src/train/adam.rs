@@ -13,7 +13,7 @@ const BLOCK: usize = 1 << 15;
 
 /// First and second moments of a parameter vector.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Adam {
+pub(super) struct Adam {
     /// Running mean of the gradient.
     pub first: Vec<f32>,
     /// Running mean of its square.
@@ -22,7 +22,7 @@ pub struct Adam {
 
 impl Adam {
     /// Zero moments for `n` parameters.
-    pub fn new(n: usize) -> Self {
+    pub(super) fn new(n: usize) -> Self {
         Self {
             first: vec![0.0; n],
             second: vec![0.0; n],
@@ -31,7 +31,13 @@ impl Adam {
 
     /// One step, the `step`-th (from 1): `params[i]` moves by at most about `lr(i)`; the head `..n_head` has `lr_head`.
     /// Leaves the gradient zero: clearing it here, while it is in cache, saves a pass over it.
-    pub fn update(&mut self, params: &mut [f32], gradient: &mut [f32], rates: Rates, step: u64) {
+    pub(super) fn update(
+        &mut self,
+        params: &mut [f32],
+        gradient: &mut [f32],
+        rates: Rates,
+        step: u64,
+    ) {
         assert!(
             params.len() == self.first.len() && gradient.len() == params.len(),
             "adam: lengths differ"
@@ -58,7 +64,7 @@ impl Adam {
 
 /// Learning rates of the networks (the head of the vector) and of the grid (the rest).
 #[derive(Clone, Copy, Debug)]
-pub struct Rates {
+pub(super) struct Rates {
     /// Parameters in the head.
     pub n_head: usize,
     /// Their rate.

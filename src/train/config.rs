@@ -39,9 +39,9 @@ pub struct TrainConfig {
     pub warmup_steps: u32,
     /// What is left of the learning rates at the end of the planned run (exponential decay).
     pub final_rate: f32,
-    /// Weight of background and pre-convolved pixels against object pixels (lambda_p).
+    /// Weight of background and pre-convolved pixels against object pixels (`lambda_p`).
     pub background_weight: f32,
-    /// Weight of the bilateral smoothness of roughness and tint (lambda_s, Eq. 8).
+    /// Weight of the bilateral smoothness of roughness and tint (`lambda_s`, Eq. 8).
     pub smoothness_weight: f32,
     /// Share of background pixels drawn from blurred levels.
     pub preconvolved_share: f32,
@@ -92,7 +92,7 @@ impl Default for TrainConfig {
                 n_hidden: 64,
             },
             grid_rate: 1e-2,
-            network_rate: 5e-3,
+            network_rate: 1e-2,
             gamma_rate: 5e-4,
             warmup_steps: 50,
             final_rate: 0.1,

@@ -12,7 +12,7 @@ const TINY: f32 = 1e-6;
 
 /// Error of one pixel and its gradients.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct PixelLoss {
+pub(super) struct PixelLoss {
     /// Sum of squared differences over the colours.
     pub value: f32,
     /// By the linear radiance.
@@ -22,7 +22,7 @@ pub struct PixelLoss {
 }
 
 /// `|srgb(C)^gamma - target|²` with its gradients (Eq. 9).
-pub fn pixel_loss(display: Display, linear: Vec3, target: [f32; 3]) -> PixelLoss {
+pub(super) fn pixel_loss(display: Display, linear: Vec3, target: [f32; 3]) -> PixelLoss {
     let mut loss = PixelLoss::default();
     for c in 0..3 {
         // `max` would turn NaN into 0 and hide it from the non-finite check.

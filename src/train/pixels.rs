@@ -17,7 +17,7 @@ const NONE: u32 = u32::MAX;
 
 /// A pixel that shows only the object.
 #[derive(Clone, Copy, Debug)]
-pub struct ObjectPixel {
+pub(super) struct ObjectPixel {
     /// What it sees.
     pub point: SurfacePoint,
     /// Blocked shares of the lobe and where the point met is stored.
@@ -38,7 +38,7 @@ struct BackgroundPixel {
 
 /// All training pixels.
 #[derive(Debug)]
-pub struct PixelStore {
+pub(super) struct PixelStore {
     objects: Vec<ObjectPixel>,
     seconds: Vec<SecondPoint>,
     /// One pool a blur level, sharp first.
@@ -49,7 +49,7 @@ pub struct PixelStore {
 
 /// A drawn background pixel.
 #[derive(Clone, Copy, Debug)]
-pub struct BackgroundSample {
+pub(super) struct BackgroundSample {
     /// Camera position, world.
     pub origin: Vec3,
     /// Unit direction, world.
@@ -62,7 +62,7 @@ pub struct BackgroundSample {
 
 /// How pixels are collected.
 #[derive(Clone, Copy, Debug)]
-pub struct PixelOptions {
+pub(super) struct PixelOptions {
     /// Seed of the thinning and the lobes' rings.
     pub seed: u64,
     /// Pixels to keep, over all views.
@@ -75,7 +75,7 @@ pub struct PixelOptions {
 
 impl PixelStore {
     /// Traces and sorts the pixels of all training views; `on_view` is called after each and stops the work by `false`.
-    pub fn collect(
+    pub(super) fn collect(
         dataset: &Dataset,
         tracer: Option<&SurfaceTracer>,
         options: PixelOptions,
@@ -100,7 +100,7 @@ impl PixelStore {
             seconds: Vec::new(),
             backgrounds: vec![Vec::new(); options.n_blurred + 1],
             views: Vec::new(),
-            cameras: dataset.train.iter().map(|v| v.camera.clone()).collect(),
+            cameras: dataset.train.iter().map(|v| v.camera).collect(),
         };
         for part in parts {
             store.append(part?);
@@ -123,23 +123,30 @@ impl PixelStore {
     }
 
     /// Number of object pixels.
-    pub fn n_objects(&self) -> usize {
+    pub(super) fn n_objects(&self) -> usize {
         self.objects.len()
     }
 
     /// Number of sharp background pixels.
-    pub fn n_backgrounds(&self) -> usize {
+    pub(super) fn n_backgrounds(&self) -> usize {
         self.backgrounds[0].len()
     }
 
     /// A random object pixel and the point its lobe meets.
-    pub fn draw_object(&self, random: &mut SlotRandom) -> (&ObjectPixel, Option<&SecondPoint>) {
+    pub(super) fn draw_object(
+        &self,
+        random: &mut SlotRandom,
+    ) -> (&ObjectPixel, Option<&SecondPoint>) {
         let pixel = &self.objects[random.index(self.objects.len())];
         (pixel, self.seconds.get(pixel.second as usize))
     }
 
     /// A random background pixel, from a blurred level with probability `blurred_share`.
-    pub fn draw_background(&self, random: &mut SlotRandom, blurred_share: f32) -> BackgroundSample {
+    pub(super) fn draw_background(
+        &self,
+        random: &mut SlotRandom,
+        blurred_share: f32,
+    ) -> BackgroundSample {
         let mut level = 0;
         if random.uniform() < blurred_share && self.backgrounds.len() > 1 {
             level = 1 + random.index(self.backgrounds.len() - 1);
@@ -182,7 +189,7 @@ fn collect_view(
     let coverage = |i: usize| view.mask.as_ref().map(|mask| mask.coverage[i]);
     let mut objects = Vec::new();
     let mut is_background = vec![false; (width * height) as usize];
-    for i in 0..is_background.len() {
+    for (i, is_background) in is_background.iter_mut().enumerate() {
         let (x, y) = (
             (i as u32 % width) as f32 + 0.5,
             (i as u32 / width) as f32 + 0.5,
@@ -196,7 +203,7 @@ fn collect_view(
             }
         });
         let solid = coverage(i).map_or(hit.is_some(), |c| c >= SOLID);
-        is_background[i] = coverage(i).map_or(hit.is_none(), |c| c <= u8::MAX - SOLID);
+        *is_background = coverage(i).map_or(hit.is_none(), |c| c <= u8::MAX - SOLID);
         let mut random = SlotRandom::new(options.seed ^ 0x5bd1, u64::from(index), i as u64);
         if let (Some(point), Some(tracer), true) = (hit, tracer, solid && random.uniform() < keep) {
             let traced = trace_lobe(tracer, point, options, &mut random);
@@ -258,5 +265,5 @@ fn image_gradient(view: &View, i: usize) -> f32 {
     let grey = |x: usize, y: usize| view.photo.srgb(y * width + x).iter().sum::<f32>() / 3.0;
     let dx = grey((x + 1).min(width - 1), y) - grey(x.saturating_sub(1), y);
     let dy = grey(x, (y + 1).min(height - 1)) - grey(x, y.saturating_sub(1));
-    0.5 * (dx * dx + dy * dy).sqrt()
+    0.5 * dx.hypot(dy)
 }

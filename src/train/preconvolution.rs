@@ -15,14 +15,14 @@ const INVALID: u16 = u16::MAX;
 
 /// One photo's surroundings at all blur levels, sharp first.
 #[derive(Clone, Debug)]
-pub struct BlurredView {
+pub(super) struct BlurredView {
     /// The levels.
     pub levels: Vec<BlurredImage>,
 }
 
 /// One level: a grid of samples, every `stride` pixels, of the photo blurred by `sigma_px`.
 #[derive(Clone, Debug)]
-pub struct BlurredImage {
+pub(super) struct BlurredImage {
     width: u32,
     stride: u32,
     sigma_px: f32,
@@ -35,7 +35,7 @@ struct Weighted([f32; 4]);
 
 impl BlurredView {
     /// Blurs the pixels of `photo` that are background.
-    pub fn new(photo: &Photo, is_background: &[bool], n_blurred: usize) -> Self {
+    pub(super) fn new(photo: &Photo, is_background: &[bool], n_blurred: usize) -> Self {
         let (mut width, mut height) = (photo.width(), photo.height());
         let sharp = is_background.iter().enumerate().map(|(i, &b)| {
             if b {
@@ -85,7 +85,7 @@ impl BlurredView {
 
 impl BlurredImage {
     /// Samples that hold background.
-    pub fn valid_pixels(&self) -> impl Iterator<Item = u32> + '_ {
+    pub(super) fn valid_pixels(&self) -> impl Iterator<Item = u32> + '_ {
         self.pixels
             .iter()
             .enumerate()
@@ -94,7 +94,7 @@ impl BlurredImage {
     }
 
     /// Centre of a sample in pixels of the photo.
-    pub fn position_px(&self, sample: u32) -> (f32, f32) {
+    pub(super) fn position_px(&self, sample: u32) -> (f32, f32) {
         let (x, y) = (sample % self.width, sample / self.width);
         (
             (x as f32 + 0.5) * self.stride as f32,
@@ -103,12 +103,12 @@ impl BlurredImage {
     }
 
     /// Standard deviation of what a sample averages, pixels of the photo: the blur and the pixel itself.
-    pub fn std_px(&self) -> f32 {
+    pub(super) fn std_px(&self) -> f32 {
         (self.sigma_px * self.sigma_px + 1.0 / 12.0).sqrt()
     }
 
     /// The sample, sRGB in `[0, 1]`.
-    pub fn srgb(&self, sample: u32) -> [f32; 3] {
+    pub(super) fn srgb(&self, sample: u32) -> [f32; 3] {
         self.pixels[sample as usize].map(|code| f32::from(code) / CODE_MAX)
     }
 }

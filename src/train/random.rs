@@ -2,13 +2,13 @@
 
 /// A short stream of numbers of one slot in one step.
 #[derive(Clone, Copy, Debug)]
-pub struct SlotRandom {
+pub(super) struct SlotRandom {
     state: u64,
 }
 
 impl SlotRandom {
     /// The stream of `slot` in `step`.
-    pub fn new(seed: u64, step: u64, slot: u64) -> Self {
+    pub(super) fn new(seed: u64, step: u64, slot: u64) -> Self {
         let mut state = mix(seed);
         state = mix(state ^ step);
         Self {
@@ -17,18 +17,18 @@ impl SlotRandom {
     }
 
     /// 64 random bits: `SplitMix64` (Steele, Lea, Flood, "Fast splittable pseudorandom number generators").
-    pub fn bits(&mut self) -> u64 {
+    pub(super) fn bits(&mut self) -> u64 {
         self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
         finalize(self.state)
     }
 
     /// Uniform in `[0, 1)`.
-    pub fn uniform(&mut self) -> f32 {
+    pub(super) fn uniform(&mut self) -> f32 {
         (self.bits() >> 40) as f32 / (1_u64 << 24) as f32
     }
 
     /// Uniform in `0..n`; `n` is positive.
-    pub fn index(&mut self, n: usize) -> usize {
+    pub(super) fn index(&mut self, n: usize) -> usize {
         ((u128::from(self.bits()) * n as u128) >> 64) as usize
     }
 }

@@ -18,7 +18,10 @@ pub fn training_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     ui.horizontal(|ui| {
         heading(ui, "Training");
         let phase = &state.training.phase;
-        chip(ui, phase.name(), theme::of_phase(ui.visuals(), phase));
+        // While it trains, the heading says it already.
+        if *phase != Phase::Training {
+            chip(ui, phase.name(), theme::of_phase(ui.visuals(), phase));
+        }
     });
     capture_ui(ui, state);
     controls_ui(ui, state, commands);
@@ -309,6 +312,7 @@ fn decades(input: GridInput) -> Vec<GridMark> {
     let range = low.floor().max(-12.0) as i32..=high.ceil().min(12.0) as i32;
     range
         .flat_map(|decade| [1.0, 2.0, 5.0].map(|digit| f64::from(decade) + f64::log10(digit)))
+        .filter(|value| (low..=high).contains(value))
         .map(|value| GridMark {
             value,
             step_size: 0.5,

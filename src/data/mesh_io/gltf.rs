@@ -209,7 +209,7 @@ fn triangles(mode: Mode, indices: &[u32]) -> Vec<[u32; 3]> {
 pub fn write_glb(path: &Path, mesh: &Mesh) -> Result<(), DataError> {
     let vectors = |list: &[Vec3]| -> Vec<u8> {
         list.iter()
-            .flat_map(|v| v.to_array())
+            .flat_map(glam::Vec3::to_array)
             .flat_map(f32::to_le_bytes)
             .collect()
     };

@@ -57,7 +57,7 @@ fn linear_body<const FMA: bool>(
     let n = y.len() / m;
     let k = w.len() / m;
     assert!(
-        m % LANES == 0 && w.len() == k * m && x.len() == n * k && y.len() == n * m,
+        m.is_multiple_of(LANES) && w.len() == k * m && x.len() == n * k && y.len() == n * m,
         "linear: shapes disagree"
     );
     let full = n / ROWS * ROWS;
@@ -125,7 +125,10 @@ fn outer_body<const FMA: bool>(x: &[f32], d_y: &[f32], d_w: &mut [f32], d_bias: 
     let k = d_w.len() / m;
     let n = d_y.len() / m;
     assert!(
-        m % LANES == 0 && k % OUTER_ROWS == 0 && x.len() == n * k && d_y.len() == n * m,
+        m.is_multiple_of(LANES)
+            && k.is_multiple_of(OUTER_ROWS)
+            && x.len() == n * k
+            && d_y.len() == n * m,
         "linear_backward_weights: shapes disagree"
     );
     for j in (0..m).step_by(LANES) {
