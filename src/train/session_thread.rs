@@ -6,6 +6,7 @@ use crossbeam::channel::Receiver;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::data::{Dataset, LoadOptions, Splits};
+use crate::render::priority::lower_thread_priority;
 use crate::train::TrainError;
 use crate::train::event_queue::EventQueue;
 use crate::train::events::{Finish, FinishReason, TrainCommand, TrainEvent};
@@ -14,6 +15,9 @@ use crate::train::run_folder::RunFolder;
 use crate::train::session::{SessionError, SessionOptions, Shared, Start};
 use crate::train::trainer::Trainer;
 
+/// Training then takes only time that nothing else wants, and the window stays smooth (measured:
+/// 25 frames per second instead of 13).
+const LOWEST_PRIORITY: i32 = 19;
 /// What the person reads while photos are decoded.
 const READING: &str = "Reading the capture";
 /// What the person reads while pixels are traced.
@@ -42,7 +46,7 @@ impl Worker {
             .thread_name(|i| format!("neif-train-{i}"))
             .start_handler(move |_| {
                 if nice {
-                    give_way();
+                    lower_thread_priority(LOWEST_PRIORITY);
                 }
             })
             .build()
@@ -59,7 +63,7 @@ impl Worker {
     /// Prepares and trains; reports how it ended.
     pub(super) fn run(self) -> Result<(), SessionError> {
         if self.options.nice {
-            give_way();
+            lower_thread_priority(LOWEST_PRIORITY);
         }
         let result = self.prepare_and_train();
         if let Err(error) = &result {
@@ -141,17 +145,3 @@ impl Worker {
         self.events.send(TrainEvent::Loading { what, fraction });
     }
 }
-
-/// Lowers the priority of the calling thread as far as it goes: training then takes only time
-/// that nothing else wants, and the window stays smooth (measured: 13 to 25 frames per second).
-#[cfg(target_os = "linux")]
-fn give_way() {
-    // On Linux `None` is the calling thread, not the process.
-    if let Err(error) = rustix::process::setpriority_process(None, 19) {
-        tracing::debug!("cannot lower the priority: {error}");
-    }
-}
-
-/// Elsewhere priorities are per process, which would slow the window too.
-#[cfg(not(target_os = "linux"))]
-fn give_way() {}
