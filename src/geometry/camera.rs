@@ -1,4 +1,4 @@
-//! Perspective cameras with OpenCV lens distortion: pixels to rays and points to pixels.
+//! Perspective cameras with `OpenCV` lens distortion: pixels to rays and points to pixels.
 //!
 //! Axes are OpenGL's: x right, y up, the camera looks along -z. Pixel coordinates are continuous
 //! with y down; pixel `(0, 0)` covers `[0, 1) x [0, 1)`, so its centre is `(0.5, 0.5)`.
@@ -10,12 +10,12 @@ use super::Ray;
 /// Newton steps that undo the distortion. Phone lenses converge in 3; the rest is reserve.
 const N_UNDISTORT_STEPS: usize = 8;
 
-/// Lens distortion, in OpenCV's image axes (x right, y down, unit focal length).
+/// Lens distortion, in `OpenCV`'s image axes (x right, y down, unit focal length).
 ///
 /// With `r2 = x^2 + y^2`, `radial = 1 + k1 r2 + k2 r2^2 + k3 r2^3 + k4 r2^4`:
 /// `x' = x radial + 2 p1 x y + p2 (r2 + 2 x^2)`, `y' = y radial + p1 (r2 + 2 y^2) + 2 p2 x y`.
 /// `k4` is the coefficient of `r^8`, as nerfstudio means it; it is not the rational denominator
-/// that OpenCV's own eight-parameter model calls k4, nor a fisheye coefficient.
+/// that `OpenCV`'s own eight-parameter model calls k4, nor a fisheye coefficient.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Distortion {
     /// Radial, `r^2`.
