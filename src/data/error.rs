@@ -87,10 +87,10 @@ impl DataError {
         }
     }
 
-    pub(super) fn mesh(path: &Path, problem: impl ToString) -> Self {
+    pub(super) fn mesh(path: &Path, problem: impl Into<String>) -> Self {
         Self::Mesh {
             path: path.to_owned(),
-            problem: problem.to_string(),
+            problem: problem.into(),
         }
     }
 }
@@ -100,8 +100,9 @@ fn frame_label(frame: Option<usize>) -> String {
 }
 
 fn list_problems(problems: &[Problem]) -> String {
-    problems
-        .iter()
-        .map(|problem| format!("\n  {problem}"))
-        .collect()
+    problems.iter().fold(String::new(), |mut list, problem| {
+        list.push_str("\n  ");
+        list.push_str(&problem.to_string());
+        list
+    })
 }

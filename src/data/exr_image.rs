@@ -53,7 +53,7 @@ pub fn read_exr_linear(path: &Path) -> Result<(u32, u32, Vec<[f32; 3]>), DataErr
             "subsampled channels are not supported",
         ));
     }
-    let pixels = red
+    let pixels: Vec<[f32; 3]> = red
         .sample_data
         .values_as_f32()
         .zip(green.sample_data.values_as_f32())
@@ -84,14 +84,11 @@ fn color_channels<'a>(
     }
     let only = if list.len() == 1 { list.first() } else { None };
     if let Some(grey) = named("Y").or(only) {
-        Ok([grey; 3])
-    } else {
-        let names: Vec<String> = list.iter().map(|c| c.name.to_string()).collect();
-        Err(DataError::image(
-            path,
-            format!("no channels R, G, B or Y, but {}", names.join(", ")),
-        ))
+        return Ok([grey; 3]);
     }
+    let names: Vec<String> = list.iter().map(|c| c.name.to_string()).collect();
+    let problem = format!("no channels R, G, B or Y, but {}", names.join(", "));
+    Err(DataError::image(path, problem))
 }
 
 /// Writes linear colours as an RGB EXR, ZIP-compressed, atomically.
@@ -132,4 +129,58 @@ pub fn write_exr(
         result.map_err(std::io::Error::other)
     });
     written.map_err(|e| DataError::io(path, e))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn written_pictures_read_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.exr");
+        let pixels: Vec<[f32; 3]> = (0..15).map(|i| [i as f32, 0.1, 1e5]).collect();
+        write_exr(&path, 5, 3, &pixels, ExrSample::Float).unwrap();
+        assert_eq!(
+            read_exr_linear(&path).unwrap(),
+            (5, 3, pixels.clone()),
+            "float"
+        );
+        write_exr(&path, 5, 3, &pixels, ExrSample::Half).unwrap();
+        let (_, _, half) = read_exr_linear(&path).unwrap();
+        assert_eq!((half[14][0], half[14][2]), (14.0, 65504.0), "half, clamped");
+        assert!((half[0][1] - 0.1).abs() < 1e-4, "half, rounded");
+    }
+
+    #[test]
+    fn nan_and_infinite_pixels_are_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("bad.exr");
+        for bad in [f32::NAN, f32::INFINITY] {
+            let mut pixels = vec![[0.5; 3]; 15];
+            pixels[7][1] = bad;
+            write_exr(&path, 5, 3, &pixels, ExrSample::Float).unwrap();
+            let message = read_exr_linear(&path).unwrap_err().to_string();
+            assert!(
+                message.contains("bad.exr") && message.contains("(2, 1)"),
+                "{message}"
+            );
+        }
+    }
+
+    #[test]
+    fn truncated_files_are_errors() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.exr");
+        write_exr(&path, 5, 3, &[[0.5; 3]; 15], ExrSample::Float).unwrap();
+        let whole = std::fs::read(&path).unwrap();
+        for length in [0, 10, whole.len() / 2, whole.len() - 4] {
+            std::fs::write(&path, &whole[..length]).unwrap();
+            assert!(
+                read_exr_linear(&path).is_err(),
+                "{length} bytes of {}",
+                whole.len()
+            );
+        }
+    }
 }

@@ -78,7 +78,7 @@ pub(super) fn decode(path: &Path) -> Result<Decoded, DataError> {
     let alpha = alpha_of(&picture);
     let photo = match picture {
         DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_) => {
-            let pixels = picture.to_rgb32f().pixels().map(|p| p.0).collect();
+            let pixels: Vec<[f32; 3]> = picture.to_rgb32f().pixels().map(|p| p.0).collect();
             check_finite(path, width, &pixels)?;
             Photo::Hdr {
                 width,
@@ -126,11 +126,7 @@ pub(super) fn check_size(path: &Path, width: u64, height: u64) -> Result<(), Dat
 }
 
 /// Refuses NaN and infinite pixels, naming the first.
-pub(super) fn check_finite(
-    path: &Path,
-    width: u32,
-    pixels: &Vec<[f32; 3]>,
-) -> Result<(), DataError> {
+pub(super) fn check_finite(path: &Path, width: u32, pixels: &[[f32; 3]]) -> Result<(), DataError> {
     match pixels.iter().position(|p| p.iter().any(|c| !c.is_finite())) {
         None => Ok(()),
         Some(i) => {
@@ -202,4 +198,106 @@ pub fn write_png_srgb(
             .map_err(std::io::Error::other)
     })
     .map_err(|e| DataError::io(path, e))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn checkerboard() -> Vec<[f32; 3]> {
+        (0..35)
+            .map(|i| [i as f32 / 34.0, (i % 2) as f32, 0.25])
+            .collect()
+    }
+
+    #[test]
+    fn a_written_png_reads_back_to_half_a_code() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        write_png_srgb(&path, 7, 5, &checkerboard()).unwrap();
+        let photo = read_photo(&path).unwrap();
+        assert_eq!((photo.width(), photo.height()), (7, 5), "size");
+        for (i, expected) in checkerboard().iter().enumerate() {
+            for (a, b) in photo.srgb(i).iter().zip(expected) {
+                assert!(
+                    (a - b).abs() <= 0.5 / 255.0 + 1e-6,
+                    "pixel {i}: {a} against {b}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn sixteen_bit_pictures_keep_their_precision() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        let picture = image::ImageBuffer::from_fn(3, 1, |x, _| image::Rgb([x as u16 * 1001; 3]));
+        DynamicImage::ImageRgb16(picture).save(&path).unwrap();
+        let [r, ..] = read_photo(&path).unwrap().srgb(1);
+        assert!((r - 1001.0 / 65535.0).abs() < 1e-7, "{r}");
+    }
+
+    #[test]
+    fn alpha_becomes_the_mask_and_colours_stay_straight() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        let picture =
+            image::RgbaImage::from_fn(2, 1, |x, _| image::Rgba([200, 100, 50, x as u8 * 128]));
+        picture.save(&path).unwrap();
+        let decoded = decode(&path).unwrap();
+        assert_eq!(decoded.alpha.unwrap().coverage, [0, 128], "alpha");
+        assert!(
+            (decoded.photo.srgb(1)[0] - 200.0 / 255.0).abs() < 1e-6,
+            "colour"
+        );
+    }
+
+    #[test]
+    fn masks_of_zeros_and_ones_are_stretched() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("m.png");
+        image::GrayImage::from_raw(2, 1, vec![0, 1])
+            .unwrap()
+            .save(&path)
+            .unwrap();
+        assert_eq!(read_mask(&path).unwrap().coverage, [0, 255], "coverage");
+    }
+
+    #[test]
+    fn truncated_empty_and_foreign_files_are_errors_that_name_the_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("broken.png");
+        write_png_srgb(&path, 7, 5, &checkerboard()).unwrap();
+        let whole = std::fs::read(&path).unwrap();
+        for bytes in [&whole[..whole.len() / 2], &[][..], b"GIF89a not a picture"] {
+            std::fs::write(&path, bytes).unwrap();
+            let message = read_photo(&path).unwrap_err().to_string();
+            assert!(message.contains("broken.png"), "{message}");
+        }
+        let missing = read_photo(&folder.path().join("none.png")).unwrap_err();
+        assert!(matches!(missing, DataError::Io { .. }), "{missing}");
+    }
+
+    #[test]
+    fn a_picture_that_claims_to_be_huge_is_refused_before_decoding() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("huge.png");
+        write_png_srgb(&path, 7, 5, &checkerboard()).unwrap();
+        let mut bytes = std::fs::read(&path).unwrap();
+        // IHDR: width at byte 16, then height; the checksum over 17 bytes follows at 29.
+        bytes[16..24].copy_from_slice(&[0, 1, 0, 0, 0, 1, 0, 0]);
+        let checksum = crc32(&bytes[12..29]).to_be_bytes();
+        bytes[29..33].copy_from_slice(&checksum);
+        std::fs::write(&path, bytes).unwrap();
+        let message = read_photo(&path).unwrap_err().to_string();
+        assert!(message.contains("65536 x 65536"), "{message}");
+    }
+
+    fn crc32(bytes: &[u8]) -> u32 {
+        !bytes.iter().fold(!0, |crc, byte| {
+            (0..8).fold(crc ^ u32::from(*byte), |crc, _| {
+                (crc >> 1) ^ (0xEDB8_8320 & (crc & 1).wrapping_neg())
+            })
+        })
+    }
 }

@@ -8,15 +8,13 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use rayon::prelude::*;
-
-use super::image::decode;
 use super::mesh_io::{find_mesh, read_mesh};
 use super::problem::first_names;
+use super::views::load_views;
 use super::{
-    DataError, Dataset, Frame, LoadOptions, Mask, Photo, Problem, Severity, View, read_frames,
-    read_mask,
+    DataError, Dataset, Frame, LoadOptions, MeshPlacement, Problem, Severity, View, read_frames,
 };
+use crate::geometry::Mesh;
 
 /// Fewest photos in a single `transforms.json` for any to be set aside for testing.
 const MIN_PHOTOS_FOR_TEST: usize = 8;
@@ -43,19 +41,18 @@ impl Dataset {
         if !options.splits.test {
             frames.test.clear();
         }
-        let (train, val, test) = decode_splits(path, &frames, options, &mut problems)?;
+        let decoded = decode_splits(path, &frames, options, &mut problems)?;
         let (mesh, mesh_path) = load_mesh(&root, options, &mut problems)?;
-        let surroundings_visible = !problems.iter().any(|p| p.what.starts_with(CUT_OUT));
         problems.sort_by_key(|problem| problem.severity);
         Ok(Self {
             name: folder_name(&root),
             root,
-            train,
-            val,
-            test,
+            train: decoded.train,
+            val: decoded.val,
+            test: decoded.test,
             mesh,
             mesh_path,
-            surroundings_visible,
+            surroundings_visible: decoded.surroundings_visible,
             problems,
         })
     }
@@ -200,13 +197,21 @@ fn keep_existing(frames: Vec<Frame>, problems: &mut Vec<Problem>) -> Vec<Frame> 
     existing
 }
 
+/// The views by split.
+struct Decoded {
+    train: Vec<View>,
+    val: Vec<View>,
+    test: Vec<View>,
+    surroundings_visible: bool,
+}
+
 /// Decodes all splits in one parallel pass.
 fn decode_splits(
     path: &Path,
     frames: &SplitFrames,
     options: &LoadOptions<'_>,
     problems: &mut Vec<Problem>,
-) -> Result<(Vec<View>, Vec<View>, Vec<View>), DataError> {
+) -> Result<Decoded, DataError> {
     let (n_train, n_val) = (frames.train.len(), frames.val.len());
     let all: Vec<Frame> = [&frames.train, &frames.val, &frames.test]
         .into_iter()
@@ -218,6 +223,7 @@ fn decode_splits(
         let done = n_done.fetch_add(1, Ordering::Relaxed) + 1;
         (options.on_progress)(done, all.len());
     });
+    let surroundings_visible = !loaded.findings.are_cut_out();
     problems.extend(loaded.findings.into_problems());
     let mut views = loaded.views;
     let test: Vec<View> = views
@@ -234,20 +240,25 @@ fn decode_splits(
             problems: std::mem::take(problems),
         });
     }
-    Ok((train, val, test))
+    Ok(Decoded {
+        train,
+        val,
+        test,
+        surroundings_visible,
+    })
 }
 
 fn load_mesh(
     root: &Path,
     options: &LoadOptions<'_>,
     problems: &mut Vec<Problem>,
-) -> Result<(Option<Arc<crate::geometry::Mesh>>, Option<PathBuf>), DataError> {
+) -> Result<(Option<Arc<Mesh>>, Option<PathBuf>), DataError> {
     let Some(path) = options.mesh.clone().or_else(|| find_mesh(root)) else {
         return Ok((None, None));
     };
     match read_mesh(&path) {
         Ok(mesh) => {
-            let placed = if options.mesh_placement == super::MeshPlacement::default() {
+            let placed = if options.mesh_placement == MeshPlacement::default() {
                 mesh
             } else {
                 mesh.transformed(options.mesh_placement.world_from_mesh())
@@ -271,165 +282,217 @@ fn folder_name(root: &Path) -> String {
     )
 }
 
-/// How the finding about cut-out photos begins.
-const CUT_OUT: &str = "the surroundings are not visible";
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
 
-/// Views in the order of their frames, `None` where one could not be read.
-pub(super) struct LoadedViews {
-    pub(super) views: Vec<Option<View>>,
-    pub(super) findings: Findings,
-}
+    use super::super::test_capture::{SIDE, TestCapture};
+    use super::super::{Splits, write_png_srgb};
+    use super::*;
 
-/// What was noticed while reading views, by kind, with the views' names.
-#[derive(Debug, Default)]
-pub(super) struct Findings {
-    unreadable: Vec<Problem>,
-    rescaled: Vec<String>,
-    without_mask_file: Vec<String>,
-    cut_out: Vec<String>,
-    n_views: usize,
-}
+    fn load(capture: &TestCapture) -> Result<Dataset, DataError> {
+        Dataset::load(capture.root(), &LoadOptions::default())
+    }
 
-impl Findings {
-    /// One problem a kind.
-    pub(super) fn into_problems(self) -> Vec<Problem> {
-        let mut problems = self.unreadable;
-        let mut add = |severity, names: &[String], what: &str, advice: &str| {
-            if !names.is_empty() {
-                let what = format!("{what} ({} views: {})", names.len(), first_names(names));
-                problems.push(Problem::new(severity, what, advice));
-            }
+    fn names(views: &[View]) -> Vec<&str> {
+        views.iter().map(|view| view.name.as_str()).collect()
+    }
+
+    #[test]
+    fn a_whole_capture_loads_without_problems() {
+        let capture = TestCapture::new(12);
+        let n_calls = AtomicUsize::new(0);
+        let options = LoadOptions {
+            on_progress: &|_, n_all| {
+                assert_eq!(n_all, 16, "views in all");
+                n_calls.fetch_add(1, Ordering::Relaxed);
+            },
+            ..LoadOptions::default()
         };
-        add(
-            Severity::Warning,
-            &self.without_mask_file,
-            "mask files are missing",
-            "these views are used without a mask",
+        let dataset = Dataset::load(capture.root(), &options).unwrap();
+        assert_eq!(
+            (dataset.train.len(), dataset.val.len(), dataset.test.len()),
+            (12, 0, 4),
+            "splits"
         );
-        add(
-            Severity::Note,
-            &self.rescaled,
-            "photos are smaller or larger than w x h",
-            "the lens was scaled with them",
+        assert_eq!(n_calls.into_inner(), 16, "progress");
+        assert!(
+            dataset.mesh.is_some() && dataset.surroundings_visible,
+            "mesh, surroundings"
         );
-        // A few cut-outs among full photos do not make the surroundings unknown.
-        if 2 * self.cut_out.len() > self.n_views {
-            add(
-                Severity::Note,
-                &self.cut_out,
-                &format!("{CUT_OUT}: the photos are cut out along the object"),
-                "light is learned from reflections alone",
-            );
+        assert!(dataset.problems.is_empty(), "{:?}", dataset.problems);
+        assert!(
+            dataset.train.iter().all(|view| view.mask.is_some()),
+            "masks"
+        );
+    }
+
+    #[test]
+    fn only_the_wanted_splits_are_decoded() {
+        let capture = TestCapture::new(4);
+        let options = LoadOptions {
+            splits: Splits::TEST,
+            ..LoadOptions::default()
+        };
+        let dataset = Dataset::load(capture.root(), &options).unwrap();
+        assert_eq!((dataset.train.len(), dataset.test.len()), (0, 4), "splits");
+    }
+
+    #[test]
+    fn without_a_validation_file_training_gives_some_up() {
+        let dataset = load(&TestCapture::new(20)).unwrap();
+        assert_eq!(names(&dataset.val), ["r_9", "r_19"], "validation");
+        assert_eq!(dataset.train.len(), 18, "training");
+        assert!(
+            dataset.problems[0].what.contains("transforms_val.json"),
+            "it is said"
+        );
+    }
+
+    #[test]
+    fn a_single_file_is_split_by_position_whatever_is_loaded() {
+        let capture = TestCapture::new(20);
+        std::fs::rename(
+            capture.path("transforms_train.json"),
+            capture.path("transforms.json"),
+        )
+        .unwrap();
+        std::fs::remove_file(capture.path("transforms_test.json")).unwrap();
+        let dataset = load(&capture).unwrap();
+        assert_eq!(names(&dataset.test), ["r_0", "r_8", "r_16"], "test");
+        assert_eq!(names(&dataset.val), ["r_4", "r_12"], "validation");
+        let by_file =
+            Dataset::load(&capture.path("transforms.json"), &LoadOptions::default()).unwrap();
+        assert_eq!(
+            names(&by_file.train),
+            names(&dataset.train),
+            "by file as by folder"
+        );
+    }
+
+    #[test]
+    fn a_single_photo_trains() {
+        let capture = TestCapture::new(1);
+        std::fs::rename(
+            capture.path("transforms_train.json"),
+            capture.path("transforms.json"),
+        )
+        .unwrap();
+        let dataset = load(&capture).unwrap();
+        assert_eq!((dataset.train.len(), dataset.test.len()), (1, 0), "splits");
+    }
+
+    #[test]
+    fn missing_photos_are_one_problem_and_broken_ones_one_each() {
+        let capture = TestCapture::new(12);
+        for i in [2, 3, 5, 7] {
+            std::fs::remove_file(capture.path(&format!("train/r_{i}.png"))).unwrap();
         }
-        problems
-    }
-}
-
-/// What one frame gave.
-struct LoadedView {
-    view: View,
-    rescaled: bool,
-    mask_file_missing: bool,
-    cut_out: bool,
-}
-
-/// Reads the frames in parallel, calling `on_done` after each.
-pub(super) fn load_views(frames: &[Frame], on_done: &(dyn Fn() + Sync)) -> LoadedViews {
-    let results: Vec<Result<LoadedView, DataError>> = frames
-        .par_iter()
-        .map(|frame| {
-            let result = load_view(frame);
-            on_done();
-            result
-        })
-        .collect();
-    let mut findings = Findings::default();
-    let views = results
-        .into_iter()
-        .map(|result| match result {
-            Ok(loaded) => {
-                findings.n_views += 1;
-                let name = &loaded.view.name;
-                let kinds = [
-                    (loaded.rescaled, &mut findings.rescaled),
-                    (loaded.mask_file_missing, &mut findings.without_mask_file),
-                    (loaded.cut_out, &mut findings.cut_out),
-                ];
-                for (found, names) in kinds {
-                    if found {
-                        names.push(name.clone());
-                    }
-                }
-                Some(loaded.view)
-            }
-            Err(e) => {
-                let problem = Problem::new(Severity::Error, e.to_string(), "the view is left out");
-                findings.unreadable.push(problem);
-                None
-            }
-        })
-        .collect();
-    LoadedViews { views, findings }
-}
-
-fn load_view(frame: &Frame) -> Result<LoadedView, DataError> {
-    let decoded = decode(&frame.photo)?;
-    let (width, height) = (decoded.photo.width(), decoded.photo.height());
-    let (camera, rescaled) = frame.camera(width, height)?;
-    let mask_file = frame.mask.as_deref().filter(|path| path.is_file());
-    let cut_out = decoded
-        .alpha
-        .as_ref()
-        .is_some_and(|alpha| hides_one_color(&decoded.photo, alpha));
-    let mask = match mask_file {
-        Some(path) => Some(read_mask_sized(path, width, height)?),
-        None => decoded.alpha,
-    };
-    Ok(LoadedView {
-        view: View {
-            name: frame.name.clone(),
-            camera,
-            photo: decoded.photo,
-            mask,
-        },
-        rescaled,
-        mask_file_missing: frame.mask.is_some() && mask_file.is_none(),
-        cut_out,
-    })
-}
-
-/// Reads a mask and brings it to the photo's size; errors where the aspect differs.
-fn read_mask_sized(path: &Path, width: u32, height: u32) -> Result<Mask, DataError> {
-    let mask = read_mask(path)?;
-    if (mask.width, mask.height) == (width, height) {
-        return Ok(mask);
-    }
-    let expected = mask.width as f32 * height as f32 / mask.height as f32;
-    if (expected - width as f32).abs() > 0.01 * width as f32 + 1.0 {
-        let problem = format!(
-            "the mask is {} x {}, its photo {width} x {height}",
-            mask.width, mask.height
+        std::fs::write(capture.path("train/r_8.png"), b"\x89PNG\r\n\x1a\n").unwrap();
+        std::fs::remove_file(capture.path("train_mask/r_9.png")).unwrap();
+        let dataset = load(&capture).unwrap();
+        assert_eq!(dataset.train.len(), 7, "what is left");
+        let text: Vec<String> = dataset.problems.iter().map(ToString::to_string).collect();
+        assert_eq!(text.len(), 3, "{text:?}");
+        assert!(
+            text[0].starts_with("error") && text[0].contains("r_8.png"),
+            "{text:?}"
         );
-        return Err(DataError::image(path, problem));
+        assert!(
+            text[1].contains("4 of 12") && text[1].contains("and 1 more"),
+            "{text:?}"
+        );
+        assert!(
+            text[2].contains("mask files are missing (1 views: r_9)"),
+            "{text:?}"
+        );
     }
-    let coverage = image::GrayImage::from_raw(mask.width, mask.height, mask.coverage)
-        .map(|mask| image::imageops::resize(&mask, width, height, image::imageops::Triangle))
-        .ok_or_else(|| DataError::image(path, "the mask is incomplete"))?
-        .into_raw();
-    Ok(Mask {
-        width,
-        height,
-        coverage,
-    })
-}
 
-/// Whether all fully transparent pixels have one colour, that is, hold no photo.
-fn hides_one_color(photo: &Photo, alpha: &Mask) -> bool {
-    let mut hidden = (0..photo.n_pixels())
-        .filter(|i| alpha.coverage[*i] == 0)
-        .map(|i| photo.srgb(i));
-    match hidden.next() {
-        Some(first) => hidden.all(|color| color == first),
-        None => false,
+    #[test]
+    fn photos_and_masks_of_the_wrong_size_are_left_out_by_name() {
+        let capture = TestCapture::new(4);
+        let strip = vec![[0.5; 3]; SIDE as usize * 8];
+        write_png_srgb(&capture.path("train/r_1.png"), SIDE, 8, &strip).unwrap();
+        write_png_srgb(&capture.path("train_mask/r_2.png"), SIDE, 8, &strip).unwrap();
+        let dataset = load(&capture).unwrap();
+        assert_eq!(names(&dataset.train), ["r_0", "r_3"], "what is left");
+        assert!(
+            dataset.problems[0]
+                .what
+                .contains("32 x 8, but w x h is 32 x 32"),
+            "photo"
+        );
+        assert!(
+            dataset.problems[1].what.contains("the mask is 32 x 8"),
+            "mask"
+        );
+    }
+
+    #[test]
+    fn nothing_usable_is_an_error_that_says_why() {
+        let capture = TestCapture::new(2);
+        for i in 0..2 {
+            std::fs::write(capture.path(&format!("train/r_{i}.png")), b"").unwrap();
+        }
+        let message = load(&capture).unwrap_err().to_string();
+        assert!(
+            message.contains("no usable view") && message.contains("r_1.png"),
+            "{message}"
+        );
+        let empty = tempfile::tempdir().unwrap();
+        let message = Dataset::load(empty.path(), &LoadOptions::default()).unwrap_err();
+        assert!(
+            matches!(message, DataError::NotADataset { .. }),
+            "{message}"
+        );
+        let nowhere = Dataset::load(&empty.path().join("x"), &LoadOptions::default());
+        assert!(matches!(nowhere, Err(DataError::Io { .. })), "{nowhere:?}");
+    }
+
+    #[test]
+    fn a_broken_mesh_is_a_problem_when_found_and_an_error_when_named() {
+        let capture = TestCapture::new(3);
+        std::fs::write(capture.path("mesh.glb"), b"glTF").unwrap();
+        let dataset = load(&capture).unwrap();
+        assert!(dataset.mesh.is_none(), "no mesh");
+        assert_eq!(dataset.problems[0].severity, Severity::Error, "it is said");
+        let options = LoadOptions {
+            mesh: Some(capture.path("mesh.glb")),
+            ..LoadOptions::default()
+        };
+        let named = Dataset::load(capture.root(), &options);
+        assert!(matches!(named, Err(DataError::Mesh { .. })), "{named:?}");
+    }
+
+    #[test]
+    fn cut_out_photos_are_recognised() {
+        let capture = TestCapture::new(3);
+        for (split, n) in [("train", 3), ("test", 4)] {
+            for i in 0..n {
+                let photo = image::RgbaImage::from_fn(SIDE, SIDE, |x, y| {
+                    if x > y {
+                        image::Rgba([9, 99, 199, 255])
+                    } else {
+                        image::Rgba([0; 4])
+                    }
+                });
+                photo
+                    .save(capture.path(&format!("{split}/r_{i}.png")))
+                    .unwrap();
+            }
+            capture.edit_json(&format!("transforms_{split}.json"), |json| {
+                for frame in json["frames"].as_array_mut().unwrap() {
+                    frame["mask_path"] = json!(null);
+                }
+            });
+        }
+        let dataset = load(&capture).unwrap();
+        assert!(!dataset.surroundings_visible, "surroundings");
+        let mask = dataset.train[0].mask.as_ref().unwrap();
+        assert!(
+            mask.is_object(1) && !mask.is_object(SIDE as usize),
+            "alpha is the mask"
+        );
+        assert_eq!(dataset.problems[0].severity, Severity::Note, "it is said");
     }
 }

@@ -8,13 +8,17 @@ mod check;
 mod error;
 mod exr_image;
 mod image;
+mod json_fields;
 mod load;
 mod mesh_io;
 mod photo;
 mod problem;
 mod relight;
 pub mod tensor_file;
+#[cfg(test)]
+mod test_capture;
 mod transforms_json;
+mod views;
 
 use std::fmt;
 use std::path::PathBuf;

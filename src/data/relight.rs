@@ -6,7 +6,7 @@ use std::path::Path;
 use glam::Vec3;
 use serde::Deserialize;
 
-use super::load::load_views;
+use super::views::load_views;
 use super::{DataError, Dataset, Problem, View, read_frames};
 
 /// A rigid move of the surroundings in world axes about the world's origin, rotation first.
@@ -125,5 +125,76 @@ fn check_apply(json: &Path, apply: &RelightApply) -> Result<(), DataError> {
             Err(fail("environment_transform", "not finite".to_owned()))
         }
         _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_capture::TestCapture;
+    use super::*;
+
+    fn write_edit(capture: &TestCapture, apply: &serde_json::Value) {
+        let folder = capture.path("relight/an_edit");
+        std::fs::create_dir_all(&folder).unwrap();
+        std::fs::copy(capture.path("test/r_0.png"), folder.join("r_0.png")).unwrap();
+        let text = std::fs::read_to_string(capture.path("transforms_test.json")).unwrap();
+        let mut json: serde_json::Value = serde_json::from_str(&text).unwrap();
+        let frames = json["frames"].as_array_mut().unwrap();
+        frames.truncate(1);
+        frames[0]["file_path"] = "r_0.png".into();
+        frames[0]["mask_path"] = "../../test_mask/r_0.png".into();
+        json["edit"] = "in words".into();
+        json["apply"] = apply.clone();
+        std::fs::write(folder.join("edit.json"), json.to_string()).unwrap();
+    }
+
+    #[test]
+    fn an_edit_is_read_with_its_views_and_masks() {
+        let capture = TestCapture::new(3);
+        let apply = serde_json::json!({
+            "environment_transform": {"rotate_deg_xyz": [0, 0, 90], "translate": [0.3, 0, 0]},
+            "roughness": 0.4, "glow": 7,
+        });
+        write_edit(&capture, &apply);
+        let cases = Dataset::relight_cases(capture.root()).unwrap();
+        let [case] = &cases[..] else {
+            panic!("one case, not {}", cases.len());
+        };
+        assert_eq!(
+            (case.name.as_str(), case.description.as_str()),
+            ("an_edit", "in words"),
+            "text"
+        );
+        let moved = case.apply.environment_transform.unwrap();
+        assert_eq!(moved.rotate_deg_xyz, Vec3::new(0.0, 0.0, 90.0), "rotation");
+        assert_eq!(moved.translate, Vec3::new(0.3, 0.0, 0.0), "translation");
+        assert_eq!(case.apply.roughness, Some(0.4), "roughness");
+        assert!(
+            case.apply.unknown.contains_key("glow"),
+            "what is unknown is kept"
+        );
+        assert!(
+            case.views[0].mask.is_some() && case.problems.is_empty(),
+            "mask by ../.."
+        );
+    }
+
+    #[test]
+    fn values_out_of_range_are_errors_that_name_the_field() {
+        let capture = TestCapture::new(3);
+        write_edit(&capture, &serde_json::json!({"roughness": 1.5}));
+        let message = Dataset::relight_cases(capture.root())
+            .unwrap_err()
+            .to_string();
+        assert!(message.contains("apply.roughness"), "{message}");
+    }
+
+    #[test]
+    fn a_capture_without_edits_has_none() {
+        let capture = TestCapture::new(3);
+        assert!(
+            Dataset::relight_cases(capture.root()).unwrap().is_empty(),
+            "none"
+        );
     }
 }

@@ -7,9 +7,10 @@
 use std::path::{Component, Path, PathBuf};
 
 use glam::{Affine3A, Mat3, Vec3};
-use serde_json::{Map, Value};
+use serde_json::Value;
 
 use super::DataError;
+use super::json_fields::Fields;
 use crate::geometry::{Camera, Distortion};
 
 /// How far above the JSON's folder a path may climb: `relight/<edit>/edit.json` refers to
@@ -345,76 +346,192 @@ fn with_extension(path: PathBuf) -> PathBuf {
         .unwrap_or(path)
 }
 
-/// A JSON object with the place it stands at, for messages.
-struct Fields<'a> {
-    json: &'a Path,
-    frame: Option<usize>,
-    value: &'a Value,
-}
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
 
-impl Fields<'_> {
-    fn error(&self, field: &str, problem: impl Into<String>) -> DataError {
-        DataError::Field {
-            path: self.json.to_owned(),
-            frame: self.frame,
-            field: field.to_owned(),
-            problem: problem.into(),
+    use super::*;
+
+    fn pose() -> Value {
+        json!([[1, 0, 0, 5], [0, 1, 0, 6], [0, 0, 1, 7], [0, 0, 0, 1]])
+    }
+
+    fn valid() -> Value {
+        json!({
+            "w": 320, "h": 240.0, "fl_x": 300.5, "cx": 161, "cy": 119, "k1": 0.01,
+            "frames": [
+                {"file_path": "./train/r_0", "transform_matrix": pose()},
+                {"file_path": "train\\r_1.png", "fl_x": 200, "transform_matrix": pose()},
+            ],
+        })
+    }
+
+    fn read(value: &Value) -> Result<Vec<Frame>, DataError> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("transforms.json");
+        std::fs::write(&path, value.to_string()).unwrap();
+        read_frames(&path)
+    }
+
+    #[test]
+    fn a_frames_own_lens_wins_over_the_files() {
+        let frames = read(&valid()).unwrap();
+        let lens = |i: usize| frames[i].camera(320, 240).unwrap().0;
+        assert_eq!(
+            (lens(0).fx, lens(0).fy, lens(0).cx),
+            (300.5, 300.5, 161.0),
+            "file"
+        );
+        assert_eq!((lens(1).fx, lens(1).distortion.k1), (200.0, 0.01), "frame");
+        assert_eq!(lens(0).position(), Vec3::new(5.0, 6.0, 7.0), "position");
+        assert_eq!(frames[1].name, "r_1", "name");
+        assert!(
+            frames[1].photo.ends_with("train/r_1.png"),
+            "backslashes are folders"
+        );
+    }
+
+    #[test]
+    fn an_angle_alone_makes_a_lens_for_the_photos_size() {
+        let json = json!({"camera_angle_x": std::f32::consts::FRAC_PI_2,
+                          "frames": [{"file_path": "a", "transform_matrix": pose()}]});
+        let (camera, rescaled) = read(&json).unwrap()[0].camera(400, 300).unwrap();
+        assert!(
+            (camera.fx - 200.0).abs() < 1e-3 && camera.fx == camera.fy,
+            "focal length"
+        );
+        assert_eq!(
+            (camera.cx, camera.cy, rescaled),
+            (200.0, 150.0, false),
+            "centre"
+        );
+    }
+
+    #[test]
+    fn lenses_shrink_with_their_photos_but_not_to_another_aspect() {
+        let frames = read(&valid()).unwrap();
+        let (camera, rescaled) = frames[0].camera(160, 120).unwrap();
+        assert_eq!(
+            (camera.fx, camera.cx, rescaled),
+            (150.25, 80.5, true),
+            "half size"
+        );
+        let message = frames[0].camera(320, 320).unwrap_err().to_string();
+        assert!(
+            message.contains("320 x 320") && message.contains("frame 0"),
+            "{message}"
+        );
+    }
+
+    #[test]
+    fn every_fault_names_its_field_and_frame() {
+        let with = |pointer: &str, value: Value| {
+            let mut json = valid();
+            *json.pointer_mut(pointer).unwrap() = value;
+            read(&json).unwrap_err().to_string()
+        };
+        let mut row = pose();
+        row[3] = json!([0, 0, 1, 1]);
+        let mut mirrored = pose();
+        mirrored[0][0] = json!(-1);
+        let mut flat = pose();
+        flat[2][2] = json!(0);
+        for (pointer, value, expected) in [
+            ("/w", json!(-3), "w: -3 is not a picture size"),
+            ("/w", json!(null), "w: missing"),
+            ("/fl_x", json!(0), "fl_x: 0 is not greater than 0"),
+            (
+                "/fl_x",
+                json!("long"),
+                "fl_x: \"long\" is not a finite number",
+            ),
+            ("/k1", json!(1e300), "k1: 1e+300 is not a finite number"),
+            ("/frames", json!([]), "frames: the list is empty"),
+            ("/frames/1", json!(7), "frame 1, file_path: missing"),
+            (
+                "/frames/1/file_path",
+                json!("/etc/passwd"),
+                "frame 1, file_path: \"/etc/passwd\" is an absolute",
+            ),
+            (
+                "/frames/1/file_path",
+                json!("../../../x.png"),
+                "leads out of the capture",
+            ),
+            (
+                "/frames/1/file_path",
+                json!("c:/x.png"),
+                "not a relative file path",
+            ),
+            (
+                "/frames/0/transform_matrix",
+                json!([[1]]),
+                "frame 0, transform_matrix: not 4 rows",
+            ),
+            (
+                "/frames/0/transform_matrix",
+                row,
+                "the last row is not 0 0 0 1",
+            ),
+            ("/frames/0/transform_matrix", mirrored, "left-handed"),
+            ("/frames/0/transform_matrix", flat, "not invertible"),
+        ] {
+            let message = with(pointer, value);
+            assert!(message.contains(expected), "{pointer}: {message}");
+            assert!(message.contains("transforms.json"), "{message}");
+        }
+        let mut fisheye = valid();
+        fisheye["camera_model"] = json!("OPENCV_FISHEYE");
+        assert!(
+            read(&fisheye)
+                .unwrap_err()
+                .to_string()
+                .contains("camera_model"),
+            "fisheye"
+        );
+    }
+
+    #[test]
+    fn a_scaled_pose_is_a_pose_and_a_sheared_one_is_not() {
+        let mut json = valid();
+        json["frames"][0]["transform_matrix"] =
+            json!([[0, -3, 0, 5], [3, 0, 0, 6], [0, 0, 3, 7], [0, 0, 0, 1]]);
+        let frames = read(&json).unwrap();
+        let determinant = frames[0].world_from_camera.matrix3.determinant();
+        assert!((determinant - 1.0).abs() < 1e-5, "{determinant}");
+        json["frames"][0]["transform_matrix"] =
+            json!([[1, 0.5, 0, 5], [0, 1, 0, 6], [0, 0, 1, 7], [0, 0, 0, 1]]);
+        assert!(
+            read(&json).unwrap_err().to_string().contains("sheared"),
+            "sheared"
+        );
+    }
+
+    #[test]
+    fn text_that_is_not_json_is_an_error_with_a_line() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("transforms.json");
+        for text in ["", "{\"frames\": [", "\u{0}", "{\"fl_x\": NaN}", "[]", "3"] {
+            std::fs::write(&path, text).unwrap();
+            let message = read_frames(&path).unwrap_err().to_string();
+            assert!(message.contains("transforms.json"), "{text}: {message}");
         }
     }
 
-    /// The field, where it is present and not null.
-    fn get(&self, field: &str) -> Option<&Value> {
-        self.value
-            .as_object()
-            .and_then(|object: &Map<String, Value>| object.get(field))
-            .filter(|value| !value.is_null())
-    }
-
-    fn string(&self, field: &str) -> Result<Option<&str>, DataError> {
-        self.get(field)
-            .map(|value| {
-                value
-                    .as_str()
-                    .ok_or_else(|| self.error(field, "not a text"))
-            })
-            .transpose()
-    }
-
-    fn number(&self, field: &str) -> Result<Option<f32>, DataError> {
-        self.get(field)
-            .map(|value| {
-                let number = value.as_f64().map(|v| v as f32).filter(|v| v.is_finite());
-                number.ok_or_else(|| self.error(field, format!("{value} is not a finite number")))
-            })
-            .transpose()
-    }
-
-    fn number_that(
-        &self,
-        field: &str,
-        wanted: &str,
-        accept: impl Fn(f32) -> bool,
-    ) -> Result<Option<f32>, DataError> {
-        match self.number(field)? {
-            Some(v) if !accept(v) => Err(self.error(field, format!("{v} is not {wanted}"))),
-            number => Ok(number),
+    proptest::proptest! {
+        #[test]
+        fn damaged_json_never_panics(at in 0_usize..600, byte in 0_u8..128) {
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path().join("transforms.json");
+            let mut bytes = valid().to_string().into_bytes();
+            let at = at % bytes.len();
+            bytes[at] = byte;
+            std::fs::write(&path, &bytes).unwrap();
+            for frame in read_frames(&path).unwrap_or_default() {
+                if let Ok((camera, _)) = frame.camera(64, 48) {
+                    proptest::prop_assert!(camera.fx > 0.0 && camera.world_from_camera.is_finite());
+                }
+            }
         }
-    }
-
-    fn positive(&self, field: &str) -> Result<Option<f32>, DataError> {
-        self.number_that(field, "greater than 0", |v| v > 0.0)
-    }
-
-    fn angle(&self, field: &str) -> Result<Option<f32>, DataError> {
-        let pi = std::f32::consts::PI;
-        self.number_that(field, "an angle between 0 and pi", |v| v > 0.0 && v < pi)
-    }
-
-    /// A picture side; some files write `1080.0`.
-    fn side(&self, field: &str) -> Result<Option<u32>, DataError> {
-        let side = self.number_that(field, "a picture size", |v| {
-            (1.0..=1e6).contains(&v) && v.fract() == 0.0
-        })?;
-        Ok(side.map(|v| v as u32))
     }
 }

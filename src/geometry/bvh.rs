@@ -225,7 +225,7 @@ mod tests {
         let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
         let mut nearest: Option<f64> = None;
         for i in 0..mesh.triangles.len() {
-            let [a, b, c] = mesh.corners(i).map(|p| p.as_dvec3());
+            let [a, b, c] = mesh.corners(i).map(|p: Vec3| p.as_dvec3());
             let (e1, e2) = (b - a, c - a);
             let p: DVec3 = d.cross(e2);
             let det = e1.dot(p);

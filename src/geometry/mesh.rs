@@ -102,7 +102,7 @@ impl Mesh {
     pub fn surface_area(&self) -> f64 {
         (0..self.triangles.len())
             .map(|i| {
-                let [a, b, c] = self.corners(i).map(glam::Vec3::as_dvec3);
+                let [a, b, c] = self.corners(i).map(|p: Vec3| p.as_dvec3());
                 0.5 * (b - a).cross(c - a).length()
             })
             .sum()

@@ -266,13 +266,19 @@ impl<'a> Raster<'a> {
         let mut object = Vec::new();
         for y in 0..camera.height {
             for x in 0..camera.width {
-                // The mask's pixel under the small pixel's centre.
-                let at = |i: u32, n: u32, full: u32| {
-                    let at = (f64::from(i) + 0.5) / f64::from(n) * f64::from(full);
-                    (at as u32).min(full - 1) as usize
+                // The mean over the small pixel's block; one pixel of it would be off-centre.
+                let block = |i: u32, n: u32, full: u32| {
+                    let start = i * full / n;
+                    start..((i + 1) * full / n).max(start + 1)
                 };
-                let row = at(y, camera.height, mask.height) * mask.width as usize;
-                object.push(mask.is_object(row + at(x, camera.width, mask.width)));
+                let (mut sum, mut n) = (0_u32, 0_u32);
+                for row in block(y, camera.height, mask.height) {
+                    for column in block(x, camera.width, mask.width) {
+                        sum += u32::from(mask.coverage[(row * mask.width + column) as usize]);
+                        n += 1;
+                    }
+                }
+                object.push(2 * sum > 255 * n);
             }
         }
         Self {

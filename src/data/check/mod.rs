@@ -179,3 +179,149 @@ pub fn check(dataset: &Dataset) -> DatasetReport {
         problems,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::{Affine3A, Vec3};
+
+    use super::super::test_capture::{CENTER, SIDE, TestCapture, object};
+    use super::super::{LoadOptions, MeshPlacement, write_glb, write_png_srgb};
+    use super::*;
+
+    fn report(capture: &TestCapture) -> DatasetReport {
+        check(&Dataset::load(capture.root(), &LoadOptions::default()).unwrap())
+    }
+
+    /// The capture with its mesh moved to where it does not belong.
+    fn misplaced(file_from_world: Affine3A) -> (TestCapture, DatasetReport) {
+        let capture = TestCapture::new(12);
+        let mesh = object().transformed(file_from_world);
+        write_glb(&capture.path("mesh.glb"), &mesh).unwrap();
+        let report = report(&capture);
+        (capture, report)
+    }
+
+    #[test]
+    fn a_good_capture_is_described_and_clean() {
+        let report = report(&TestCapture::new(12));
+        assert!(report.problems.is_empty(), "{:?}", report.problems);
+        assert!(
+            report.agreement.as_ref().unwrap().worst_iou > 0.97,
+            "{:?}",
+            report.agreement
+        );
+        assert!(report.mesh.as_ref().unwrap().watertight, "mesh");
+        assert!(
+            Vec3::from(report.cameras.look_at).distance(CENTER) < 0.01,
+            "look-at point"
+        );
+        let [near, far] = report.cameras.distance;
+        assert!(
+            (near - 5.0).abs() < 0.02 && (far - 5.0).abs() < 0.02,
+            "distances"
+        );
+        let page = report.to_string();
+        for part in [
+            "12 train, 0 val, 4 test",
+            "32 x 32 px",
+            "watertight",
+            "no problems",
+        ] {
+            assert!(page.contains(part), "{part} is missing in:\n{page}");
+        }
+        let json = serde_json::to_value(&report).unwrap();
+        assert_eq!(json["views"]["train"], 12, "json");
+    }
+
+    #[test]
+    fn a_y_up_mesh_is_named_with_its_cure_and_the_cure_works() {
+        let y_up_from_world = Affine3A::from_rotation_x((-90.0_f32).to_radians());
+        let (capture, report) = misplaced(y_up_from_world);
+        let problem = &report.problems[0];
+        assert!(
+            problem.what.contains("a y-up file beside a z-up capture"),
+            "{problem}"
+        );
+        assert!(problem.advice.contains("--mesh-rotate 90,0,0"), "{problem}");
+        let options = LoadOptions {
+            mesh_placement: MeshPlacement {
+                rotate_deg_xyz: Vec3::new(90.0, 0.0, 0.0),
+                ..MeshPlacement::default()
+            },
+            ..LoadOptions::default()
+        };
+        let cured = check(&Dataset::load(capture.root(), &options).unwrap());
+        assert!(cured.agreement.unwrap().mean_iou > 0.97, "the cure works");
+    }
+
+    #[test]
+    fn a_shifted_and_scaled_mesh_is_named_with_its_cure() {
+        let file_from_world =
+            Affine3A::from_translation(Vec3::X) * Affine3A::from_scale(Vec3::splat(2.0));
+        let (_capture, report) = misplaced(file_from_world);
+        let problem = &report.problems[0];
+        assert!(problem.what.contains("shifted or scaled"), "{problem}");
+        let scale: f32 = problem
+            .advice
+            .split_whitespace()
+            .skip_while(|word| *word != "--mesh-scale")
+            .nth(1)
+            .unwrap()
+            .parse()
+            .unwrap();
+        assert!((scale - 0.5).abs() < 0.03, "{problem}");
+    }
+
+    #[test]
+    fn a_mesh_of_something_else_is_an_error() {
+        let squashed = Affine3A::from_scale(Vec3::new(0.02, 3.0, 0.02));
+        let (_capture, report) = misplaced(squashed);
+        assert!(report.has_errors(), "{:?}", report.problems);
+        assert!(
+            report.problems[0].what.contains("does not fit"),
+            "{:?}",
+            report.problems
+        );
+    }
+
+    #[test]
+    fn black_masks_flat_photos_and_copies_are_found() {
+        let capture = TestCapture::new(12);
+        let flat = vec![[0.0; 3]; (SIDE * SIDE) as usize];
+        write_png_srgb(&capture.path("train_mask/r_3.png"), SIDE, SIDE, &flat).unwrap();
+        write_png_srgb(&capture.path("train/r_4.png"), SIDE, SIDE, &flat).unwrap();
+        std::fs::copy(capture.path("train/r_0.png"), capture.path("test/r_1.png")).unwrap();
+        std::fs::copy(capture.path("train/r_5.png"), capture.path("train/r_6.png")).unwrap();
+        let text: Vec<String> = report(&capture)
+            .problems
+            .iter()
+            .map(ToString::to_string)
+            .collect();
+        for part in [
+            "all-black mask: train/r_3",
+            "one colour all over: train/r_4",
+            "another split has too: train/r_0 = test/r_1",
+            "another pose: train/r_5 = train/r_6",
+        ] {
+            assert!(
+                text.iter().any(|t| t.contains(part)),
+                "{part} is missing in {text:#?}"
+            );
+        }
+    }
+
+    #[test]
+    fn two_pixel_masks_are_checked_without_harm() {
+        let capture = TestCapture::new(3);
+        for i in 0..3 {
+            let mut mask = vec![[0.0; 3]; (SIDE * SIDE) as usize];
+            mask[500] = [1.0; 3];
+            mask[501] = [1.0; 3];
+            let path = capture.path(&format!("train_mask/r_{i}.png"));
+            write_png_srgb(&path, SIDE, SIDE, &mask).unwrap();
+        }
+        let report = report(&capture);
+        assert!(report.agreement.unwrap().mean_iou.is_finite(), "agreement");
+        assert!(report.masks.unwrap().min > 0.0, "coverage");
+    }
+}

@@ -4,20 +4,22 @@ use std::io::Write as _;
 use std::path::Path;
 
 use glam::{Affine3A, Mat4, Vec3};
-use gltf::mesh::Mode;
-use serde_json::json;
+use gltf::accessor::{DataType, Dimensions};
+use gltf::mesh::{Mode, Semantic};
+use serde_json::{Value, json};
 
 use super::Soup;
 use crate::data::{DataError, write_atomically};
 use crate::geometry::Mesh;
 
-/// Deepest nesting of nodes followed; glTF allows no cycles, but files may contain them.
+/// Deepest nesting of nodes followed; recursion beyond would overflow the stack.
 const MAX_DEPTH: usize = 64;
 
 /// Reads every triangle primitive of the default scene into one mesh.
 pub(super) fn read(path: &Path) -> Result<Soup, DataError> {
     let bytes = std::fs::read(path).map_err(|e| DataError::io(path, e))?;
-    check_glb_header(path, &bytes)?;
+    let text = json_chunk(path, &bytes)?;
+    check_accessor_indices(path, text)?;
     let fail = |e: gltf::Error| DataError::mesh(path, format!("not a readable glTF: {e}"));
     let file = gltf::Gltf::from_slice(&bytes).map_err(fail)?;
     let buffers = gltf::import_buffers(&file.document, path.parent(), file.blob).map_err(fail)?;
@@ -26,6 +28,7 @@ pub(super) fn read(path: &Path) -> Result<Soup, DataError> {
         path,
         buffers: &buffers,
         soup: Soup::default(),
+        n_nodes_left: document.nodes().count(),
     };
     let scene = document
         .default_scene()
@@ -46,17 +49,50 @@ pub(super) fn read(path: &Path) -> Result<Soup, DataError> {
     Ok(reader.soup)
 }
 
-/// Refuses a GLB whose header claims another length than the file has: the parser would allocate
-/// what it says.
-fn check_glb_header(path: &Path, bytes: &[u8]) -> Result<(), DataError> {
+/// The JSON text of a `.gltf`, or of a `.glb` whose lengths are true: the parser would allocate
+/// whatever the header claims.
+fn json_chunk<'a>(path: &Path, bytes: &'a [u8]) -> Result<&'a [u8], DataError> {
     if !bytes.starts_with(b"glTF") {
-        return Ok(());
+        return Ok(bytes);
     }
-    let length = bytes.get(8..12).and_then(|b| b.first_chunk::<4>());
-    match length.map(|b| u32::from_le_bytes(*b) as usize) {
-        Some(length) if (20..=bytes.len()).contains(&length) => Ok(()),
-        _ => Err(DataError::mesh(path, "the GLB is truncated")),
+    let number = |at: usize| {
+        let word = bytes.get(at..at + 4)?.first_chunk::<4>()?;
+        Some(u32::from_le_bytes(*word) as usize)
+    };
+    let whole = number(8).is_some_and(|length| (20..=bytes.len()).contains(&length));
+    number(12)
+        .filter(|_| whole)
+        .and_then(|length| bytes.get(20..20_usize.checked_add(length)?))
+        .ok_or_else(|| DataError::mesh(path, "the GLB is truncated"))
+}
+
+/// Refuses primitives that name accessors which do not exist.
+///
+/// The crate's own validation looks POSITION accessors up without checking, and panics.
+fn check_accessor_indices(path: &Path, text: &[u8]) -> Result<(), DataError> {
+    let root: Value = serde_json::from_slice(text)
+        .map_err(|e| DataError::mesh(path, format!("not valid JSON inside: {e}")))?;
+    let list = |value: &Value, field: &str| match value.get(field) {
+        Some(Value::Array(list)) => list.clone(),
+        _ => Vec::new(),
+    };
+    let n_accessors = list(&root, "accessors").len() as u64;
+    for primitive in list(&root, "meshes")
+        .iter()
+        .flat_map(|mesh| list(mesh, "primitives"))
+    {
+        let attributes = primitive.get("attributes").and_then(Value::as_object);
+        let named = attributes.into_iter().flat_map(|map| map.values());
+        for index in named.chain(primitive.get("indices")) {
+            if index.as_u64().is_none_or(|index| index >= n_accessors) {
+                return Err(DataError::mesh(
+                    path,
+                    format!("there is no accessor {index}"),
+                ));
+            }
+        }
     }
+    Ok(())
 }
 
 /// Collects primitives while walking the nodes.
@@ -64,6 +100,8 @@ struct Reader<'a> {
     path: &'a Path,
     buffers: &'a [gltf::buffer::Data],
     soup: Soup,
+    /// A tree visits each node once; a file that visits more has cycles or shared children.
+    n_nodes_left: usize,
 }
 
 impl Reader<'_> {
@@ -73,9 +111,10 @@ impl Reader<'_> {
         world_from_parent: Affine3A,
         depth: usize,
     ) -> Result<(), DataError> {
-        if depth > MAX_DEPTH {
-            return Err(self.error("nodes are nested too deep"));
+        if depth > MAX_DEPTH || self.n_nodes_left == 0 {
+            return Err(self.error("the nodes are no tree, or nested too deep"));
         }
+        self.n_nodes_left -= 1;
         let parent_from_node = Mat4::from_cols_array_2d(&node.transform().matrix());
         let world_from_node = world_from_parent * Affine3A::from_mat4(parent_from_node);
         if let Some(mesh) = node.mesh() {
@@ -103,9 +142,14 @@ impl Reader<'_> {
         primitive: &gltf::Primitive<'_>,
         world_from_mesh: Affine3A,
     ) -> Result<(), DataError> {
-        let accessors = primitive.attributes().map(|(_, accessor)| accessor);
-        for accessor in accessors.chain(primitive.indices()) {
-            self.check_accessor(&accessor)?;
+        for (semantic, accessor) in primitive.attributes() {
+            if matches!(semantic, Semantic::Positions | Semantic::Normals) {
+                self.check_accessor(&accessor, Dimensions::Vec3, &[DataType::F32])?;
+            }
+        }
+        if let Some(accessor) = primitive.indices() {
+            let integers = [DataType::U8, DataType::U16, DataType::U32];
+            self.check_accessor(&accessor, Dimensions::Scalar, &integers)?;
         }
         let buffers = self.buffers;
         let reader = primitive.reader(|buffer| buffers.get(buffer.index()).map(|data| &data.0[..]));
@@ -149,8 +193,17 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// Refuses accessors that would overrun their buffer or that the crate does not bound-check.
-    fn check_accessor(&self, accessor: &gltf::Accessor<'_>) -> Result<(), DataError> {
+    /// Refuses accessors of another type, or that would overrun their buffer: the crate only
+    /// asserts that they do not.
+    fn check_accessor(
+        &self,
+        accessor: &gltf::Accessor<'_>,
+        dimensions: Dimensions,
+        data_types: &[DataType],
+    ) -> Result<(), DataError> {
+        if accessor.dimensions() != dimensions || !data_types.contains(&accessor.data_type()) {
+            return Err(self.error(&format!("accessor {} has the wrong type", accessor.index())));
+        }
         let Some(view) = accessor.view().filter(|_| accessor.sparse().is_none()) else {
             return Err(self.error("sparse accessors are not supported"));
         };
@@ -165,7 +218,8 @@ impl Reader<'_> {
             .and_then(|last| last.checked_mul(stride))
             .and_then(|offset| offset.checked_add(accessor.offset()))
             .and_then(|offset| offset.checked_add(accessor.size()));
-        let fits = end.is_some_and(|end| end <= view.length())
+        let fits = stride >= accessor.size()
+            && end.is_some_and(|end| end <= view.length())
             && view
                 .offset()
                 .checked_add(view.length())
@@ -209,7 +263,7 @@ fn triangles(mode: Mode, indices: &[u32]) -> Vec<[u32; 3]> {
 pub fn write_glb(path: &Path, mesh: &Mesh) -> Result<(), DataError> {
     let vectors = |list: &[Vec3]| -> Vec<u8> {
         list.iter()
-            .flat_map(glam::Vec3::to_array)
+            .flat_map(Vec3::to_array)
             .flat_map(f32::to_le_bytes)
             .collect()
     };
@@ -247,7 +301,7 @@ pub fn write_glb(path: &Path, mesh: &Mesh) -> Result<(), DataError> {
 }
 
 /// The JSON chunk for a buffer of positions, normals and indices in this order.
-fn glb_json(mesh: &Mesh, vector_bytes: usize, index_bytes: usize) -> serde_json::Value {
+fn glb_json(mesh: &Mesh, vector_bytes: usize, index_bytes: usize) -> Value {
     let bounds = crate::geometry::Aabb::from_points(mesh.positions.iter().copied());
     let (float, unsigned_int) = (5126, 5125);
     let (array_buffer, element_buffer) = (34962, 34963);

@@ -17,11 +17,10 @@ pub(super) fn read(path: &Path) -> Result<Soup, DataError> {
         single_index: true,
         ignore_points: true,
         ignore_lines: true,
-        ..tobj::LoadOptions::default()
     };
     let no_materials = |_: &Path| Ok((Vec::new(), std::collections::HashMap::default()));
     let (models, _) = tobj::load_obj_buf(&mut BufReader::new(file), &options, no_materials)
-        .map_err(|e| DataError::mesh(path, e))?;
+        .map_err(|e| DataError::mesh(path, e.to_string()))?;
     let mut soup = Soup::default();
     for model in models {
         let base = soup.positions.len() as u32;
