@@ -4,6 +4,7 @@
 //! what it can, reports what it could not as [`Problem`]s, and fails only when nothing is left.
 
 mod atomic;
+mod check;
 mod error;
 mod exr_image;
 mod image;
@@ -24,6 +25,10 @@ use glam::{Affine3A, EulerRot, Quat, Vec3};
 use crate::geometry::{Camera, Mesh};
 
 pub use atomic::write_atomically;
+pub use check::{
+    CameraSummary, DatasetReport, LensSummary, MaskAgreement, MaskSummary, MeshSummary, Resolution,
+    SplitCounts, check,
+};
 pub use error::DataError;
 pub use exr_image::{ExrSample, read_exr_linear, write_exr};
 pub use image::{read_mask, read_photo, write_png_srgb};
@@ -54,6 +59,13 @@ pub struct Dataset {
     pub surroundings_visible: bool,
     /// What was wrong or assumed, worst first.
     pub problems: Vec<Problem>,
+}
+
+impl Dataset {
+    /// All views: training, validation, test.
+    pub fn views(&self) -> impl Iterator<Item = &View> {
+        self.train.iter().chain(&self.val).chain(&self.test)
+    }
 }
 
 /// One posed photo.

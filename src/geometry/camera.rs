@@ -207,3 +207,141 @@ impl Camera {
         Vec3::from(self.world_from_camera.matrix3.y_axis).normalize_or_zero()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// A phone camera's calibration.
+    fn phone() -> Camera {
+        Camera {
+            width: 450,
+            height: 800,
+            fx: 573.133_3,
+            fy: 572.704_2,
+            cx: 231.065_8,
+            cy: 402.195,
+            distortion: Distortion {
+                k1: 0.057_842_1,
+                k2: -0.080_509_9,
+                p1: -0.000_980_296,
+                p2: 0.000_155_75,
+                ..Distortion::default()
+            },
+            ..Camera::look_at(
+                Vec3::new(3.0, -5.0, 1.0),
+                Vec3::ZERO,
+                Vec3::Z,
+                1.0,
+                450,
+                800,
+            )
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn a_point_on_a_pixels_ray_projects_to_that_pixel(
+            x in 0.0_f32..450.0, y in 0.0_f32..800.0, t in 0.1_f32..100.0
+        ) {
+            let camera = phone();
+            let pixel = camera.project(camera.ray(x, y).at(t)).unwrap();
+            prop_assert!((pixel - Vec2::new(x, y)).length() < 0.02, "{pixel}");
+        }
+    }
+
+    #[test]
+    fn distortion_moves_the_corners_and_not_the_principal_point() {
+        let camera = phone();
+        let pinhole = Camera {
+            distortion: Distortion::default(),
+            ..camera
+        };
+        let apart = |x, y| {
+            let (a, b) = (camera.ray(x, y).direction, pinhole.ray(x, y).direction);
+            (a - b).length() / camera.pixel_angle()
+        };
+        assert!(apart(camera.cx, camera.cy) < 1e-3, "principal point");
+        assert!(
+            apart(0.0, 0.0) > 1.0,
+            "corner moved by {} px",
+            apart(0.0, 0.0)
+        );
+    }
+
+    #[test]
+    fn the_middle_of_the_picture_looks_forward_and_y_points_down() {
+        let eye = Vec3::new(1.0, 2.0, 3.0);
+        let camera = Camera::look_at(eye, Vec3::ZERO, Vec3::Z, 0.8, 64, 48);
+        let ray = camera.ray(32.0, 24.0);
+        assert!(
+            (ray.direction - camera.forward()).length() < 1e-6,
+            "forward"
+        );
+        assert!(
+            (ray.direction + eye.normalize_or_zero()).length() < 1e-6,
+            "target"
+        );
+        assert!(
+            camera.ray(32.0, 0.0).direction.dot(camera.up()) > 0.0,
+            "top is up"
+        );
+        let right = camera.forward().cross(camera.up());
+        assert!(
+            camera.ray(64.0, 24.0).direction.dot(right) > 0.0,
+            "right is right"
+        );
+        let top = camera.ray(32.0, 0.0).direction;
+        let half_angle = top.dot(camera.forward()).clamp(-1.0, 1.0).acos();
+        assert!(
+            (half_angle - 0.4).abs() < 1e-4,
+            "field of view {half_angle}"
+        );
+    }
+
+    #[test]
+    fn points_behind_the_camera_do_not_project() {
+        let camera = phone();
+        assert_eq!(
+            camera.project(camera.position() - camera.forward()),
+            None,
+            "behind"
+        );
+        assert_eq!(camera.project(camera.position()), None, "at the centre");
+        assert_eq!(camera.project(Vec3::NAN), None, "nowhere");
+    }
+
+    #[test]
+    fn resizing_keeps_the_view() {
+        let camera = phone();
+        let small = camera.resized(225, 400);
+        let (a, b) = (camera.ray(100.0, 300.0), small.ray(50.0, 150.0));
+        assert!((a.direction - b.direction).length() < 1e-6, "same ray");
+    }
+
+    #[test]
+    fn degenerate_views_stay_finite() {
+        for (eye, target, up) in [
+            (Vec3::ZERO, Vec3::ZERO, Vec3::Z),
+            (Vec3::Z, Vec3::ZERO, Vec3::Z),
+            (Vec3::Y, Vec3::ZERO, Vec3::ZERO),
+        ] {
+            let camera = Camera::look_at(eye, target, up, 1.0, 10, 10);
+            let determinant = camera.world_from_camera.matrix3.determinant();
+            assert!(
+                (determinant - 1.0).abs() < 1e-5,
+                "from {eye}: {determinant}"
+            );
+        }
+        let wild = Camera {
+            distortion: Distortion {
+                k1: -5.0,
+                k4: 1e6,
+                ..Distortion::default()
+            },
+            ..phone()
+        };
+        assert!(wild.ray(0.0, 0.0).direction.is_normalized(), "folding lens");
+    }
+}

@@ -121,3 +121,113 @@ impl HitTriangle {
         (self.side * ((1.0 - u - v) * n0 + u * n1 + v * n2)).normalize_or(hit.normal)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::super::test_mesh::ellipsoid;
+    use super::super::{Camera, Mesh};
+    use super::*;
+
+    fn rays(camera: &Camera, x: f32, y: f32) -> [Ray; 3] {
+        [
+            camera.ray(x, y),
+            camera.ray(x + 1.0, y),
+            camera.ray(x, y + 1.0),
+        ]
+    }
+
+    #[test]
+    fn footprints_on_a_sphere_agree_with_traced_neighbours() {
+        for scale in [1e-3_f32, 1.0, 1e4] {
+            let sphere = ellipsoid(Vec3::ZERO, Vec3::splat(scale), 200);
+            let tracer = SurfaceTracer::new(Arc::new(sphere));
+            let eye = scale * Vec3::new(0.5, 4.0, 1.0);
+            let camera = Camera::look_at(eye, Vec3::ZERO, Vec3::Z, 0.6, 400, 400);
+            for (x, y) in [
+                (200.5, 200.5),
+                (170.5, 230.5),
+                (120.5, 180.5),
+                (260.5, 300.5),
+            ] {
+                let [ray, dx, dy] = rays(&camera, x, y);
+                let hit = tracer.intersect(&ray, 0.0, f32::INFINITY).unwrap();
+                let footprint = tracer.footprint(&hit, &ray, &dx, &dy);
+                let reflected = reflect(ray.direction, hit.normal);
+                let (mut position, mut turn) = (0.0, 0.0);
+                for neighbour in [dx, dy] {
+                    let other = tracer.intersect(&neighbour, 0.0, f32::INFINITY).unwrap();
+                    let dp = other.position - hit.position;
+                    position += 0.5 * (dp - dp.dot(reflected) * reflected).length_squared();
+                    let turned = reflect(neighbour.direction, other.normal) - reflected;
+                    turn += 0.5 * turned.length_squared();
+                }
+                let ratio = footprint.position_per_px / position.sqrt();
+                assert!(
+                    (ratio - 1.0).abs() < 0.05,
+                    "({x}, {y}): position off by {ratio}"
+                );
+                let ratio = footprint.reflection_per_px / turn.sqrt();
+                assert!(
+                    (ratio - 1.0).abs() < 0.05,
+                    "({x}, {y}): reflection off by {ratio}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_flat_mirror_turns_reflections_by_the_pixels_own_angle() {
+        let positions = vec![
+            Vec3::new(-9.0, -9.0, 0.0),
+            Vec3::new(9.0, -9.0, 0.0),
+            Vec3::new(0.0, 9.0, 0.0),
+        ];
+        let mesh = Mesh::new(positions, None, vec![[0, 1, 2]]).unwrap();
+        let tracer = SurfaceTracer::new(Arc::new(mesh));
+        let camera = Camera::look_at(3.0 * Vec3::Z, Vec3::ZERO, Vec3::Y, 0.5, 100, 100);
+        let [ray, dx, dy] = rays(&camera, 50.0, 50.0);
+        let hit = tracer.intersect(&ray, 0.0, 9.0).unwrap();
+        let footprint = tracer.footprint(&hit, &ray, &dx, &dy);
+        let angle = camera.pixel_angle();
+        assert!(
+            (footprint.reflection_per_px / angle - 1.0).abs() < 1e-3,
+            "{footprint:?}"
+        );
+        assert!(
+            (footprint.position_per_px / (3.0 * angle) - 1.0).abs() < 1e-3,
+            "{footprint:?}"
+        );
+    }
+
+    #[test]
+    fn grazing_hits_and_broken_neighbours_stay_finite() {
+        let tracer = SurfaceTracer::new(Arc::new(ellipsoid(Vec3::ZERO, Vec3::ONE, 40)));
+        let camera = Camera::look_at(4.0 * Vec3::X, Vec3::ZERO, Vec3::Z, 0.6, 100, 100);
+        let mut n_hits = 0;
+        for x in 0..100 {
+            let [ray, dx, dy] = rays(&camera, x as f32 + 0.5, 50.5);
+            let Some(hit) = tracer.intersect(&ray, 0.0, 9.0) else {
+                continue;
+            };
+            n_hits += 1;
+            let away = Ray {
+                direction: -ray.direction,
+                ..ray
+            };
+            for (dx, dy) in [(dx, dy), (away, ray)] {
+                let footprint = tracer.footprint(&hit, &ray, &dx, &dy);
+                assert!(
+                    footprint.position_per_px.is_finite(),
+                    "column {x}: {footprint:?}"
+                );
+                assert!(
+                    footprint.reflection_per_px <= MAX_DIRECTION_CHANGE,
+                    "{footprint:?}"
+                );
+            }
+        }
+        assert!(n_hits > 50, "the sphere fills the row");
+    }
+}

@@ -245,3 +245,101 @@ fn smooth_normals(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec3> {
     }
     slots.iter().map(|&s| sums[s].normalize_or_zero()).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_mesh::ellipsoid;
+    use super::*;
+
+    fn square() -> (Vec<Vec3>, Vec<[u32; 3]>) {
+        let positions = vec![Vec3::ZERO, Vec3::X, Vec3::X + Vec3::Y, Vec3::Y];
+        (positions, vec![[0, 1, 2], [0, 2, 3]])
+    }
+
+    #[test]
+    fn triangles_without_an_area_are_dropped_and_counted() {
+        let (mut positions, mut triangles) = square();
+        positions.push(0.5 * Vec3::X);
+        triangles.extend([[0, 0, 1], [0, 4, 1]]);
+        let mesh = Mesh::new(positions, None, triangles).unwrap();
+        assert_eq!((mesh.triangles.len(), mesh.n_degenerate), (2, 2), "counts");
+        assert!((mesh.surface_area() - 1.0).abs() < 1e-9, "area");
+    }
+
+    #[test]
+    fn tiny_and_huge_triangles_are_not_degenerate() {
+        for scale in [1e-25_f32, 1e-3, 1e4, 1e15] {
+            let (positions, triangles) = square();
+            let positions = positions.into_iter().map(|p| scale * p).collect();
+            let mesh = Mesh::new(positions, None, triangles).unwrap();
+            assert_eq!(mesh.n_degenerate, 0, "scale {scale}");
+            assert!(
+                mesh.normals.iter().all(|n| (*n - Vec3::Z).length() < 1e-6),
+                "normals"
+            );
+        }
+    }
+
+    #[test]
+    fn bad_input_is_refused_by_name() {
+        let (positions, triangles) = square();
+        assert_eq!(
+            Mesh::new(positions.clone(), None, vec![]).unwrap_err(),
+            MeshError::NoFaces {
+                n_vertices: 4,
+                n_degenerate: 0
+            },
+            "no faces"
+        );
+        assert_eq!(
+            Mesh::new(positions.clone(), None, vec![[0, 1, 9]]).unwrap_err(),
+            MeshError::IndexOutOfRange {
+                triangle: 0,
+                index: 9,
+                n_vertices: 4
+            },
+            "index"
+        );
+        let mut broken = positions;
+        broken[2].y = f32::NAN;
+        assert_eq!(
+            Mesh::new(broken, None, triangles).unwrap_err(),
+            MeshError::NonFinitePosition { vertex: 2 },
+            "position"
+        );
+    }
+
+    #[test]
+    fn computed_normals_agree_with_those_of_a_sphere() {
+        let sphere = ellipsoid(Vec3::ONE, Vec3::splat(2.0), 32);
+        let computed = Mesh::new(sphere.positions.clone(), None, sphere.triangles.clone()).unwrap();
+        for (a, b) in computed.normals.iter().zip(&sphere.normals) {
+            assert!(a.angle_between(*b) < 0.02, "{a} against {b}");
+        }
+    }
+
+    #[test]
+    fn useless_normals_are_replaced_and_good_ones_kept() {
+        let (positions, triangles) = square();
+        let slanted = Vec3::new(0.6, 0.0, 0.8);
+        let given = vec![slanted, Vec3::ZERO, Vec3::NAN, 5.0 * Vec3::Z];
+        let mesh = Mesh::new(positions, Some(given), triangles).unwrap();
+        let expected = [slanted, Vec3::Z, Vec3::Z, Vec3::Z];
+        for (a, b) in mesh.normals.iter().zip(expected) {
+            assert!((*a - b).length() < 1e-6, "{a} against {b}");
+        }
+    }
+
+    #[test]
+    fn normals_follow_uneven_and_mirroring_transforms() {
+        let mesh = ellipsoid(Vec3::ZERO, Vec3::ONE, 24);
+        for scale in [Vec3::new(1.0, 2.0, 0.5), Vec3::new(-1.0, 2.0, 0.5)] {
+            let moved = mesh.transformed(Affine3A::from_scale(scale));
+            let recomputed =
+                Mesh::new(moved.positions.clone(), None, moved.triangles.clone()).unwrap();
+            for (a, b) in moved.normals.iter().zip(&recomputed.normals) {
+                assert!(a.angle_between(*b) < 0.1, "scale {scale}: {a} against {b}");
+            }
+        }
+    }
+}

@@ -9,6 +9,8 @@ mod footprint;
 mod mesh;
 mod ray;
 mod sampling;
+#[cfg(test)]
+pub(crate) mod test_mesh;
 
 pub use aabb::Aabb;
 pub use bvh::{Hit, SurfaceTracer};

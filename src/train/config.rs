@@ -92,7 +92,7 @@ impl Default for TrainConfig {
                 n_hidden: 64,
             },
             grid_rate: 1e-2,
-            network_rate: 5e-3,
+            network_rate: 1e-2,
             gamma_rate: 5e-4,
             warmup_steps: 50,
             final_rate: 0.1,

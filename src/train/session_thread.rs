@@ -115,16 +115,23 @@ impl Worker {
     fn load(&self) -> Result<Dataset, SessionError> {
         self.loading(READING, 0.0);
         let report = |done, all| self.loading(READING, done as f32 / all as f32);
+        // An environment has no test of its own: every photo that does not validate teaches.
+        let environment_only = self.options.environment_only;
         let options = LoadOptions {
-            splits: Splits::TRAIN_VAL,
+            splits: if environment_only {
+                Splits::ALL
+            } else {
+                Splits::TRAIN_VAL
+            },
             mesh: self.options.mesh.clone(),
             on_progress: &report,
             ..LoadOptions::default()
         };
         let load = || Dataset::load(&self.options.dataset, &options);
         let mut dataset = self.pool.install(load)?;
-        if self.options.environment_only {
+        if environment_only {
             dataset.mesh = None;
+            dataset.train.append(&mut dataset.test);
         }
         Ok(dataset)
     }

@@ -480,3 +480,31 @@ fn sum_in_order<'a>(total: &mut [f32], parts: impl Iterator<Item = &'a [f32]>) {
         }
     }
 }
+
+#[cfg(test)]
+impl Trainer {
+    /// Weighted loss of the next step and the gradients of both fields, without taking the step.
+    pub(super) fn loss_and_gradients(&mut self) -> (f64, Vec<f32>, Vec<f32>) {
+        let density = self.density.clone();
+        self.prepare();
+        self.encode();
+        self.run_chunks();
+        let sum = |f: fn(&Chunk) -> f64| self.chunks.iter().map(f).sum::<f64>();
+        let background = sum(|c| c.loss.background) / self.config.background_pixels as f64;
+        let loss = sum(|c| c.loss.object) / self.config.object_pixels as f64
+            + f64::from(self.config.background_weight) * background
+            + sum(|c| c.loss.smoothness);
+        self.gather_gradients();
+        self.density = density;
+        let take = |gradient: &mut Vec<f32>| {
+            let taken = gradient.clone();
+            gradient.fill(0.0);
+            taken
+        };
+        let material = self
+            .material
+            .as_mut()
+            .map_or_else(Vec::new, |m| take(&mut m.gradient));
+        (loss, take(&mut self.field.gradient), material)
+    }
+}

@@ -1,0 +1,202 @@
+//! The numbers of a report: sizes, lenses, cameras, masks, mesh.
+
+use std::collections::HashMap;
+use std::path::PathBuf;
+
+use glam::{Mat3, Vec3};
+
+use super::{CameraSummary, LensSummary, MaskSummary, MeshSummary, Resolution};
+use crate::data::{Dataset, Problem, Severity};
+use crate::geometry::{Aabb, Mesh};
+
+/// Picture sizes, most frequent first.
+pub(super) fn resolutions(dataset: &Dataset) -> Vec<Resolution> {
+    let mut list: Vec<Resolution> = Vec::new();
+    for view in dataset.views() {
+        let (width, height) = (view.photo.width(), view.photo.height());
+        match list
+            .iter_mut()
+            .find(|r| (r.width, r.height) == (width, height))
+        {
+            Some(resolution) => resolution.n_views += 1,
+            None => list.push(Resolution {
+                width,
+                height,
+                n_views: 1,
+            }),
+        }
+    }
+    list.sort_by_key(|r| std::cmp::Reverse(r.n_views));
+    list
+}
+
+pub(super) fn lens_summary(dataset: &Dataset) -> LensSummary {
+    let cameras = || dataset.views().map(|view| view.camera);
+    let fov =
+        |c: crate::geometry::Camera| (2.0 * (0.5 * c.width as f32 / c.fx).atan()).to_degrees();
+    LensSummary {
+        focal_px: range(cameras().map(|camera| camera.fx)),
+        fov_x_deg: range(cameras().map(fov)),
+        distorted: cameras().any(|camera| !camera.distortion.is_none()),
+    }
+}
+
+pub(super) fn camera_summary(dataset: &Dataset) -> CameraSummary {
+    let axes: Vec<(Vec3, Vec3)> = dataset
+        .views()
+        .map(|view| (view.camera.position(), view.camera.forward()))
+        .collect();
+    let look_at = nearest_point(&axes);
+    CameraSummary {
+        look_at: look_at.to_array(),
+        distance: range(axes.iter().map(|(p, _)| p.distance(look_at))),
+        extent: Aabb::from_points(axes.iter().map(|(p, _)| *p)).diagonal(),
+    }
+}
+
+pub(super) fn mask_summary(dataset: &Dataset) -> Option<MaskSummary> {
+    let shares: Vec<f32> = dataset
+        .views()
+        .filter_map(|view| view.mask.as_ref().map(super::super::Mask::mean))
+        .collect();
+    let [min, max] = range(shares.iter().copied());
+    (!shares.is_empty()).then(|| MaskSummary {
+        n_views: shares.len(),
+        mean: shares.iter().sum::<f32>() / shares.len() as f32,
+        min,
+        max,
+    })
+}
+
+/// The point with the least squared distance to lines `(point, unit direction)`.
+///
+/// Solves `sum (I - d d^T) x = sum (I - d d^T) p`. A small pull towards the points' mean keeps it
+/// defined when all lines are parallel.
+pub(super) fn nearest_point(lines: &[(Vec3, Vec3)]) -> Vec3 {
+    if lines.is_empty() {
+        return Vec3::ZERO;
+    }
+    let n = lines.len() as f32;
+    let mean = lines.iter().map(|(p, _)| *p).sum::<Vec3>() / n;
+    let pull = 1e-4 * n;
+    let mut matrix = Mat3::from_diagonal(Vec3::splat(pull));
+    let mut right_side = Vec3::ZERO;
+    for (p, d) in lines {
+        let across = Mat3::IDENTITY - Mat3::from_cols(d.x * *d, d.y * *d, d.z * *d);
+        matrix += across;
+        // Relative to the mean, so that far-off scenes do not lose digits.
+        right_side += across * (*p - mean);
+    }
+    mean + matrix.inverse() * right_side
+}
+
+/// Smallest and largest; zeros for nothing.
+fn range(values: impl Iterator<Item = f32>) -> [f32; 2] {
+    values
+        .map(|v| [v, v])
+        .reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
+        .unwrap_or_default()
+}
+
+pub(super) fn mesh_summary(mesh: &Mesh, path: Option<PathBuf>) -> MeshSummary {
+    let bounds = mesh.bounds();
+    let (n_open_edges, n_branching_edges) = edge_defects(mesh);
+    MeshSummary {
+        path,
+        n_vertices: mesh.positions.len(),
+        n_triangles: mesh.triangles.len(),
+        n_degenerate: mesh.n_degenerate,
+        min: bounds.min.to_array(),
+        max: bounds.max.to_array(),
+        surface_area: mesh.surface_area(),
+        n_open_edges,
+        n_branching_edges,
+        watertight: n_open_edges == 0 && n_branching_edges == 0,
+    }
+}
+
+/// Edges with one triangle, and with more than two; vertices at one position count as one.
+fn edge_defects(mesh: &Mesh) -> (usize, usize) {
+    let mut slot_of_position: HashMap<[u32; 3], usize> = HashMap::new();
+    let slots: Vec<usize> = mesh
+        .positions
+        .iter()
+        .map(|p| {
+            let next = slot_of_position.len();
+            let key = (*p + Vec3::ZERO).to_array().map(f32::to_bits);
+            *slot_of_position.entry(key).or_insert(next)
+        })
+        .collect();
+    let mut edges: Vec<(usize, usize)> = Vec::with_capacity(3 * mesh.triangles.len());
+    for triangle in &mesh.triangles {
+        for i in 0..3 {
+            let (a, b) = (
+                slots[triangle[i] as usize],
+                slots[triangle[(i + 1) % 3] as usize],
+            );
+            edges.push((a.min(b), a.max(b)));
+        }
+    }
+    edges.sort_unstable();
+    edges
+        .chunk_by(|a, b| a == b)
+        .fold((0, 0), |(open, branching), same| match same.len() {
+            1 => (open + 1, branching),
+            2 => (open, branching),
+            _ => (open, branching + 1),
+        })
+}
+
+/// Findings about the mesh alone.
+pub(super) fn mesh_problems(mesh: &MeshSummary) -> Vec<Problem> {
+    let mut problems = Vec::new();
+    let path = || mesh.path.clone().unwrap_or_default();
+    if mesh.n_degenerate > 0 {
+        let what = format!(
+            "{} triangles without an area were dropped",
+            mesh.n_degenerate
+        );
+        problems.push(Problem::new(Severity::Note, what, "").in_file(path()));
+    }
+    if mesh.n_open_edges > 0 {
+        let what = format!("the mesh has holes: {} open edges", mesh.n_open_edges);
+        let advice = "harmless where no camera sees them";
+        problems.push(Problem::new(Severity::Note, what, advice).in_file(path()));
+    }
+    problems
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::test_mesh::ellipsoid;
+
+    #[test]
+    fn axes_through_one_point_meet_there() {
+        let target = Vec3::new(1.0, -2.0, 0.5);
+        let lines: Vec<(Vec3, Vec3)> = [Vec3::X, Vec3::Y, Vec3::new(1.0, 1.0, 1.0)]
+            .into_iter()
+            .map(|d| (target - 3.0 * d, d.normalize_or_zero()))
+            .collect();
+        assert!(
+            nearest_point(&lines).distance(target) < 1e-3,
+            "meeting point"
+        );
+        let parallel = [(Vec3::ZERO, Vec3::X), (Vec3::Y, Vec3::X)];
+        assert!(nearest_point(&parallel).is_finite(), "parallel axes");
+    }
+
+    #[test]
+    fn a_closed_mesh_is_watertight_and_an_open_one_is_not() {
+        let mesh = ellipsoid(Vec3::ZERO, Vec3::ONE, 8);
+        assert!(mesh_summary(&mesh, None).watertight, "closed");
+        let mut open = mesh;
+        open.triangles.pop();
+        let summary = mesh_summary(&open, None);
+        assert_eq!(
+            (summary.watertight, summary.n_open_edges),
+            (false, 3),
+            "open"
+        );
+    }
+}

@@ -1,0 +1,40 @@
+//! Meshes for tests.
+
+use std::f32::consts::{PI, TAU};
+
+use glam::Vec3;
+
+use super::Mesh;
+
+/// A closed ellipsoid with exact normals: `n` rings of `2 n` vertices.
+pub(crate) fn ellipsoid(center: Vec3, radii: Vec3, n: u32) -> Mesh {
+    let columns = 2 * n;
+    let mut positions = Vec::new();
+    let mut normals = Vec::new();
+    for ring in 0..=n {
+        let theta = PI * ring as f32 / n as f32;
+        // sin(pi) is not quite 0 in f32, and the pole must be one point.
+        let sin = if ring == n { 0.0 } else { theta.sin() };
+        for column in 0..columns {
+            let phi = TAU * column as f32 / columns as f32;
+            let unit = Vec3::new(sin * phi.cos(), sin * phi.sin(), theta.cos());
+            positions.push(center + radii * unit);
+            normals.push((unit / radii).normalize_or_zero());
+        }
+    }
+    let mut triangles = Vec::new();
+    for ring in 0..n {
+        for column in 0..columns {
+            let next = (column + 1) % columns;
+            let (a, b) = (ring * columns + column, ring * columns + next);
+            let (c, d) = (a + columns, b + columns);
+            if ring > 0 {
+                triangles.push([a, c, b]);
+            }
+            if ring + 1 < n {
+                triangles.push([b, c, d]);
+            }
+        }
+    }
+    Mesh::new(positions, Some(normals), triangles).unwrap()
+}
