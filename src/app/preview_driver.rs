@@ -4,6 +4,7 @@
 //! is worth a refresh that costs at most [`REFRESH_SHARE`] of the processor: coarse and often
 //! while training is young and changes much, at full resolution and rarely later.
 
+use std::collections::VecDeque;
 use std::sync::Arc;
 
 use crate::render::{Passes, PreviewFrame, PreviewScene};
@@ -20,6 +21,9 @@ const MAX_INTERVAL_SECS: f64 = 30.0;
 /// While something is dragged, the snapshot stays the same for so long, so that what did not
 /// change can be reused, in seconds.
 const HOLD_SECS: f64 = 1.0;
+
+/// Requests that are remembered: more than can be made while one picture is rendered.
+const MAX_REQUESTS: usize = 1024;
 
 /// What the driver needs to know now.
 #[derive(Clone, Debug)]
@@ -49,8 +53,9 @@ pub struct Wanted {
 #[derive(Debug, Default)]
 pub struct PreviewDriver {
     asked: Option<Wanted>,
-    /// Number of the last request, and whether its last picture is there.
-    request: u64,
+    /// Numbers of the last requests with the training steps they show, oldest first.
+    requests: VecDeque<(u64, u64)>,
+    /// Whether the last picture of the last request is there.
     is_done: bool,
     /// When the person last changed something.
     touched_secs: f64,
@@ -148,28 +153,34 @@ impl PreviewDriver {
 
     /// Tells the number that the preview gave to what was last wanted.
     pub fn was_requested(&mut self, number: u64) {
-        self.request = number;
+        let step = self.asked.as_ref().map_or(0, |asked| asked.snapshot.step);
+        self.requests.push_back((number, step));
+        if self.requests.len() > MAX_REQUESTS {
+            self.requests.pop_front();
+        }
     }
 
-    /// Takes in a finished picture; returns the training step that it shows.
+    /// Takes in a finished picture; returns the training step that it shows, or none where it is
+    /// of something that is no longer open. While something is dragged, pictures of requests that
+    /// were superseded meanwhile are still the newest there are.
     pub fn was_shown(&mut self, frame: &PreviewFrame) -> Option<u64> {
-        if frame.request != self.request {
-            return None;
+        let (newest, _) = *self.requests.back()?;
+        let (_, step) = *self
+            .requests
+            .iter()
+            .find(|(number, _)| *number == frame.request)?;
+        if frame.request == newest {
+            self.is_done = frame.is_last;
         }
-        self.is_done = frame.is_last;
-        let computed = frame.recomputed.background.max(frame.recomputed.object);
-        if computed > 0 && frame.recomputed.background > 0 {
+        if frame.recomputed.background > 0 {
             self.full_cost_secs = Some(frame.cpu_secs * f64::from(frame.scale * frame.scale));
         }
-        self.asked.as_ref().map(|asked| asked.snapshot.step)
+        Some(step)
     }
 
     /// Forgets everything: something else was opened.
     pub fn clear(&mut self) {
-        *self = Self {
-            request: self.request,
-            ..Self::default()
-        };
+        *self = Self::default();
     }
 }
 
@@ -321,5 +332,34 @@ mod tests {
             steps.len() <= 2,
             "snapshots changed under the drag: {steps:?}"
         );
+    }
+
+    #[test]
+    fn pictures_of_superseded_requests_are_shown_but_not_those_of_something_closed() {
+        let mut driver = PreviewDriver::default();
+        let frame = |request| PreviewFrame {
+            request,
+            scale: 4,
+            is_last: true,
+            width: 1,
+            height: 1,
+            pixels: Vec::new(),
+            recomputed: Recomputed::default(),
+            cpu_secs: 0.1,
+        };
+        for (number, width) in [(1, 100), (2, 101)] {
+            let step = number + 10;
+            let now = situation(100.0 * number as f64, false);
+            driver
+                .decide(&snapshot(step), picture(width), &now)
+                .expect("a change");
+            driver.was_requested(number);
+        }
+        assert_eq!(driver.was_shown(&frame(1)), Some(11));
+        assert!(!driver.is_done, "the newest is still to come");
+        assert_eq!(driver.was_shown(&frame(2)), Some(12));
+        assert!(driver.is_done);
+        driver.clear();
+        assert_eq!(driver.was_shown(&frame(2)), None);
     }
 }

@@ -134,6 +134,12 @@ impl Window {
                     Some(ctx.load_texture("preview", image, TextureOptions::LINEAR))
             }
         }
+        tracing::trace!(
+            scale = frame.scale,
+            cpu_secs = frame.cpu_secs,
+            computed = ?frame.recomputed,
+            "preview"
+        );
         self.textures.first_photo = None;
         self.state.shown = Some(ShownPicture {
             size: (frame.width, frame.height),
@@ -218,8 +224,10 @@ impl Window {
 }
 
 impl eframe::App for Window {
-    fn ui(&mut self, ui: &mut Ui, _frame: &mut Frame) {
+    fn ui(&mut self, ui: &mut Ui, frame: &mut Frame) {
         let ctx = ui.ctx().clone();
+        let took = frame.info().cpu_usage.unwrap_or(0.0);
+        tracing::trace!(frame = self.state.messages.now_secs, took, "drawing");
         self.poll(&ctx);
         let mut commands = Vec::new();
         keys::pressed(&ctx, &self.state, &mut commands);

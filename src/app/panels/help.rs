@@ -4,7 +4,7 @@ use egui::{Grid, RichText, Ui};
 
 use crate::app::command::Command;
 use crate::app::keys::{BINDINGS, Binding};
-use crate::app::panels::widgets::weak;
+use crate::app::panels::widgets::{modal, weak};
 use crate::app::state::AppState;
 
 /// Groups in the left column; the others stand in the right one.
@@ -15,7 +15,7 @@ pub fn help_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     if !state.overlays.is_help_open {
         return;
     }
-    let modal = egui::Modal::new(egui::Id::unique("help")).show(ui.ctx(), |ui| {
+    let modal = modal(ui, "help").show(ui.ctx(), |ui| {
         ui.heading("Mouse and keys");
         ui.add_space(4.0);
         ui.horizontal_top(|ui| {

@@ -3,7 +3,7 @@
 use egui::{Button, RichText, TextEdit, Ui};
 
 use crate::app::command::{Browse, Command};
-use crate::app::panels::widgets::weak;
+use crate::app::panels::widgets::{modal, weak};
 use crate::app::state::{AppState, PathDialog, PathPurpose, file_name};
 use crate::app::theme;
 use crate::app::training_state::Level;
@@ -16,7 +16,7 @@ pub fn path_dialog_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>
     let Some(dialog) = &state.overlays.path_dialog else {
         return;
     };
-    let modal = egui::Modal::new(egui::Id::unique("path")).show(ui.ctx(), |ui| {
+    let modal = modal(ui, "path").show(ui.ctx(), |ui| {
         ui.set_width(WIDTH);
         let (title, what) = match dialog.purpose {
             PathPurpose::Open => ("Open", "A capture (folder or transforms.json), a saved run, or an environment (.safetensors). Dropping it on the window works too."),

@@ -4,7 +4,7 @@ use egui::{Align2, Area, Color32, Frame, Label, RichText, ScrollArea, Ui, vec2};
 
 use crate::app::command::{Command, Train};
 use crate::app::messages::Message;
-use crate::app::panels::widgets::{duration, weak};
+use crate::app::panels::widgets::{duration, modal, weak};
 use crate::app::state::{AppState, PathPurpose};
 use crate::app::theme;
 use crate::app::training_state::Level;
@@ -98,7 +98,7 @@ pub fn stop_question_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Comman
     if !state.overlays.is_stop_asked {
         return;
     }
-    let modal = egui::Modal::new(egui::Id::unique("stop")).show(ui.ctx(), |ui| {
+    let modal = modal(ui, "stop").show(ui.ctx(), |ui| {
         ui.set_width(360.0);
         ui.heading("Stop without saving?");
         ui.label(format!(

@@ -313,9 +313,10 @@ fn decades(input: GridInput) -> Vec<GridMark> {
     range
         .flat_map(|decade| [1.0, 2.0, 5.0].map(|digit| f64::from(decade) + f64::log10(digit)))
         .filter(|value| (low..=high).contains(value))
+        // Where lines are crowded, only the powers of ten keep their numbers.
         .map(|value| GridMark {
             value,
-            step_size: 0.5,
+            step_size: if value.fract() == 0.0 { 1.0 } else { 0.3 },
         })
         .collect()
 }

@@ -125,6 +125,12 @@ pub fn color_row(ui: &mut Ui, name: &str, color: &mut Vec3) -> bool {
     .inner
 }
 
+/// A window in front of everything, with room around its content.
+pub fn modal(ui: &Ui, name: &str) -> egui::Modal {
+    let frame = egui::Frame::popup(ui.style()).inner_margin(16);
+    egui::Modal::new(egui::Id::unique(name)).frame(frame)
+}
+
 /// A heading.
 pub fn heading(ui: &mut Ui, text: &str) -> Response {
     ui.label(RichText::new(text).strong().size(15.0))
