@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use neif::data::{Dataset, LoadOptions};
+use neif::data::{Dataset, LoadOptions, check};
 use neif::neif::{Environment, Material};
 use neif::train::run_folder::RunFolder;
 use serde_json::{Value, json};
@@ -26,18 +26,31 @@ pub(crate) fn run(args: &InfoArgs) -> Result<(), Failure> {
     let path = &args.path;
     let is_tensors = path.extension().is_some_and(|e| e == "safetensors");
     let found = if RunFolder::is_run(path) {
-        about_run(path)?
+        Found::listed(about_run(path)?)
     } else if is_tensors {
-        about_tensors(path)?
+        Found::listed(about_tensors(path)?)
     } else {
         about_capture(path)?
     };
     if args.json {
-        output::json_line(&found)?;
+        output::json_line(&found.facts)?;
     } else {
-        output::line(&for_people(&found))?;
+        output::line(&found.page)?;
     }
     Ok(())
+}
+
+/// What was found out, for scripts and for people.
+struct Found {
+    facts: Value,
+    page: String,
+}
+
+impl Found {
+    fn listed(facts: Value) -> Self {
+        let page = for_people(&facts);
+        Self { facts, page }
+    }
 }
 
 fn about_run(path: &Path) -> Result<Value, Failure> {
@@ -91,20 +104,14 @@ fn about_environment(environment: &Environment) -> Value {
     })
 }
 
-fn about_capture(path: &Path) -> Result<Value, Failure> {
+/// What is in a capture and what is wrong with it, as JSON or as a page for people.
+fn about_capture(path: &Path) -> Result<Found, Failure> {
     let dataset = Dataset::load(path, &LoadOptions::default()).or_unusable()?;
-    let first = dataset.train.first();
-    let size = first.map(|view| [view.camera.width, view.camera.height]);
-    Ok(json!({
-        "kind": "capture",
-        "name": dataset.name,
-        "train": dataset.train.len(),
-        "val": dataset.val.len(),
-        "test": dataset.test.len(),
-        "size": size,
-        "faces": dataset.mesh.as_ref().map(|mesh| mesh.triangles.len()),
-        "problems": dataset.problems,
-    }))
+    let report = check(&dataset);
+    let mut facts = serde_json::to_value(&report)?;
+    facts["kind"] = json!("capture");
+    let page = report.to_string().trim_end().to_owned();
+    Ok(Found { facts, page })
 }
 
 /// One line a fact, nested facts indented.
