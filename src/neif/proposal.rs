@@ -13,6 +13,8 @@ const OUTER_SIDE: usize = 96;
 const INNER_SIDE: usize = 128;
 /// Equal steps from the origin to the inner box's far side.
 const INNER_STEPS: usize = 64;
+/// A cell that is empty for good: no running mean gets there.
+const VOID: u16 = 0;
 /// Cells of the inner grid, which come first.
 const INNER_CELLS: u32 = (INNER_SIDE * INNER_SIDE * INNER_SIDE) as u32;
 /// Steps beyond it, equal in `s / (1 + s)`.
@@ -78,13 +80,35 @@ impl DensityGrid {
         (cells.len() == INNER_SIDE.pow(3) + OUTER_SIDE.pow(3)).then_some(Self { cells })
     }
 
+    /// Declares every inner cell whose centre `is_void` (field coordinates) empty for good: the object's inside.
+    ///
+    /// No ray of a camera ever goes there, so what the field puts there is a ghost of the object that shows as soon
+    /// as the environment is moved.
+    pub fn hollow(&mut self, is_void: impl Fn([f32; 3]) -> bool) {
+        for index in 0..INNER_CELLS as usize {
+            if is_void(Self::point_in_cell(index, [0.5; 3])) {
+                self.cells[index] = VOID;
+            }
+        }
+    }
+
+    /// Whether the cell is empty for good.
+    #[inline(always)]
+    pub fn is_void(&self, index: u32) -> bool {
+        self.cells[index as usize] == VOID
+    }
+
     /// Mixes an observed density into the cell with `index` (see [`cell_index`]).
     pub fn observe(&mut self, index: u32, density: f32) {
         let cell = &mut self.cells[index as usize];
+        if *cell == VOID {
+            return;
+        }
         let mean = f32_from_bf16(*cell);
         // The cap keeps one absurd observation from outlasting a run.
         let mean = mean + RATE * (density.min(1e6) - mean);
-        *cell = bf16_from_f32(mean);
+        // A mean that underflowed would read as void.
+        *cell = bf16_from_f32(mean.max(1e-30));
     }
 
     /// A point, in field coordinates, inside cell `index`, placed by three numbers in `[0, 1)`.
@@ -104,12 +128,15 @@ impl DensityGrid {
         }
     }
 
-    /// The cells in eight bits each, two to a word: `8 log2(density) + 128`, steps of 9 %; for files.
+    /// The cells in eight bits each, two to a word: `8 log2(density) + 128`, steps of 9 %, 0 for void; for files.
     pub fn codes(&self) -> Vec<u16> {
         let code = |cell: u16| {
-            (8.0 * f32_from_bf16(cell).max(1e-30).log2() + 128.0)
-                .round()
-                .clamp(0.0, 255.0) as u16
+            let log = 8.0 * f32_from_bf16(cell).max(1e-30).log2() + 128.0;
+            if cell == VOID {
+                0
+            } else {
+                log.round().clamp(1.0, 255.0) as u16
+            }
         };
         self.cells
             .chunks_exact(2)
@@ -119,7 +146,14 @@ impl DensityGrid {
 
     /// The grid of stored codes; `None` when the count is wrong.
     pub fn from_codes(codes: &[u16]) -> Option<Self> {
-        let decode = |code: u16| bf16_from_f32(((f32::from(code) - 128.0) / 8.0).exp2());
+        let decode = |code: u16| {
+            let density = ((f32::from(code) - 128.0) / 8.0).exp2();
+            if code == 0 {
+                VOID
+            } else {
+                bf16_from_f32(density)
+            }
+        };
         Self::from_cells(
             codes
                 .iter()

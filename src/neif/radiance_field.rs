@@ -19,6 +19,8 @@ use super::spherical_harmonics::{N_SH, attenuated_sh};
 
 /// Input width of the colour network: 15 features, opacity, 9 harmonics, padding.
 const COLOR_INPUT: usize = 32;
+/// Distance, in half sides of the inner box, before which a lobe's ray meets nothing.
+const LOBE_START: f32 = 0.006;
 /// Radiance is `e^x` with `|x|` up to this: 1.6e5, enough for unclipped lamps.
 const LOG_RADIANCE_MAX: f32 = 12.0;
 
@@ -411,8 +413,11 @@ impl FieldBatch {
                     pair[0] + delta * (0.5 + inside)
                 };
                 let (position, footprint) = sample_in_cube(&ray.cone, t);
+                // A lobe's ray must not find its light on the surface it starts from, nor inside the object.
+                let is_empty = (ray.kappa.is_finite() && t < LOBE_START)
+                    || grid.is_void(sample_cell(&ray.cone, t));
                 self.distances.push(t);
-                self.deltas.push(delta);
+                self.deltas.push(if is_empty { 0.0 } else { delta });
                 self.positions.push(position);
                 self.footprints.push(footprint);
             }

@@ -3,7 +3,9 @@
 use glam::Vec3;
 
 use crate::data::Dataset;
+use crate::geometry::{Ray, SurfaceTracer};
 use crate::neif::contraction::FieldFrame;
+use crate::neif::proposal::DensityGrid;
 
 /// The inner box: around the object (or between the cameras), as far as the cameras stand, times `scale`.
 pub(super) fn field_frame(dataset: &Dataset, scale: f32) -> FieldFrame {
@@ -27,6 +29,40 @@ pub(super) fn field_frame(dataset: &Dataset, scale: f32) -> FieldFrame {
         center,
         half_side: if half_side > 0.0 { half_side } else { 1.0 },
     }
+}
+
+/// A fresh density cache that is void inside the mesh.
+pub(super) fn hollow_density(tracer: Option<&SurfaceTracer>, frame: &FieldFrame) -> DensityGrid {
+    let mut density = DensityGrid::default();
+    if let Some(tracer) = tracer {
+        let bounds = tracer.mesh().bounds();
+        density.hollow(|p| {
+            let p_world = frame.center + Vec3::from(p) * frame.half_side;
+            bounds.contains(p_world) && is_inside(tracer, p_world)
+        });
+    }
+    density
+}
+
+/// Whether two of three rays along the axes cross the surface an odd number of times: robust to a hole.
+fn is_inside(tracer: &SurfaceTracer, p_world: Vec3) -> bool {
+    let votes = Vec3::AXES.into_iter().filter(|&direction| {
+        let mut ray = Ray {
+            origin: p_world,
+            direction,
+        };
+        let mut n_crossings = 0;
+        while let Some(hit) = tracer.intersect(&ray, tracer.self_distance(), f32::INFINITY) {
+            n_crossings += 1;
+            ray.origin = hit.position;
+            // A mesh of a thousand sheets is no solid; this also bounds the walk.
+            if n_crossings > 1000 {
+                break;
+            }
+        }
+        n_crossings % 2 == 1
+    });
+    votes.count() >= 2
 }
 
 /// Mean up direction of the cameras, snapped to the nearest world axis when within 45° (always).

@@ -10,7 +10,7 @@ use super::adam::{Adam, Rates};
 use super::chunk::{Chunk, N_CHUNKS, StepContext};
 use super::config::TrainConfig;
 use super::pixels::{PixelOptions, PixelStore};
-use super::placement::{field_frame, up_direction};
+use super::placement::{field_frame, hollow_density, up_direction};
 use super::random::SlotRandom;
 use super::snapshot::Snapshot;
 use crate::data::Dataset;
@@ -134,6 +134,7 @@ impl Trainer {
                 let side = 1.05 * bounds.extent().max_element();
                 Material::new(config.material, bounds.center(), side, || random.uniform())
             });
+        let density = hollow_density(tracer.as_deref(), &frame);
         let mut trainer = Self {
             config: config.clone(),
             name: dataset.name.clone(),
@@ -143,7 +144,7 @@ impl Trainer {
             frame,
             encoded: vec![Vec::new(); field.levels().len()],
             field: Learned::new(field, |f| f.params.len()),
-            density: DensityGrid::default(),
+            density,
             material: material.map(|m| Learned::new(m, |m| m.params.len())),
             gamma: 1.0,
             gamma_adam: Adam::new(1),
