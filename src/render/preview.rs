@@ -233,6 +233,8 @@ impl Worker {
             let output = self
                 .pool
                 .install(|| self.progressive.pass(&request.scene, scale, cancel));
+            let number = request.number;
+            tracing::trace!(number, scale, is_done = output.is_some(), "pass");
             let Some(output) = output else { return };
             self.publish(request.number, scale, scale == last, output);
             wake();

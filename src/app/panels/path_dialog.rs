@@ -50,13 +50,14 @@ fn path_ui(ui: &mut Ui, dialog: &PathDialog, commands: &mut Vec<Command>) {
             .desired_width(WIDTH - 140.0)
             .hint_text("/path/to/capture");
         let edit = ui.add(edit).labelled_by(label.id);
-        if ui.memory(|memory| memory.focused().is_none()) {
-            edit.request_focus();
-        }
         if edit.changed() {
             commands.push(Command::TypePath(typed.clone()));
         }
         let is_entered = edit.lost_focus() && ui.input(|input| input.key_pressed(egui::Key::Enter));
+        // Ready to type at once; asked after `lost_focus`, which asking would hide.
+        if !is_entered && ui.memory(|memory| memory.focused().is_none()) {
+            edit.request_focus();
+        }
         if ui
             .add_enabled(!typed.trim().is_empty(), Button::new(verb))
             .clicked()
