@@ -15,7 +15,7 @@ use neif::app::viewport::Pictures;
 use neif::app::{AppState, Command, Effect, apply, keys, shell, theme};
 use neif::data::{Dataset, Photo, View};
 use neif::geometry::{Camera, Mesh};
-use neif::neif::RoughnessEdit;
+use neif::neif::{EnvironmentTransform, RoughnessEdit};
 use neif::render::Layer;
 use neif::train::events::{Progress, TrainCommand, TrainEvent};
 
@@ -76,7 +76,7 @@ fn view(name: &str, eye: Vec3) -> View {
 
 fn dataset() -> Arc<Dataset> {
     let positions = vec![Vec3::X, Vec3::Y, Vec3::Z];
-    let mesh = Mesh::new(positions, None, vec![[0, 1, 2]]).unwrap();
+    let mesh = Mesh::new(positions, None, vec![[0, 1, 2]]).expect("a triangle is a mesh");
     Arc::new(Dataset {
         name: "test".to_owned(),
         root: PathBuf::from("/capture"),
@@ -181,7 +181,10 @@ fn roughness_changes_between_map_and_one_value_and_resets() {
     click(&mut harness, "One value");
     let roughness = |harness: &Harness<'_, Shown>| harness.state().state.look.edit.roughness;
     assert!(matches!(roughness(&harness), RoughnessEdit::Constant(_)));
-    let slider = harness.get_all_by_label("Value").last().unwrap();
+    let slider = harness
+        .get_all_by_label("Value")
+        .last()
+        .expect("a triangle is a mesh");
     slider.set_value_accesskit(0.75);
     harness.run_steps(2);
     assert_eq!(roughness(&harness), RoughnessEdit::Constant(0.75));
@@ -315,7 +318,10 @@ fn the_environment_moves_by_numbers() {
         (Vec3::new(0.0, 0.0, 90.0), Vec3::X * 0.5)
     );
     click(&mut harness, "Reset environment");
-    assert_eq!(harness.state().state.look.transform, Default::default());
+    assert_eq!(
+        harness.state().state.look.transform,
+        EnvironmentTransform::default()
+    );
 }
 
 /// A harness whose viewport shows a picture, and a point inside the viewport.

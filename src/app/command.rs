@@ -248,10 +248,10 @@ fn apply_train(state: &mut AppState, train: Train, effects: &mut Vec<Effect>) {
     match train {
         Train::Start => effects.push(Effect::StartTraining),
         Train::PauseOrResume if *phase == Phase::Paused => {
-            effects.push(Effect::Train(TrainCommand::Resume))
+            effects.push(Effect::Train(TrainCommand::Resume));
         }
         Train::PauseOrResume if *phase == Phase::Training => {
-            effects.push(Effect::Train(TrainCommand::Pause))
+            effects.push(Effect::Train(TrainCommand::Pause));
         }
         Train::Step if matches!(phase, Phase::Training | Phase::Paused) => {
             effects.push(Effect::Train(TrainCommand::StepOnce));
@@ -263,7 +263,7 @@ fn apply_train(state: &mut AppState, train: Train, effects: &mut Vec<Effect>) {
             }
         }
         Train::Stop if state.training.is_unsaved() && phase.takes_commands() => {
-            state.overlays.is_stop_asked = true
+            state.overlays.is_stop_asked = true;
         }
         Train::Stop | Train::StopForSure => {
             state.overlays.is_stop_asked = false;
@@ -296,14 +296,13 @@ fn choose_environment(state: &mut AppState, index: Option<usize>, effects: &mut 
 fn apply_compare(state: &mut AppState, command: &Command) {
     let is_wanted = !matches!(command, Command::SetWipe(None) | Command::HoldPhoto(false));
     if is_wanted && state.view.at_view.is_none() {
-        match state.nearest_view() {
-            Some(index) => go_to_view(state, index),
-            None => {
-                state
-                    .messages
-                    .say(Level::Info, "There is no photo to compare with");
-                return;
-            }
+        if let Some(index) = state.nearest_view() {
+            go_to_view(state, index);
+        } else {
+            state
+                .messages
+                .say(Level::Info, "There is no photo to compare with");
+            return;
         }
     }
     match command {

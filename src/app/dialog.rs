@@ -11,7 +11,7 @@ use crate::app::state::PathPurpose;
 /// A dialog that is gone sooner than a person can act was never there.
 const TOO_SOON: Duration = Duration::from_millis(300);
 /// After this long the window no longer waits: the service behind the dialog may have hung.
-const GIVE_UP: Duration = Duration::from_secs(180);
+const GIVE_UP: Duration = Duration::from_mins(3);
 
 /// A dialog that was asked for.
 #[derive(Debug)]

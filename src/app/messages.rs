@@ -102,10 +102,8 @@ impl Messages {
 
     /// The whole list as text, a line a message.
     pub fn to_text(&self) -> String {
-        self.list
-            .iter()
-            .map(|m| format!("{:8.1}s {:?}: {}\n", m.at_secs, m.level, m.text))
-            .collect()
+        let line = |m: &Message| format!("{:8.1}s {:?}: {}", m.at_secs, m.level, m.text);
+        self.list.iter().map(line).collect::<Vec<_>>().join("\n")
     }
 }
 

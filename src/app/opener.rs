@@ -308,7 +308,7 @@ mod tests {
         for path in [text, folder.path().join("missing")] {
             match opened(&path) {
                 Opened::Failed { reason, .. } => {
-                    assert!(reason.contains(&*path.to_string_lossy()), "{reason}")
+                    assert!(reason.contains(&*path.to_string_lossy()), "{reason}");
                 }
                 other => panic!("{other:?}"),
             }

@@ -376,19 +376,15 @@ impl AppState {
             .as_ref()
             .map(|object| object.tracer.mesh().bounds());
         let inner = snapshot.environment.inner_box();
-        let home = match bounds {
-            Some(bounds) => {
-                let eye =
-                    bounds.center() + (Vec3::new(1.0, -1.0, 0.0) + up * 0.5) * bounds.diagonal();
-                let mut home = Viewpoint::look_at(eye, bounds.center(), up);
-                home.frame(&bounds);
-                home
-            }
-            None => {
-                let side = if up.x.abs() < 0.5 { Vec3::X } else { Vec3::Y };
-                let eye = inner.center() - side * (0.1 * inner.diagonal());
-                Viewpoint::look_at(eye, inner.center(), up)
-            }
+        let home = if let Some(bounds) = bounds {
+            let eye = bounds.center() + (Vec3::new(1.0, -1.0, 0.0) + up * 0.5) * bounds.diagonal();
+            let mut home = Viewpoint::look_at(eye, bounds.center(), up);
+            home.frame(&bounds);
+            home
+        } else {
+            let side = if up.x.abs() < 0.5 { Vec3::X } else { Vec3::Y };
+            let eye = inner.center() - side * (0.1 * inner.diagonal());
+            Viewpoint::look_at(eye, inner.center(), up)
         };
         self.view = ViewState {
             viewpoint: home,

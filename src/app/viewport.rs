@@ -161,7 +161,7 @@ fn pan(state: &AppState, drag_px: egui::Vec2, window: (u32, u32)) -> CameraMove 
 
 /// The photo over the preview: all of it, or left of the wipe's line.
 fn photo_ui(
-    ui: &mut Ui,
+    ui: &Ui,
     rect: Rect,
     state: &AppState,
     pictures: &Pictures,
@@ -188,7 +188,7 @@ fn photo_ui(
     }
 }
 
-fn wipe_ui(ui: &mut Ui, photo: TextureId, area: Rect, wipe: f32, commands: &mut Vec<Command>) {
+fn wipe_ui(ui: &Ui, photo: TextureId, area: Rect, wipe: f32, commands: &mut Vec<Command>) {
     let x = area.left() + wipe * area.width();
     let left = Rect::from_min_max(area.min, pos2(x, area.bottom()));
     let part = Rect::from_min_max(Pos2::ZERO, pos2(wipe, 1.0));

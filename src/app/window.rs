@@ -82,7 +82,9 @@ impl Window {
     fn carry_out(&mut self, effects: Vec<Effect>) {
         for effect in effects {
             let news = self.work.carry_out(&mut self.state, effect);
-            self.take(news);
+            if matches!(news, Some(News::Reset)) {
+                self.forget_pictures();
+            }
         }
     }
 
@@ -93,23 +95,22 @@ impl Window {
             match news {
                 News::FirstPhoto(photo) => {
                     let size = photo.size;
-                    self.textures.first_photo = Some((upload(ctx, "first photo", photo), size));
+                    self.textures.first_photo = Some((upload(ctx, "first photo", &photo), size));
                 }
                 News::ViewPhoto(view, photo) => {
-                    self.textures.photo = Some((view, upload(ctx, "photo", photo)));
+                    self.textures.photo = Some((view, upload(ctx, "photo", &photo)));
                 }
-                other => self.take(Some(other)),
+                News::Reset => self.forget_pictures(),
             }
         }
         self.take_frame(ctx);
     }
 
-    fn take(&mut self, news: Option<News>) {
-        if let Some(News::Reset) = news {
-            self.driver.clear();
-            self.textures = Textures::default();
-            self.state.shown = None;
-        }
+    /// Drops every picture of what was open before.
+    fn forget_pictures(&mut self) {
+        self.driver.clear();
+        self.textures = Textures::default();
+        self.state.shown = None;
     }
 
     /// Uploads the newest preview picture, if there is a new one.
@@ -131,7 +132,7 @@ impl Window {
             Some(texture) => texture.set(image, TextureOptions::LINEAR),
             None => {
                 self.textures.preview =
-                    Some(ctx.load_texture("preview", image, TextureOptions::LINEAR))
+                    Some(ctx.load_texture("preview", image, TextureOptions::LINEAR));
             }
         }
         tracing::trace!(
@@ -267,7 +268,7 @@ fn dropped(ctx: &Context) -> Vec<Command> {
         .collect()
 }
 
-fn upload(ctx: &Context, name: &str, photo: ScreenPhoto) -> TextureHandle {
+fn upload(ctx: &Context, name: &str, photo: &ScreenPhoto) -> TextureHandle {
     let image = ColorImage::from_rgba_premultiplied(photo.size, photo.pixels.as_flattened());
     ctx.load_texture(name, image, TextureOptions::LINEAR)
 }

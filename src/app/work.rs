@@ -223,7 +223,7 @@ impl Work {
                 return Some(News::Reset);
             }
             Opened::RunDataset { path, dataset } if state.source == Source::Run(path.clone()) => {
-                state.set_dataset(dataset)
+                state.set_dataset(dataset);
             }
             Opened::Environment { path, result } => {
                 return self.take_environment(state, path, result);
@@ -282,17 +282,16 @@ impl Work {
             .environments
             .iter()
             .position(|entry| entry.path == path);
-        match known {
-            Some(i) => state.environments[i].content = content,
-            None => {
-                recent::add(&mut state.recent, &path);
-                state.environments.push(EnvironmentEntry {
-                    name: environment_name(&path),
-                    path,
-                    content,
-                });
-                state.look.environment = Some(state.environments.len() - 1);
-            }
+        if let Some(i) = known {
+            state.environments[i].content = content;
+        } else {
+            recent::add(&mut state.recent, &path);
+            state.environments.push(EnvironmentEntry {
+                name: environment_name(&path),
+                path,
+                content,
+            });
+            state.look.environment = Some(state.environments.len() - 1);
         }
         None
     }

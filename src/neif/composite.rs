@@ -255,7 +255,7 @@ mod tests {
         let mut rows = rows(0.0);
         rows[0] = 1e6_f32.ln();
         let mut buffers = CompositeBuffers::default();
-        buffers.forward(&rows, &vec![1.0; 2 * N], N);
+        buffers.forward(&rows, &[1.0; 2 * N], N);
         assert!(
             buffers.weights[0] > 0.9999 && buffers.weights[1] < 1e-4,
             "{:?}",

@@ -36,21 +36,16 @@ mod tests {
             let r = (1.0 - z * z).sqrt();
             let phi = golden * i as f32;
             let sh = attenuated_sh([r * phi.cos(), r * phi.sin(), z], f32::INFINITY);
-            for a in 0..N_SH {
-                for b in 0..N_SH {
-                    gram[a][b] +=
-                        f64::from(sh[a] * sh[b]) * 4.0 * std::f64::consts::PI / f64::from(n);
+            for (row, a) in gram.iter_mut().zip(sh) {
+                for (sum, b) in row.iter_mut().zip(sh) {
+                    *sum += f64::from(a * b) * 4.0 * std::f64::consts::PI / f64::from(n);
                 }
             }
         }
-        for a in 0..N_SH {
-            for b in 0..N_SH {
+        for (a, row) in gram.iter().enumerate() {
+            for (b, product) in row.iter().enumerate() {
                 let expected = if a == b { 1.0 } else { 0.0 };
-                assert!(
-                    (gram[a][b] - expected).abs() < 1e-3,
-                    "<{a}, {b}> = {}",
-                    gram[a][b]
-                );
+                assert!((product - expected).abs() < 1e-3, "<{a}, {b}> = {product}");
             }
         }
     }

@@ -289,7 +289,7 @@ mod tests {
         news: &crossbeam::channel::Receiver<()>,
         number: u64,
     ) -> Vec<Arc<PreviewFrame>> {
-        let end = Instant::now() + Duration::from_secs(60);
+        let end = Instant::now() + Duration::from_mins(1);
         let mut frames: Vec<Arc<PreviewFrame>> = Vec::new();
         while frames
             .last()

@@ -443,7 +443,7 @@ mod tests {
     #[test]
     fn a_moved_environment_leaves_geometry() {
         let done = recomputed_after(|request| {
-            request.scene.transform.rotate_deg = Vec3::new(0.0, 0.0, 40.0)
+            request.scene.transform.rotate_deg = Vec3::new(0.0, 0.0, 40.0);
         });
         assert!(
             done.traced == 0 && done.background > 0 && done.object > 0,
@@ -476,7 +476,7 @@ mod tests {
     #[test]
     fn a_moved_camera_changes_all() {
         let done = recomputed_after(|request| {
-            request.camera = super::super::test_scene::camera(60, 44).resized(58, 44)
+            request.camera = camera(60, 44).resized(58, 44);
         });
         assert!(
             done.traced == 58 * 44 && done.background > 0 && done.object > 0,

@@ -25,7 +25,7 @@ pub fn status_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
             Phase::Training | Phase::Paused | Phase::Finished(_) => figures_ui(ui, state),
         }
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-            right_ui(ui, state, commands)
+            right_ui(ui, state, commands);
         });
     });
 }

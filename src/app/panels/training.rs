@@ -307,6 +307,10 @@ fn plot_ui(ui: &mut Ui, title: &str, curves: &[(&str, &Curve, egui::Color32)], s
 }
 
 /// Lines at 1, 2 and 5 times the powers of ten, for values drawn by their logarithm.
+#[expect(
+    clippy::needless_pass_by_value,
+    reason = "the signature that the plot wants"
+)]
 fn decades(input: GridInput) -> Vec<GridMark> {
     let (low, high) = input.bounds;
     let range = low.floor().max(-12.0) as i32..=high.ceil().min(12.0) as i32;
