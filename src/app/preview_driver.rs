@@ -224,9 +224,11 @@ mod tests {
         } else {
             1
         };
-        driver.was_requested(1);
+        // The preview numbers its requests upwards.
+        let number = driver.requests.back().map_or(1, |(last, _)| last + 1);
+        driver.was_requested(number);
         let frame = PreviewFrame {
-            request: 1,
+            request: number,
             scale,
             is_last: true,
             width: 1,

@@ -6,6 +6,8 @@ use std::{
 };
 
 use anyhow::Context as _;
+use glam::Vec3;
+use neif::data::MeshPlacement;
 use neif::train::config::TrainConfig;
 use neif::train::plan::Budget;
 use neif::train::run_folder::RunFolder;
@@ -58,6 +60,8 @@ pub(crate) struct TrainArgs {
     /// A mesh instead of the one beside the capture
     #[arg(long, value_name = "FILE", conflicts_with = "resume")]
     mesh: Option<PathBuf>,
+    #[command(flatten)]
+    placement: MeshPlacementArgs,
     /// Continue the run in --out exactly where it was saved: to the end of its plan, or under the
     /// --budget (for this command) or --steps (in total) given
     #[arg(long)]
@@ -106,6 +110,31 @@ pub(crate) fn run(args: &TrainArgs, started: Instant) -> Result<(), Failure> {
     outcome.verdict()
 }
 
+/// How a mesh that stands otherwise than the cameras is brought into the capture's frame.
+#[derive(Debug, clap::Args)]
+struct MeshPlacementArgs {
+    /// Turn the mesh about the world's x, then y, then z axis, degrees
+    #[arg(long, value_name = "X,Y,Z", value_parser = values::vector, allow_hyphen_values = true, conflicts_with = "resume")]
+    mesh_rotate: Option<Vec3>,
+    /// Scale the mesh
+    #[arg(long, value_name = "S", conflicts_with = "resume")]
+    mesh_scale: Option<f32>,
+    /// Move the mesh, in scene units
+    #[arg(long, value_name = "X,Y,Z", value_parser = values::vector, allow_hyphen_values = true, conflicts_with = "resume")]
+    mesh_translate: Option<Vec3>,
+}
+
+impl MeshPlacementArgs {
+    fn placement(&self) -> MeshPlacement {
+        let still = MeshPlacement::default();
+        MeshPlacement {
+            rotate_deg_xyz: self.mesh_rotate.unwrap_or(still.rotate_deg_xyz),
+            scale: self.mesh_scale.unwrap_or(still.scale),
+            translate: self.mesh_translate.unwrap_or(still.translate),
+        }
+    }
+}
+
 fn options(args: &TrainArgs, started: Instant) -> Result<SessionOptions, Failure> {
     let mut options = if args.resume {
         let resumed = SessionOptions::resume(&args.out, args.budget.given()).or_unusable()?;
@@ -117,6 +146,7 @@ fn options(args: &TrainArgs, started: Instant) -> Result<SessionOptions, Failure
         let config = config(args.preset.as_deref(), args.seed)?;
         SessionOptions {
             mesh: args.mesh.clone(),
+            mesh_placement: args.placement.placement(),
             run: Some(args.out.clone()),
             ..SessionOptions::new(&args.dataset, config, args.budget.or_default())
         }

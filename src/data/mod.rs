@@ -25,6 +25,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use glam::{Affine3A, EulerRot, Quat, Vec3};
+use serde::{Deserialize, Serialize};
 
 use crate::geometry::{Camera, Mesh};
 
@@ -118,7 +119,8 @@ impl Splits {
 }
 
 /// How a mesh file's coordinates become the capture's: scaled, then rotated, then translated.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct MeshPlacement {
     /// Rotation in degrees about the world's x, then y, then z axis.
     pub rotate_deg_xyz: Vec3,

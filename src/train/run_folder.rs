@@ -14,7 +14,7 @@ use std::{
 use serde::{Deserialize, Serialize};
 
 use crate::data::tensor_file::{TensorFile, TensorFileError};
-use crate::data::{DataError, read_mesh, write_atomically, write_glb};
+use crate::data::{DataError, MeshPlacement, read_mesh, write_atomically, write_glb};
 use crate::geometry::{Mesh, SurfaceTracer};
 use crate::neif::{Environment, Material, NeifError, ObjectModel};
 use crate::render::Scene;
@@ -87,7 +87,7 @@ impl RunFolderError {
 
 /// Where the capture of a run lies. Both ways are kept, so that a run survives being moved
 /// together with its capture, and on its own.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DatasetSource {
     /// From the root of the file system.
@@ -96,6 +96,9 @@ pub struct DatasetSource {
     pub relative: Option<PathBuf>,
     /// A mesh that replaced the one beside the capture, from the root of the file system.
     pub mesh: Option<PathBuf>,
+    /// How the mesh was placed in the capture.
+    #[serde(default)]
+    pub mesh_placement: MeshPlacement,
 }
 
 /// `config.toml`: everything that decides the result.
@@ -129,6 +132,7 @@ impl RunConfig {
                 relative: relative_path(&self::absolute(run), &absolute),
                 absolute,
                 mesh: mesh.map(self::absolute),
+                mesh_placement: MeshPlacement::default(),
             },
             train,
         }

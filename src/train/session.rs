@@ -16,6 +16,7 @@ use std::{
 
 use crossbeam::channel::{Receiver, Sender, bounded};
 
+use crate::data::MeshPlacement;
 use crate::data::{DataError, Dataset};
 use crate::train::config::TrainConfig;
 use crate::train::event_queue::EventQueue;
@@ -51,6 +52,8 @@ pub struct SessionOptions {
     pub dataset: PathBuf,
     /// A mesh instead of the one beside the capture.
     pub mesh: Option<PathBuf>,
+    /// How the mesh is placed in the capture.
+    pub mesh_placement: MeshPlacement,
     /// Settings of the trainer.
     pub config: TrainConfig,
     /// How much training; seconds include everything since [`Self::started`] and the last save.
@@ -73,6 +76,7 @@ impl SessionOptions {
         Self {
             dataset: dataset.to_owned(),
             mesh: None,
+            mesh_placement: MeshPlacement::default(),
             config,
             budget,
             run: None,
@@ -94,6 +98,7 @@ impl SessionOptions {
         Ok(Self {
             dataset: folder.dataset_path(&stored),
             mesh: stored.dataset.mesh.clone(),
+            mesh_placement: stored.dataset.mesh_placement,
             run: Some(run.to_owned()),
             start: match budget {
                 Some(_) => Start::Replan,
@@ -111,11 +116,13 @@ impl SessionOptions {
     pub(super) fn describe(&self, folder: Option<&RunFolder>) -> RunConfig {
         let run = folder.map_or(Path::new("."), RunFolder::path);
         let config = self.config.clone();
-        RunConfig {
+        let mut described = RunConfig {
             environment_only: self.environment_only,
             budget: self.budget,
             ..RunConfig::new(run, &self.dataset, self.mesh.as_deref(), config)
-        }
+        };
+        described.dataset.mesh_placement = self.mesh_placement;
+        described
     }
 }
 

@@ -128,6 +128,7 @@ impl Worker {
                 Splits::TRAIN_VAL
             },
             mesh: self.options.mesh.clone(),
+            mesh_placement: self.options.mesh_placement,
             on_progress: &report,
             ..LoadOptions::default()
         };
