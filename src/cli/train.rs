@@ -114,23 +114,23 @@ pub(crate) fn run(args: &TrainArgs, started: Instant) -> Result<(), Failure> {
 #[derive(Debug, clap::Args)]
 struct MeshPlacementArgs {
     /// Turn the mesh about the world's x, then y, then z axis, degrees
-    #[arg(long, value_name = "X,Y,Z", value_parser = values::vector, allow_hyphen_values = true, conflicts_with = "resume")]
-    mesh_rotate: Option<Vec3>,
+    #[arg(id = "mesh-rotate", long, value_name = "X,Y,Z", value_parser = values::vector, allow_hyphen_values = true, conflicts_with = "resume")]
+    rotate: Option<Vec3>,
     /// Scale the mesh
-    #[arg(long, value_name = "S", conflicts_with = "resume")]
-    mesh_scale: Option<f32>,
+    #[arg(id = "mesh-scale", long, value_name = "S", conflicts_with = "resume")]
+    scale: Option<f32>,
     /// Move the mesh, in scene units
-    #[arg(long, value_name = "X,Y,Z", value_parser = values::vector, allow_hyphen_values = true, conflicts_with = "resume")]
-    mesh_translate: Option<Vec3>,
+    #[arg(id = "mesh-translate", long, value_name = "X,Y,Z", value_parser = values::vector, allow_hyphen_values = true, conflicts_with = "resume")]
+    translate: Option<Vec3>,
 }
 
 impl MeshPlacementArgs {
     fn placement(&self) -> MeshPlacement {
         let still = MeshPlacement::default();
         MeshPlacement {
-            rotate_deg_xyz: self.mesh_rotate.unwrap_or(still.rotate_deg_xyz),
-            scale: self.mesh_scale.unwrap_or(still.scale),
-            translate: self.mesh_translate.unwrap_or(still.translate),
+            rotate_deg_xyz: self.rotate.unwrap_or(still.rotate_deg_xyz),
+            scale: self.scale.unwrap_or(still.scale),
+            translate: self.translate.unwrap_or(still.translate),
         }
     }
 }
