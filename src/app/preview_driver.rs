@@ -11,7 +11,7 @@ use crate::render::{Passes, PreviewFrame, PreviewScene};
 use crate::train::Snapshot;
 
 /// Share of all cores that refreshes may take while training runs.
-pub const REFRESH_SHARE: f64 = 0.08;
+pub const REFRESH_SHARE: f64 = 0.06;
 /// Refreshes are at least this far apart, in seconds.
 const MIN_INTERVAL_SECS: f64 = 1.0;
 /// A finer refresh may be as late as this share of the training time, since changes slow down.

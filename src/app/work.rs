@@ -23,7 +23,7 @@ use crate::train::plan::Budget;
 use crate::train::session::{Session, SessionOptions};
 
 /// Training wakes the window at most so often.
-const TRAINING_REPAINT: Duration = Duration::from_millis(66);
+const TRAINING_REPAINT: Duration = Duration::from_millis(250);
 /// Settings of runs that the window starts.
 const PRESET: &str = "fast";
 
