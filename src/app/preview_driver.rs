@@ -17,7 +17,7 @@ const MIN_INTERVAL_SECS: f64 = 1.0;
 /// A finer refresh may be as late as this share of the training time, since changes slow down.
 const PATIENCE: f64 = 0.15;
 /// ... but no later than this, in seconds.
-const MAX_INTERVAL_SECS: f64 = 30.0;
+const MAX_INTERVAL_SECS: f64 = 40.0;
 /// While something is dragged, the snapshot stays the same for so long, so that what did not
 /// change can be reused, in seconds.
 const HOLD_SECS: f64 = 1.0;
