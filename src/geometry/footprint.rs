@@ -50,6 +50,28 @@ impl SurfaceTracer {
             reflection_per_px: (0.5 * (steps[0].1 + steps[1].1)).sqrt(),
         }
     }
+
+    /// Turn of the shading normal for a step along the surface at `hit`, in radians a scene unit: root mean square
+    /// over the directions. 0 on a flat or degenerate triangle.
+    pub fn curvature(&self, hit: &Hit) -> f32 {
+        let mesh = self.mesh();
+        let corners = mesh.triangles[hit.triangle as usize];
+        let [p0, p1, p2] = corners.map(|i| mesh.positions[i as usize]);
+        let [n0, n1, n2] = corners.map(|i| mesh.normals[i as usize]);
+        // Normals are linear over the triangle: solve for their change along two orthonormal directions.
+        let (e1, e2) = (p1 - p0, p2 - p0);
+        let x = e1.normalize_or_zero();
+        let across = e2 - e2.dot(x) * x;
+        let (width, height) = (e1.length(), across.length());
+        let dx = (n1 - n0) / width;
+        let dy = (n2 - n0 - e2.dot(x) * dx) / height;
+        let square = 0.5 * (dx.length_squared() + dy.length_squared());
+        if square.is_finite() {
+            square.sqrt()
+        } else {
+            0.0
+        }
+    }
 }
 
 /// The mirror direction of the travelling direction `d` about the unit normal `n`.
@@ -136,6 +158,29 @@ mod tests {
             camera.ray(x + 1.0, y),
             camera.ray(x, y + 1.0),
         ]
+    }
+
+    #[test]
+    fn curvature_of_a_sphere_is_one_over_its_radius() {
+        for scale in [1e-3_f32, 1.0, 1e4] {
+            let tracer =
+                SurfaceTracer::new(Arc::new(ellipsoid(Vec3::ZERO, Vec3::splat(scale), 200)));
+            let camera = Camera::look_at(
+                scale * Vec3::new(0.5, 4.0, 1.0),
+                Vec3::ZERO,
+                Vec3::Z,
+                0.6,
+                400,
+                400,
+            );
+            for (x, y) in [(200.5, 200.5), (170.5, 230.5)] {
+                let hit = tracer
+                    .intersect(&camera.ray(x, y), 0.0, f32::INFINITY)
+                    .unwrap();
+                let curvature = tracer.curvature(&hit) * scale;
+                assert!((curvature - 1.0).abs() < 0.05, "scale {scale}: {curvature}");
+            }
+        }
     }
 
     #[test]

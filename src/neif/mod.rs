@@ -7,6 +7,7 @@ pub mod edit;
 pub mod environment;
 pub mod hash_grid;
 pub mod kernels;
+pub mod light_path;
 pub mod lobe;
 pub mod material;
 pub mod mlp;

@@ -1,39 +1,78 @@
-//! What a camera sees of the mesh, with antialiased silhouettes; independent of material and light.
+//! What a camera sees of the mesh, with antialiased edges; independent of material and light.
 
 use std::ops::Range;
 
-use super::trace::{TracedPoint, trace_bounce, trace_pixel};
+use super::trace::{MAX_VERTICES, PathStore, trace_path, trace_pixel};
 use crate::geometry::{Camera, SurfaceTracer};
+use crate::neif::light_path::PathVertex;
 use crate::neif::shading::SurfacePoint;
 
 /// Sub-samples per axis of a silhouette pixel.
 const SUBSAMPLES: usize = 4;
-/// No point.
-const NONE: u32 = u32::MAX;
+/// Turn of the mirror direction to the next pixel, radians, above which a pixel is sampled by quarters.
+const LARGEST_TURN: f32 = 0.25;
+
+/// How far pixels are traced.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PathOptions {
+    /// Most vertices of a path, in `1..=MAX_VERTICES`.
+    pub max_vertices: usize,
+    /// Whether pixels whose mirror image is torn are traced by quarters.
+    pub has_subpixels: bool,
+}
+
+impl Default for PathOptions {
+    fn default() -> Self {
+        Self {
+            max_vertices: MAX_VERTICES,
+            has_subpixels: true,
+        }
+    }
+}
 
 /// Traced pixels of some rows of a camera's image.
 #[derive(Clone, Debug, Default)]
 pub struct GBuffer {
     first: u32,
     coverage: Vec<f32>,
-    index: Vec<u32>,
-    points: Vec<TracedPoint>,
+    /// `[n + 1]`: where each pixel's paths start.
+    starts: Vec<u32>,
+    paths: PathStore,
 }
 
 impl GBuffer {
     /// Traces `rows` of the camera's image; without a tracer nothing is covered.
     pub fn trace(tracer: Option<&SurfaceTracer>, camera: &Camera, rows: Range<u32>) -> Self {
-        let width = camera.width;
-        let n = (rows.len() as u32 * width) as usize;
-        let mut buffer = Self {
-            first: rows.start * width,
-            coverage: vec![0.0; n],
-            index: vec![NONE; n],
-            points: Vec::new(),
-        };
-        if let Some(tracer) = tracer {
-            buffer.fill(tracer, camera, rows);
+        let n = (rows.len() as u32 * camera.width) as usize;
+        match tracer {
+            Some(tracer) => {
+                Self::trace_some(tracer, camera, rows, PathOptions::default(), |_| true)
+            }
+            None => Self {
+                first: rows.start * camera.width,
+                coverage: vec![0.0; n],
+                starts: vec![0; n + 1],
+                paths: PathStore::default(),
+            },
         }
+    }
+
+    /// Traces those pixels of `rows` whose index in the whole image is wanted; the others count as not covered.
+    pub fn trace_some(
+        tracer: &SurfaceTracer,
+        camera: &Camera,
+        rows: Range<u32>,
+        options: PathOptions,
+        is_wanted: impl Fn(u32) -> bool,
+    ) -> Self {
+        let n = (rows.len() as u32 * camera.width) as usize;
+        let mut buffer = Self {
+            first: rows.start * camera.width,
+            coverage: vec![0.0; n],
+            starts: vec![0; n + 1],
+            paths: PathStore::default(),
+        };
+        buffer.fill(tracer, camera, rows, options, is_wanted);
         buffer
     }
 
@@ -47,83 +86,184 @@ impl GBuffer {
         self.coverage[(pixel - self.first) as usize]
     }
 
-    /// The surface a pixel (index in the whole image) sees.
-    pub fn point_at(&self, pixel: u32) -> Option<&TracedPoint> {
-        self.points
-            .get(self.index[(pixel - self.first) as usize] as usize)
+    /// The light paths of a pixel (index in the whole image), all of the same weight; none where no object is seen.
+    pub fn paths_at(&self, pixel: u32) -> impl Iterator<Item = &[PathVertex]> {
+        let i = (pixel - self.first) as usize;
+        (self.starts[i]..self.starts[i + 1]).map(|path| self.paths.path(path as usize))
     }
 
-    fn fill(&mut self, tracer: &SurfaceTracer, camera: &Camera, rows: Range<u32>) {
+    fn fill(
+        &mut self,
+        tracer: &SurfaceTracer,
+        camera: &Camera,
+        rows: Range<u32>,
+        options: PathOptions,
+        is_wanted: impl Fn(u32) -> bool,
+    ) {
         let width = camera.width as usize;
-        // One more row on each side tells whether a border pixel lies on a silhouette.
-        let centers: Vec<Option<SurfacePoint>> = (i64::from(rows.start) - 1..=i64::from(rows.end))
-            .flat_map(|y| (0..width).map(move |x| (x, y)))
-            .map(|(x, y)| trace_pixel(tracer, camera, x as f32 + 0.5, y as f32 + 0.5))
-            .collect();
+        let centers = Centers::trace(tracer, camera, rows.clone(), |i| is_wanted(self.first + i));
+        let mut points = Vec::new();
+        let mut path = [PathVertex::default(); MAX_VERTICES];
         for i in 0..self.coverage.len() {
-            let at = i + width;
-            let x = i % width;
-            let hits = [
-                at - width,
-                at + width,
-                at - usize::from(x > 0),
-                at + usize::from(x + 1 < width),
-            ];
-            let inside = centers[at].is_some();
-            let (coverage, point) = if hits.iter().all(|&j| centers[j].is_some() == inside) {
-                (f32::from(u8::from(inside)), centers[at])
-            } else {
-                subsample(
-                    tracer,
-                    camera,
-                    x as f32,
-                    (rows.start as usize + i / width) as f32,
-                )
-            };
-            self.coverage[i] = coverage;
-            if let Some(point) = point {
-                self.index[i] = self.points.len() as u32;
-                // A turn that varies from pixel to pixel spreads the few lobe rays (golden angle).
-                // It depends on the place in the picture alone, not on the rows traced together.
-                let turn = ((self.first as usize + i) % 4096) as f32 * 2.399_963;
-                let (blocked, second) = trace_bounce(tracer, &point, turn);
-                self.points.push(TracedPoint {
-                    point,
-                    blocked,
-                    second,
-                });
+            points.clear();
+            if is_wanted(self.first + i as u32) {
+                let (x, y) = ((i % width) as f32, (rows.start as usize + i / width) as f32);
+                self.coverage[i] = match centers.kind(i) {
+                    PixelKind::Empty => 0.0,
+                    PixelKind::Edge => subsample_edge(tracer, camera, x, y, &mut points),
+                    PixelKind::Torn if options.has_subpixels => {
+                        subsample(tracer, camera, x, y, &mut points);
+                        1.0
+                    }
+                    PixelKind::Torn | PixelKind::Smooth => {
+                        points.extend(centers.at(i));
+                        1.0
+                    }
+                };
             }
+            // A turn that varies from pixel to pixel spreads the few lobe rays (golden angle).
+            // It depends on the place in the picture alone, not on the rows traced together.
+            let turn = ((self.first as usize + i) % 4096) as f32 * 2.399_963;
+            for (k, point) in points.iter().enumerate() {
+                let turn = turn + k as f32;
+                let path = trace_path(tracer, *point, turn, &mut path, options.max_vertices);
+                self.paths.push(path);
+            }
+            self.starts[i + 1] = self.paths.n_paths() as u32;
         }
     }
 }
 
-/// Coverage of pixel `(x, y)`, and the hit nearest to the covered part's centre.
+/// What the rays through the pixels' centres met, and one row more on each side.
+struct Centers {
+    width: usize,
+    points: Vec<Option<SurfacePoint>>,
+}
+
+/// How a pixel compares with its four neighbours.
+enum PixelKind {
+    /// No object here or beside.
+    Empty,
+    /// The object's silhouette passes here or beside.
+    Edge,
+    /// Object all around, but what it mirrors here does not hang together with what it mirrors beside.
+    Torn,
+    /// One ray stands for the pixel.
+    Smooth,
+}
+
+impl Centers {
+    /// Traces the wanted pixels (by index in `rows`) and their neighbours.
+    fn trace(
+        tracer: &SurfaceTracer,
+        camera: &Camera,
+        rows: Range<u32>,
+        is_wanted: impl Fn(u32) -> bool,
+    ) -> Self {
+        let width = camera.width as usize;
+        let (n, row) = ((rows.len() * width) as i64, width as i64);
+        let wanted = |i: i64| (0..n).contains(&i) && is_wanted(i as u32);
+        let points = (-row..n + row)
+            .map(|i| {
+                let is_near = [0, -1, 1, -row, row].iter().any(|step| wanted(i + step));
+                let x = i.rem_euclid(row) as f32 + 0.5;
+                let y = (i64::from(rows.start) + i.div_euclid(row)) as f32 + 0.5;
+                is_near
+                    .then(|| trace_pixel(tracer, camera, (x, y), 1.0))
+                    .flatten()
+            })
+            .collect();
+        Self { width, points }
+    }
+
+    fn at(&self, i: usize) -> Option<SurfacePoint> {
+        self.points[i + self.width]
+    }
+
+    fn kind(&self, i: usize) -> PixelKind {
+        let (at, x) = (i + self.width, i % self.width);
+        let beside = [
+            at - self.width,
+            at + self.width,
+            at - usize::from(x > 0),
+            at + usize::from(x + 1 < self.width),
+        ];
+        let center = self.points[at];
+        if beside
+            .iter()
+            .any(|&j| self.points[j].is_some() != center.is_some())
+        {
+            return PixelKind::Edge;
+        }
+        let Some(center) = center else {
+            return PixelKind::Empty;
+        };
+        let is_smooth =
+            |j: &usize| self.points[*j].is_some_and(|point| hang_together(&center, &point));
+        if beside.iter().all(is_smooth) {
+            PixelKind::Smooth
+        } else {
+            PixelKind::Torn
+        }
+    }
+}
+
+/// Whether the mirror directions of two neighbouring pixels are so near that one ray stands for the pixel.
+fn hang_together(a: &SurfacePoint, b: &SurfacePoint) -> bool {
+    a.reflected().dot(b.reflected()) > LARGEST_TURN.cos()
+}
+
+/// The points seen through a pixel's quarters.
 fn subsample(
     tracer: &SurfaceTracer,
     camera: &Camera,
     x: f32,
     y: f32,
-) -> (f32, Option<SurfacePoint>) {
-    let mut hits = [(0.0, 0.0, SurfacePoint::default()); SUBSAMPLES * SUBSAMPLES];
-    let mut n = 0;
-    for k in 0..SUBSAMPLES * SUBSAMPLES {
-        let offset = |i: usize| (i as f32 + 0.5) / SUBSAMPLES as f32;
-        let (u, v) = (x + offset(k % SUBSAMPLES), y + offset(k / SUBSAMPLES));
-        if let Some(point) = trace_pixel(tracer, camera, u, v) {
-            hits[n] = (u, v, point);
-            n += 1;
-        }
+    points: &mut Vec<SurfacePoint>,
+) {
+    for quarter in 0..4 {
+        let (u, v) = ((quarter % 2) as f32, (quarter / 2) as f32);
+        let at = (x + 0.25 + 0.5 * u, y + 0.25 + 0.5 * v);
+        points.extend(trace_pixel(tracer, camera, at, 0.5));
     }
-    let hits = &hits[..n];
-    let mean =
-        |f: fn(&(f32, f32, SurfacePoint)) -> f32| hits.iter().map(f).sum::<f32>() / n.max(1) as f32;
-    let (u, v) = (mean(|h| h.0), mean(|h| h.1));
-    let distance = |h: &&(f32, f32, SurfacePoint)| (h.0 - u).powi(2) + (h.1 - v).powi(2);
-    let nearest = hits
-        .iter()
-        .min_by(|a, b| distance(a).total_cmp(&distance(b)));
-    (
-        n as f32 / (SUBSAMPLES * SUBSAMPLES) as f32,
-        nearest.map(|h| h.2),
-    )
+}
+
+/// Coverage of pixel `(x, y)`, and in each quarter the hit nearest to the covered part's centre.
+fn subsample_edge(
+    tracer: &SurfaceTracer,
+    camera: &Camera,
+    x: f32,
+    y: f32,
+    points: &mut Vec<SurfacePoint>,
+) -> f32 {
+    let mut n_hits = 0;
+    for quarter in 0..4 {
+        let mut hits = [(0.0, 0.0, SurfacePoint::default()); SUBSAMPLES * SUBSAMPLES / 4];
+        let mut n = 0;
+        for k in 0..hits.len() {
+            let half = SUBSAMPLES / 2;
+            let offset = |q: usize, i: usize| (q * half + i) as f32 + 0.5;
+            let at = (
+                x + offset(quarter % 2, k % half) / SUBSAMPLES as f32,
+                y + offset(quarter / 2, k / half) / SUBSAMPLES as f32,
+            );
+            if let Some(point) = trace_pixel(tracer, camera, at, 0.5) {
+                hits[n] = (at.0, at.1, point);
+                n += 1;
+            }
+        }
+        let hits = &hits[..n];
+        let mean = |f: fn(&(f32, f32, SurfacePoint)) -> f32| {
+            hits.iter().map(f).sum::<f32>() / n.max(1) as f32
+        };
+        let (u, v) = (mean(|h| h.0), mean(|h| h.1));
+        let distance = |h: &&(f32, f32, SurfacePoint)| (h.0 - u).powi(2) + (h.1 - v).powi(2);
+        points.extend(
+            hits.iter()
+                .min_by(|a, b| distance(a).total_cmp(&distance(b)))
+                .map(|hit| hit.2),
+        );
+        n_hits += n;
+    }
+    n_hits as f32 / (SUBSAMPLES * SUBSAMPLES) as f32
 }

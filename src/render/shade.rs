@@ -1,14 +1,15 @@
 //! Radiance of pixels: the surroundings through a pixel's cone, the object by the pixel equation.
 
+use std::ops::Range;
+
 use glam::Vec3;
 
 use super::gbuffer::GBuffer;
 use super::scene::{Layer, Scene};
-use super::trace::TracedPoint;
+use super::trace::PIXEL_STD;
 use crate::geometry::Camera;
-use crate::neif::EnvironmentFromWorld;
 use crate::neif::display::Display;
-use crate::neif::lobe::Lobe;
+use crate::neif::light_path::{self, LitVertex, PathVertex};
 use crate::neif::material::{MaterialBatch, Surface};
 use crate::neif::object::ObjectModel;
 use crate::neif::proposal::ConeRay;
@@ -17,12 +18,8 @@ use crate::neif::shading::{fresnel, outgoing};
 
 /// Pixels shaded together: their samples stay in the core's cache.
 const TILE: usize = 64;
-/// Standard deviation of a uniform pixel, pixels.
-const PIXEL_STD: f32 = 0.288_675_13;
 /// Uniform share of the sample placement when rendering: the density cache has settled.
 const UNIFORM_SHARE: f32 = 0.05;
-/// Blocked or free shares of a lobe below this are not worth a ray.
-const SHARE_MARGIN: f32 = 0.01;
 
 /// Working memory of one thread, reused from call to call.
 #[derive(Debug, Default)]
@@ -31,6 +28,9 @@ pub struct ShadeScratch {
     material: MaterialBatch,
     points: Vec<Vec3>,
     encoded: Vec<f32>,
+    /// Of each path, its pixel in the tile.
+    pixel_of_path: Vec<usize>,
+    lit: Vec<LitVertex>,
 }
 
 /// Linear radiance of the surroundings through each listed pixel (`y * width + x` of `camera`); `out`: one a pixel.
@@ -85,111 +85,96 @@ pub fn shade_object(
     out.fill([0.0; 3]);
     let Some(object) = &scene.object else { return };
     for (pixels, out) in pixels.chunks(TILE).zip(out.chunks_mut(TILE)) {
-        let seen: Vec<(usize, &TracedPoint)> = pixels
-            .iter()
-            .enumerate()
-            .filter_map(|(i, &pixel)| Some((i, gbuffer.point_at(pixel)?)))
-            .collect();
-        let points: Vec<&TracedPoint> = seen.iter().map(|s| s.1).collect();
-        for ((i, _), value) in seen
-            .iter()
-            .zip(shade_points(scene, object, &points, layer, scratch))
-        {
-            out[*i] = value.to_array();
+        let mut pixel_of_path = std::mem::take(&mut scratch.pixel_of_path);
+        pixel_of_path.clear();
+        let mut paths: Vec<&[PathVertex]> = Vec::new();
+        for (i, &pixel) in pixels.iter().enumerate() {
+            paths.extend(gbuffer.paths_at(pixel));
+            pixel_of_path.resize(paths.len(), i);
+        }
+        let values = shade_paths(scene, object, &paths, layer, scratch);
+        let mut counts = [0_u32; TILE];
+        for (&i, value) in pixel_of_path.iter().zip(&values) {
+            counts[i] += 1;
+            out[i] = (Vec3::from(out[i]) + *value).to_array();
+        }
+        scratch.pixel_of_path = pixel_of_path;
+        for (out, n) in out.iter_mut().zip(counts) {
+            *out = out.map(|v| v / n.max(1) as f32);
         }
     }
 }
 
-/// A point's edited surface and its rays.
-#[derive(Clone, Copy)]
-struct Lit {
-    surface: Surface,
-    share: f32,
-    free: Option<usize>,
-    /// The ray and the surface of the point the lobe meets.
-    met: Option<(usize, Surface)>,
-}
-
-fn shade_points(
+/// The layer's value at the first vertex of each path.
+fn shade_paths(
     scene: &Scene,
     object: &ObjectModel,
-    points: &[&TracedPoint],
+    paths: &[&[PathVertex]],
     layer: Layer,
     scratch: &mut ShadeScratch,
 ) -> Vec<Vec3> {
-    let seconds: Vec<usize> = (0..points.len())
-        .filter(|&i| points[i].second.is_some())
-        .collect();
     scratch.points.clear();
+    let vertices = paths.iter().flat_map(|path| path.iter());
     scratch
         .points
-        .extend(points.iter().map(|p| p.point.position));
-    scratch.points.extend(
-        seconds
-            .iter()
-            .filter_map(|&i| points[i].second.map(|s| s.point.position)),
-    );
+        .extend(vertices.map(|vertex| vertex.point.position));
     object
         .material
         .forward(&scratch.points, &mut scratch.material, &mut scratch.encoded);
-    let surfaces: Vec<Surface> = scratch
-        .material
-        .surfaces
-        .iter()
-        .map(|s| scene.edit.apply(*s))
-        .collect();
-    if let Some(values) = unlit(scene, points, &surfaces, layer) {
+    for surface in &mut scratch.material.surfaces {
+        *surface = scene.edit.apply(*surface);
+    }
+    let mut starts = Vec::with_capacity(paths.len());
+    let mut start = 0;
+    for path in paths {
+        starts.push(start);
+        start += path.len();
+    }
+    if let Some(values) = unlit(scene, paths, &starts, &scratch.material.surfaces, layer) {
         return values;
     }
     let motion = scene.transform.environment_from_world();
-    let mut met = seconds.iter().zip(&surfaces[points.len()..]).peekable();
+    let frame = scene.environment.frame();
     scratch.batch.rays.clear();
-    let lit: Vec<Lit> = points
+    scratch.lit.clear();
+    let lit: Vec<Range<usize>> = paths
         .iter()
-        .enumerate()
-        .map(|(i, point)| {
-            let second = met
-                .next_if(|(at, _)| **at == i)
-                .map(|(_, surface)| *surface);
-            aim(
-                scene,
-                point,
-                surfaces[i],
-                second,
+        .zip(&starts)
+        .map(|(path, &start)| {
+            let surfaces = &scratch.material.surfaces;
+            let first = scratch.lit.len();
+            let n = light_path::aim(
+                path,
+                |k| (start + k, surfaces[start + k]),
                 &motion,
+                frame,
                 &mut scratch.batch.rays,
-            )
+                &mut scratch.lit,
+            );
+            first..first + n
         })
         .collect();
     scratch.light(scene);
-    let light = |ray: usize| Vec3::from(scratch.batch.radiance[ray]) * motion.gain;
     let gain = scene.edit.specular_gain();
-    lit.iter()
-        .zip(points)
-        .map(|(lit, point)| {
-            let free = lit.free.map_or(Vec3::ZERO, light);
-            let met = lit
-                .met
-                .zip(point.second)
-                .map_or(Vec3::ZERO, |((ray, surface), second)| {
-                    outgoing(&surface, second.point.n_dot_v(), gain, light(ray))
-                });
-            let incoming = free * (1.0 - lit.share) + met * lit.share;
-            let cos = point.point.n_dot_v();
-            let part = match layer {
-                Layer::Diffuse => Surface { ..lit.surface },
-                Layer::Specular => Surface {
-                    diffuse: Vec3::ZERO,
-                    ..lit.surface
-                },
-                _ => lit.surface,
+    lit.into_iter()
+        .zip(paths)
+        .zip(starts)
+        .map(|((lit, path), start)| {
+            let incoming = |ray: usize| Vec3::from(scratch.batch.radiance[ray]) * motion.gain;
+            let light = light_path::gather(&mut scratch.lit[lit], gain, incoming);
+            let surface = scratch.material.surfaces[start];
+            let (surface, light) = match layer {
+                Layer::Diffuse => (surface, Vec3::ZERO),
+                Layer::Specular => (
+                    Surface {
+                        diffuse: Vec3::ZERO,
+                        ..surface
+                    },
+                    light,
+                ),
+                _ => (surface, light),
             };
-            let incoming = if layer == Layer::Diffuse {
-                Vec3::ZERO
-            } else {
-                incoming
-            };
-            outgoing(&part, cos, gain, incoming)
+            outgoing(&surface, path[0].point.n_dot_v(), gain, light)
         })
         .collect()
 }
@@ -197,63 +182,23 @@ fn shade_points(
 /// Layers that need no light.
 fn unlit(
     scene: &Scene,
-    points: &[&TracedPoint],
+    paths: &[&[PathVertex]],
+    starts: &[usize],
     surfaces: &[Surface],
     layer: Layer,
 ) -> Option<Vec<Vec3>> {
-    let value = |point: &TracedPoint, surface: &Surface| match layer {
+    let value = |path: &[PathVertex], surface: &Surface| match layer {
         Layer::Roughness => Some(Vec3::splat(surface.roughness)),
         Layer::Tint => Some(fresnel(surface.tint, 1.0) * scene.edit.specular_gain()),
-        Layer::Normal => Some(point.point.normal * 0.5 + Vec3::splat(0.5)),
+        Layer::Normal => Some(path[0].point.normal * 0.5 + Vec3::splat(0.5)),
         Layer::Environment => Some(Vec3::ZERO),
         Layer::Final | Layer::Diffuse | Layer::Specular => None,
     };
-    points
+    paths
         .iter()
-        .zip(surfaces)
-        .map(|(point, surface)| value(point, surface))
+        .zip(starts)
+        .map(|(path, &start)| value(path, &surfaces[start]))
         .collect()
-}
-
-/// Adds the rays that a point's lobe needs.
-fn aim(
-    scene: &Scene,
-    traced: &TracedPoint,
-    surface: Surface,
-    second: Option<Surface>,
-    motion: &EnvironmentFromWorld,
-    rays: &mut Vec<FieldRay>,
-) -> Lit {
-    let frame = scene.environment.frame();
-    let lobe = Lobe::from_roughness(surface.roughness);
-    let share = if second.is_some() {
-        traced.blocked.share(lobe.kappa).0
-    } else {
-        0.0
-    };
-    let mut push = |ray| {
-        rays.push(ray);
-        rays.len() - 1
-    };
-    let free = (share < 1.0 - SHARE_MARGIN)
-        .then(|| push(traced.point.lobe_ray(&lobe, 0.0, motion, frame)));
-    let met = second
-        .zip(traced.second)
-        .filter(|_| share > SHARE_MARGIN)
-        .map(|(surface, second)| {
-            let second_lobe = Lobe::from_roughness(surface.roughness);
-            let seen = second.point.seen_through(lobe.variance, second.distance);
-            (
-                push(seen.lobe_ray(&second_lobe, lobe.variance, motion, frame)),
-                surface,
-            )
-        });
-    Lit {
-        surface,
-        share,
-        free,
-        met,
-    }
 }
 
 impl ShadeScratch {

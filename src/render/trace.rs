@@ -1,56 +1,101 @@
-//! What a pixel sees of the mesh: its first hit with footprint, and what its reflected lobe meets of the object.
+//! What a pixel sees of the mesh: the light paths of its reflections, with footprints.
 //!
 //! Geometry does not change while stage two trains, so trainer and renderer trace each pixel once and keep this.
 
 use glam::{Quat, Vec3};
 
 use crate::geometry::{Camera, Hit, Ray, SurfaceTracer, orthonormal_basis};
-use crate::neif::shading::{Blocked, RING_ANGLES, RING_RAYS, SurfacePoint};
+use crate::neif::light_path::{Blocked, PathVertex, RING_ANGLES, RING_RAYS};
+use crate::neif::shading::SurfacePoint;
 
 /// Standard deviation of a uniform pixel, pixels: `1/sqrt(12)`.
-const PIXEL_STD: f32 = 0.288_675_13;
+pub const PIXEL_STD: f32 = 0.288_675_13;
+/// Most vertices of a path. Between five touching balls one pixel in six meets the object a second time, one in
+/// sixteen a third, and few a fourth.
+pub const MAX_VERTICES: usize = 4;
 
-/// A surface point and what its lobe meets.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct TracedPoint {
-    /// The point the pixel sees.
-    pub point: SurfacePoint,
-    /// How much of its lobe meets the object again.
-    pub blocked: Blocked,
-    /// The point met, when any tested ray is blocked.
-    pub second: Option<SecondPoint>,
+/// Light paths one after the other in one list.
+#[derive(Clone, Debug, Default)]
+pub struct PathStore {
+    vertices: Vec<PathVertex>,
+    /// Where each path ends.
+    ends: Vec<u32>,
 }
 
-/// Where a reflected ray meets the object again.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct SecondPoint {
-    /// The point; `to_eye` looks back to the first one.
-    pub point: SurfacePoint,
-    /// Distance between the two, world units.
-    pub distance: f32,
+impl PathStore {
+    /// Number of paths.
+    pub fn n_paths(&self) -> usize {
+        self.ends.len()
+    }
+
+    /// The vertices of a path, at least one.
+    pub fn path(&self, index: usize) -> &[PathVertex] {
+        let start = index.checked_sub(1).map_or(0, |before| self.ends[before]);
+        &self.vertices[start as usize..self.ends[index] as usize]
+    }
+
+    /// Adds a path.
+    pub fn push(&mut self, path: &[PathVertex]) {
+        self.vertices.extend_from_slice(path);
+        self.ends.push(self.vertices.len() as u32);
+    }
+
+    /// Adds all paths of another list.
+    pub fn append(&mut self, other: &Self) {
+        let base = self.vertices.len() as u32;
+        self.vertices.extend_from_slice(&other.vertices);
+        self.ends.extend(other.ends.iter().map(|end| base + end));
+    }
 }
 
-/// The first hit of the ray through `(x_px, y_px)`.
+/// The first hit of the ray through `(x_px, y_px)`; `size_px` is the side of the square whose beam is meant.
 pub fn trace_pixel(
     tracer: &SurfaceTracer,
     camera: &Camera,
-    x_px: f32,
-    y_px: f32,
+    (x_px, y_px): (f32, f32),
+    size_px: f32,
 ) -> Option<SurfacePoint> {
     let ray = camera.ray(x_px, y_px);
     let hit = tracer.intersect(&ray, 0.0, f32::INFINITY)?;
-    let neighbours = [camera.ray(x_px + 1.0, y_px), camera.ray(x_px, y_px + 1.0)];
+    let neighbours = [
+        camera.ray(x_px + size_px, y_px),
+        camera.ray(x_px, y_px + size_px),
+    ];
     Some(surface_point(tracer, &hit, &ray, &neighbours))
 }
 
-/// The lobe's fan of rays: how many meet the object, and the first point met (the mirror ray's if it does).
+/// The path of mirror directions that starts at `first`, with at most `path.len()` vertices; returns how many it has.
 ///
-/// `turn` (radians) turns the rings, so that neighbouring pixels test different directions.
-pub fn trace_bounce(
+/// `turn` (radians) turns the rings of lobe rays, so that neighbouring pixels test different directions.
+pub fn trace_path<'a>(
+    tracer: &SurfaceTracer,
+    first: SurfacePoint,
+    turn: f32,
+    path: &'a mut [PathVertex; MAX_VERTICES],
+    max_vertices: usize,
+) -> &'a [PathVertex] {
+    path[0] = PathVertex {
+        point: first,
+        ..PathVertex::default()
+    };
+    let last = max_vertices.clamp(1, MAX_VERTICES) - 1;
+    for k in 0..last {
+        let (blocked, next) = trace_lobe(tracer, &path[k].point, turn + k as f32);
+        path[k].blocked = blocked;
+        let Some(next) = next else {
+            return &path[..=k];
+        };
+        path[k + 1] = next;
+    }
+    &path[..=last]
+}
+
+/// The lobe's fan of rays: how many meet the object, and the first point met (the mirror ray's if it does).
+fn trace_lobe(
     tracer: &SurfaceTracer,
     point: &SurfacePoint,
     turn: f32,
-) -> (Blocked, Option<SecondPoint>) {
+) -> (Blocked, Option<PathVertex>) {
     let axis = point.reflected();
     let start = tracer.self_distance();
     let mirror = tracer.intersect(
@@ -65,7 +110,7 @@ pub fn trace_bounce(
         core: if mirror.is_some() { 1.0 } else { 0.0 },
         rings: [0.0; 2],
     };
-    let mut met = mirror.map(|hit| second_point(tracer, point, axis, &hit));
+    let mut met = mirror.map(|hit| next_vertex(tracer, point, axis, &hit));
     let (tangent, bitangent) = orthonormal_basis(axis);
     for (ring, &angle) in RING_ANGLES.iter().enumerate() {
         let mut counts = [0_u32; 2];
@@ -85,7 +130,7 @@ pub fn trace_bounce(
             };
             if let Some(hit) = tracer.intersect(&ray, start, f32::INFINITY) {
                 counts[1] += 1;
-                met = met.or_else(|| Some(second_point(tracer, point, direction, &hit)));
+                met = met.or_else(|| Some(next_vertex(tracer, point, direction, &hit)));
             }
         }
         blocked.rings[ring] = if counts[0] > 0 {
@@ -97,28 +142,29 @@ pub fn trace_bounce(
     (blocked, met)
 }
 
-fn second_point(
+fn next_vertex(
     tracer: &SurfaceTracer,
     from: &SurfacePoint,
     direction: Vec3,
     hit: &Hit,
-) -> SecondPoint {
+) -> PathVertex {
+    // The beam widens as if it came from a point behind the mirror.
+    let behind = (from.base / from.spread.max(1e-12)).min(1e3 * hit.t);
     let ray = Ray {
-        origin: from.position,
+        origin: from.position - behind * direction,
         direction,
     };
-    // The footprint at the second surface, as the two rays that a neighbouring pixel would send.
-    let width = from.base + from.spread * hit.t;
-    let angle = width / PIXEL_STD / hit.t.max(1e-12);
+    let angle = (from.spread / PIXEL_STD).min(0.5);
     let (tangent, bitangent) = orthonormal_basis(direction);
     let turned = |axis: Vec3| Ray {
-        origin: from.position,
-        direction: Quat::from_axis_angle(axis, angle.min(0.5)) * direction,
+        origin: ray.origin,
+        direction: Quat::from_axis_angle(axis, angle) * direction,
     };
-    let point = surface_point(tracer, hit, &ray, &[turned(tangent), turned(bitangent)]);
-    SecondPoint {
-        point,
+    PathVertex {
+        point: surface_point(tracer, hit, &ray, &[turned(tangent), turned(bitangent)]),
+        blocked: Blocked::default(),
         distance: hit.t,
+        curvature: tracer.curvature(hit),
     }
 }
 

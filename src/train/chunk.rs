@@ -15,12 +15,11 @@ use crate::geometry::orthonormal_basis;
 use crate::neif::EnvironmentTransform;
 use crate::neif::contraction::FieldFrame;
 use crate::neif::display::Display;
-use crate::neif::lobe::Lobe;
+use crate::neif::light_path::{self, LitVertex, PathVertex};
 use crate::neif::material::{Material, MaterialBatch, Surface};
 use crate::neif::mlp::Transposed;
 use crate::neif::proposal::{ConeRay, DensityGrid};
 use crate::neif::radiance_field::{FieldBatch, FieldRay, FieldTransposed, RadianceField};
-use crate::neif::shading::{Blocked, SurfacePoint, outgoing, outgoing_backward};
 
 /// Every so many object pixels one takes part in the smoothness term.
 const SMOOTHNESS_STRIDE: usize = 4;
@@ -29,8 +28,6 @@ const SMOOTHNESS_STEP: f32 = 0.004;
 
 /// Chunks a step is cut into.
 pub(super) const N_CHUNKS: usize = 8;
-/// Blocked or free shares below this are not worth a ray.
-const SHARE_MARGIN: f32 = 0.01;
 
 /// Roughness while it is not yet learned, and how strongly it is held there.
 const INITIAL_ROUGHNESS: f32 = 0.3;
@@ -62,29 +59,29 @@ pub(super) struct ChunkLoss {
 }
 
 /// A drawn object pixel on its way through the step.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 struct ObjectSlot {
-    point: SurfacePoint,
-    blocked: Blocked,
     target: [f32; 3],
     smoothness: f32,
-    lobe: Lobe,
-    /// Blocked share and its derivative by kappa.
-    share: (f32, f32),
-    /// Ray of the unblocked part, if any.
-    ray: Option<usize>,
-    second: Option<SecondSlot>,
+    /// Its paths, among the chunk's.
+    paths: Range<usize>,
 }
 
-/// The point a lobe meets: its surface, lobe and ray.
+/// A light path of an object pixel.
+#[derive(Clone, Debug)]
+struct SlotPath {
+    /// Material points of its vertices.
+    points: Range<usize>,
+    /// Its lit vertices.
+    lit: Range<usize>,
+}
+
+/// Two material points of the smoothness term, and its weight.
 #[derive(Clone, Copy, Debug)]
-struct SecondSlot {
-    /// Index among the material points.
-    surface: usize,
-    point: SurfacePoint,
-    distance: f32,
-    lobe: Lobe,
-    ray: usize,
+struct SmoothPair {
+    at: usize,
+    beside: usize,
+    weight: f32,
 }
 
 /// Working memory and gradients of one chunk.
@@ -93,11 +90,13 @@ pub(super) struct Chunk {
     /// First slot of the random numbers of sample placement.
     jitter_slot: u64,
     slots: Vec<ObjectSlot>,
+    paths: Vec<SlotPath>,
+    vertices: Vec<PathVertex>,
+    lit: Vec<LitVertex>,
     backgrounds: Vec<BackgroundSample>,
     /// Ray of the first background pixel; the others follow.
     first_background_ray: usize,
-    /// Material points (object pixel, point beside it) of the smoothness term.
-    pairs: Vec<(usize, usize)>,
+    pairs: Vec<SmoothPair>,
     points: Vec<Vec3>,
     scratch: Vec<f32>,
     pub(super) material: MaterialBatch,
@@ -126,6 +125,8 @@ impl Chunk {
         backgrounds: Range<usize>,
     ) {
         self.slots.clear();
+        self.paths.clear();
+        self.vertices.clear();
         self.points.clear();
         self.pairs.clear();
         self.batch.rays.clear();
@@ -147,82 +148,64 @@ impl Chunk {
         );
     }
 
-    /// Object pixels first, then the points their lobes meet, then the neighbours of the smoothness term.
+    /// The vertices of the object pixels' paths first, then the neighbours of the smoothness term.
     fn draw_objects(&mut self, context: &StepContext<'_>, objects: Range<usize>) {
         for slot in objects {
             let mut random = SlotRandom::new(context.config.seed, context.step, slot as u64);
-            let (pixel, second) = context.pixels.draw_object(&mut random);
-            self.points.push(pixel.point.position);
+            let pixel = context.pixels.draw_object(&mut random);
+            let first = self.paths.len();
+            for path in context.pixels.paths_of(pixel) {
+                let start = self.vertices.len();
+                self.vertices.extend_from_slice(path);
+                self.paths.push(SlotPath {
+                    points: start..self.vertices.len(),
+                    lit: 0..0,
+                });
+            }
             self.slots.push(ObjectSlot {
-                point: pixel.point,
-                blocked: pixel.blocked,
                 target: pixel.target,
                 smoothness: pixel.smoothness,
-                lobe: Lobe::from_roughness(1.0),
-                share: (0.0, 0.0),
-                ray: None,
-                second: second.map(|s| SecondSlot {
-                    surface: 0,
-                    point: s.point,
-                    distance: s.distance,
-                    lobe: Lobe::from_roughness(1.0),
-                    ray: 0,
-                }),
+                paths: first..self.paths.len(),
             });
         }
-        for slot in &mut self.slots {
-            if let Some(second) = &mut slot.second {
-                second.surface = self.points.len();
-                self.points.push(second.point.position);
-            }
-        }
+        self.points
+            .extend(self.vertices.iter().map(|vertex| vertex.point.position));
         let side = context.material.map_or(1.0, |m| m.side);
-        for index in (0..self.slots.len()).step_by(SMOOTHNESS_STRIDE) {
+        for (index, slot) in self.slots.iter().enumerate().step_by(SMOOTHNESS_STRIDE) {
             let mut random = SlotRandom::new(
                 context.config.seed,
                 context.step,
                 self.jitter_slot ^ (1 << 41) ^ index as u64,
             );
             let phi = random.uniform() * std::f32::consts::TAU;
-            let (tangent, bitangent) = orthonormal_basis(self.slots[index].point.normal);
+            let at = self.paths[slot.paths.start].points.start;
+            let point = &self.vertices[at].point;
+            let (tangent, bitangent) = orthonormal_basis(point.normal);
             let offset = (tangent * phi.cos() + bitangent * phi.sin()) * (SMOOTHNESS_STEP * side);
-            self.pairs.push((index, self.points.len()));
-            self.points.push(self.slots[index].point.position + offset);
+            self.pairs.push(SmoothPair {
+                at,
+                beside: self.points.len(),
+                weight: slot.smoothness,
+            });
+            self.points.push(point.position + offset);
         }
     }
 
-    /// From roughness to lobes and their rays: the free part of each lobe, and the blocked part's second point.
+    /// From roughness to lobes and their rays, along every path.
     fn aim_lobes(&mut self, context: &StepContext<'_>) {
         let still = EnvironmentTransform::default().environment_from_world();
-        for (slot, surface) in self.slots.iter_mut().zip(&self.material.surfaces) {
-            slot.lobe = Lobe::from_roughness(surface.roughness);
-            slot.share = slot.blocked.share(slot.lobe.kappa);
-            if slot.second.is_none() {
-                slot.share = (0.0, 0.0);
-            }
-            slot.ray = (slot.share.0 < 1.0 - SHARE_MARGIN).then(|| {
-                self.batch
-                    .rays
-                    .push(slot.point.lobe_ray(&slot.lobe, 0.0, &still, context.frame));
-                self.batch.rays.len() - 1
-            });
-            if slot.share.0 <= SHARE_MARGIN {
-                slot.second = None;
-            }
-            if let Some(second) = &mut slot.second {
-                second.lobe =
-                    Lobe::from_roughness(self.material.surfaces[second.surface].roughness);
-                second.ray = self.batch.rays.len();
-                let seen = second
-                    .point
-                    .seen_through(slot.lobe.variance, second.distance);
-                self.batch.rays.push(seen.lobe_ray(
-                    &second.lobe,
-                    slot.lobe.variance,
-                    &still,
-                    context.frame,
-                ));
-            }
+        self.lit.clear();
+        for path in &mut self.paths {
+            let (first, start) = (self.lit.len(), path.points.start);
+            let n = light_path::aim(
+                &self.vertices[path.points.clone()],
+                |k| (start + k, self.material.surfaces[start + k]),
+                &still,
+                context.frame,
+                &mut self.batch.rays,
+                &mut self.lit,
+            );
+            path.lit = first..first + n;
         }
     }
 
@@ -304,64 +287,32 @@ impl Chunk {
         }
     }
 
-    /// Eq. 7 and its way back for one object pixel.
+    /// Eq. 7 and its way back for one object pixel: the mean of its paths.
     fn object_loss(&mut self, context: &StepContext<'_>, index: usize) {
-        let slot = self.slots[index];
-        let surface = self.material.surfaces[index];
-        let cos = slot.point.n_dot_v();
-        let share = slot.share.0;
-        let light_free = slot
-            .ray
-            .map_or(Vec3::ZERO, |ray| Vec3::from(self.batch.radiance[ray]));
-        let light_met = slot.second.map_or(Vec3::ZERO, |second| {
-            let light = Vec3::from(self.batch.radiance[second.ray]);
-            outgoing(
-                &self.material.surfaces[second.surface],
-                second.point.n_dot_v(),
-                Vec3::ONE,
-                light,
-            )
-        });
-        let light = light_free * (1.0 - share) + light_met * share;
-        let loss = pixel_loss(
-            context.display,
-            outgoing(&surface, cos, Vec3::ONE, light),
-            slot.target,
-        );
+        let slot = &self.slots[index];
+        let mut out = Vec3::ZERO;
+        for path in &self.paths[slot.paths.clone()] {
+            let lit = &mut self.lit[path.lit.clone()];
+            light_path::gather(lit, Vec3::ONE, |ray| Vec3::from(self.batch.radiance[ray]));
+            out += lit[0].outgoing();
+        }
+        let share = 1.0 / slot.paths.len() as f32;
+        let loss = pixel_loss(context.display, out * share, slot.target);
         let scale = 1.0 / context.config.object_pixels as f32;
         self.loss.object += f64::from(loss.value);
         self.loss.d_gamma += f64::from(loss.d_gamma * scale);
-
-        let d_out = loss.d_linear * scale;
-        let d_light = outgoing_backward(
-            &surface,
-            cos,
-            light,
-            d_out,
-            &mut self.material.d_surfaces[index],
-        );
-        if let Some(ray) = slot.ray {
-            self.batch.d_radiance[ray] = (d_light * (1.0 - share)).to_array();
-        }
-        if let Some(second) = slot.second {
-            let light = Vec3::from(self.batch.radiance[second.ray]);
-            let met = self.material.surfaces[second.surface];
-            let d_surface = &mut self.material.d_surfaces[second.surface];
-            let d_met = outgoing_backward(
-                &met,
-                second.point.n_dot_v(),
-                light,
-                d_light * share,
-                d_surface,
+        for path in &self.paths[slot.paths.clone()] {
+            light_path::backward(
+                &self.lit[path.lit.clone()],
+                loss.d_linear * (scale * share),
+                &self.batch.radiance,
+                &mut self.batch.d_radiance,
+                &mut self.material.d_surfaces,
             );
-            self.batch.d_radiance[second.ray] = d_met.to_array();
-            // share depends on kappa = 0.35 / r^4: d kappa / d r = -4 kappa / r.
-            let d_kappa = slot.share.1 * d_light.dot(light_met - light_free);
-            self.material.d_surfaces[index].roughness += d_kappa * slot.lobe.d_kappa;
         }
     }
 
-    /// From the rays' lobe variances to the roughness of both points.
+    /// From the rays' lobe variances to the roughness of the paths' vertices.
     fn roughness_gradients(&mut self, context: &StepContext<'_>) {
         if context.step < u64::from(context.config.roughness_delay) {
             // The output shares its hidden layer with the others and would drift; a spring holds it.
@@ -376,17 +327,12 @@ impl Chunk {
             }
             return;
         }
-        for (index, slot) in self.slots.iter().enumerate() {
-            if let Some(ray) = slot.ray {
-                self.material.d_surfaces[index].roughness +=
-                    self.batch.d_lobe_variance[ray] * slot.lobe.d_variance;
-            }
-            if let Some(second) = slot.second {
-                let d_variance = self.batch.d_lobe_variance[second.ray];
-                self.material.d_surfaces[second.surface].roughness +=
-                    d_variance * second.lobe.d_variance;
-                self.material.d_surfaces[index].roughness += d_variance * slot.lobe.d_variance;
-            }
+        for path in &self.paths {
+            light_path::roughness_backward(
+                &self.lit[path.lit.clone()],
+                &self.batch.d_lobe_variance,
+                &mut self.material.d_surfaces,
+            );
         }
     }
 
@@ -394,11 +340,11 @@ impl Chunk {
     fn smoothness_losses(&mut self, context: &StepContext<'_>) {
         let weight = context.config.smoothness_weight
             / (SMOOTHNESS_STEP * self.pairs.len().max(1) as f32 * N_CHUNKS as f32);
-        for &(index, beside) in &self.pairs {
-            let weight = weight * self.slots[index].smoothness;
+        for pair in &self.pairs {
+            let weight = weight * pair.weight;
             let (a, b) = (
-                self.material.surfaces[index],
-                self.material.surfaces[beside],
+                self.material.surfaces[pair.at],
+                self.material.surfaces[pair.beside],
             );
             let (d_roughness, d_tint) = (a.roughness - b.roughness, a.tint - b.tint);
             self.loss.smoothness +=
@@ -406,7 +352,7 @@ impl Chunk {
             // `signum` of zero is one; equal neighbours should feel nothing.
             let sign = |v: f32| if v == 0.0 { 0.0 } else { v.signum() * weight };
             let tint = Vec3::new(sign(d_tint.x), sign(d_tint.y), sign(d_tint.z));
-            for (at, factor) in [(index, 1.0), (beside, -1.0)] {
+            for (at, factor) in [(pair.at, 1.0), (pair.beside, -1.0)] {
                 let d = &mut self.material.d_surfaces[at];
                 d.roughness += factor * sign(d_roughness);
                 d.tint += factor * tint;

@@ -6,6 +6,7 @@ use super::TrainError;
 use crate::neif::hash_grid::GridConfig;
 use crate::neif::material::MaterialConfig;
 use crate::neif::radiance_field::FieldConfig;
+use crate::render::trace::MAX_VERTICES;
 
 /// Settings of a training run. Lengths are relative to the capture unless a unit is named.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -50,8 +51,10 @@ pub struct TrainConfig {
     /// Steps before roughness is learned: while the environment is still blurred, every surface would seem a mirror,
     /// and a mirror gives no gradient back to roughness.
     pub roughness_delay: u32,
-    /// Whether reflections that meet the object again are followed once.
-    pub self_reflection: bool,
+    /// How often a reflection that meets the object again is followed; 0 is never, 3 the most.
+    pub bounces: usize,
+    /// Whether pixels whose mirror image is torn (edges within the object, grazing views) are trained by quarters.
+    pub subpixels: bool,
     /// Steps over which the uniform share of the sample placement falls from 1 to `uniform_share`.
     pub exploration_steps: u32,
     /// Uniform share of the sample placement after that.
@@ -101,7 +104,8 @@ impl Default for TrainConfig {
             preconvolved_share: 0.3,
             preconvolved_levels: 5,
             roughness_delay: 300,
-            self_reflection: true,
+            bounces: MAX_VERTICES - 1,
+            subpixels: true,
             exploration_steps: 1000,
             uniform_share: 0.1,
             max_pixels: 12_000_000,
@@ -158,7 +162,7 @@ impl TrainConfig {
                 && (4..=22).contains(&g.log2_table_size)
         };
         let width_ok = |n: usize| n.is_multiple_of(16) && (16..=256).contains(&n);
-        let checks: [(&'static str, bool); 14] = [
+        let checks: [(&'static str, bool); 15] = [
             ("threads", self.threads <= 1024),
             ("object_pixels", (1..=1 << 16).contains(&self.object_pixels)),
             (
@@ -190,6 +194,7 @@ impl TrainConfig {
                 "background_weight or smoothness_weight",
                 positive(self.background_weight) && self.smoothness_weight >= 0.0,
             ),
+            ("bounces", self.bounces < MAX_VERTICES),
             (
                 "preconvolved_levels",
                 self.preconvolved_levels <= 5 && (0.0..1.0).contains(&self.preconvolved_share),

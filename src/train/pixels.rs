@@ -7,22 +7,19 @@ use super::preconvolution::BlurredView;
 use super::random::SlotRandom;
 use crate::data::{Dataset, View};
 use crate::geometry::{Camera, SurfaceTracer};
-use crate::neif::shading::SurfacePoint;
-use crate::render::trace::{SecondPoint, TracedPoint, trace_bounce, trace_pixel};
+use crate::neif::light_path::PathVertex;
+use crate::render::GBuffer;
+use crate::render::gbuffer::PathOptions;
+use crate::render::trace::PathStore;
 
 /// Coverage from which a pixel counts as all object; below its complement as all background.
 const SOLID: u8 = 250;
-/// No second point.
-const NONE: u32 = u32::MAX;
 
 /// A pixel that shows only the object.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ObjectPixel {
-    /// What it sees.
-    pub point: SurfacePoint,
-    /// Blocked shares of the lobe and where the point met is stored.
-    pub blocked: crate::neif::shading::Blocked,
-    second: u32,
+    first_path: u32,
+    n_paths: u32,
     /// sRGB target in `[0, 1]`.
     pub target: [f32; 3],
     /// `exp(-|image gradient|)`: how far the material may be assumed smooth here (Eq. 8).
@@ -40,7 +37,7 @@ struct BackgroundPixel {
 #[derive(Debug)]
 pub(super) struct PixelStore {
     objects: Vec<ObjectPixel>,
-    seconds: Vec<SecondPoint>,
+    paths: PathStore,
     /// One pool a blur level, sharp first.
     backgrounds: Vec<Vec<BackgroundPixel>>,
     views: Vec<BlurredView>,
@@ -63,14 +60,14 @@ pub(super) struct BackgroundSample {
 /// How pixels are collected.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PixelOptions {
-    /// Seed of the thinning and the lobes' rings.
+    /// Seed of the thinning.
     pub seed: u64,
     /// Pixels to keep, over all views.
     pub max_pixels: usize,
     /// Blurred levels beside the sharp one.
     pub n_blurred: usize,
-    /// Whether lobes are tested against the object.
-    pub self_reflection: bool,
+    /// How far object pixels are traced.
+    pub paths: PathOptions,
 }
 
 impl PixelStore {
@@ -97,7 +94,7 @@ impl PixelStore {
             .collect();
         let mut store = Self {
             objects: Vec::new(),
-            seconds: Vec::new(),
+            paths: PathStore::default(),
             backgrounds: vec![Vec::new(); options.n_blurred + 1],
             views: Vec::new(),
             cameras: dataset.train.iter().map(|v| v.camera).collect(),
@@ -109,13 +106,13 @@ impl PixelStore {
     }
 
     fn append(&mut self, part: ViewPixels) {
-        for (mut pixel, second) in part.objects {
-            if let Some(second) = second {
-                pixel.second = self.seconds.len() as u32;
-                self.seconds.push(second);
-            }
-            self.objects.push(pixel);
-        }
+        let base = self.paths.n_paths() as u32;
+        self.objects
+            .extend(part.objects.iter().map(|pixel| ObjectPixel {
+                first_path: base + pixel.first_path,
+                ..*pixel
+            }));
+        self.paths.append(&part.paths);
         for (pool, pixels) in self.backgrounds.iter_mut().zip(part.backgrounds) {
             pool.extend(pixels);
         }
@@ -132,13 +129,18 @@ impl PixelStore {
         self.backgrounds[0].len()
     }
 
-    /// A random object pixel and the point its lobe meets.
-    pub(super) fn draw_object(
+    /// A random object pixel.
+    pub(super) fn draw_object(&self, random: &mut SlotRandom) -> &ObjectPixel {
+        &self.objects[random.index(self.objects.len())]
+    }
+
+    /// The light paths of an object pixel, at least one, all of the same weight.
+    pub(super) fn paths_of(
         &self,
-        random: &mut SlotRandom,
-    ) -> (&ObjectPixel, Option<&SecondPoint>) {
-        let pixel = &self.objects[random.index(self.objects.len())];
-        (pixel, self.seconds.get(pixel.second as usize))
+        pixel: &ObjectPixel,
+    ) -> impl ExactSizeIterator<Item = &[PathVertex]> {
+        (pixel.first_path..pixel.first_path + pixel.n_paths)
+            .map(|path| self.paths.path(path as usize))
     }
 
     /// A random background pixel, from a blurred level with probability `blurred_share`.
@@ -173,7 +175,8 @@ impl PixelStore {
 }
 
 struct ViewPixels {
-    objects: Vec<(ObjectPixel, Option<SecondPoint>)>,
+    objects: Vec<ObjectPixel>,
+    paths: PathStore,
     backgrounds: Vec<Vec<BackgroundPixel>>,
     blurred: BlurredView,
 }
@@ -185,29 +188,47 @@ fn collect_view(
     options: &PixelOptions,
     keep: f32,
 ) -> ViewPixels {
-    let (width, height) = (view.photo.width(), view.photo.height());
-    let coverage = |i: usize| view.mask.as_ref().map(|mask| mask.coverage[i]);
+    let n = view.photo.width() as usize * view.photo.height() as usize;
     let mut objects = Vec::new();
-    let mut is_background = vec![false; (width * height) as usize];
-    for (i, is_background) in is_background.iter_mut().enumerate() {
-        let (x, y) = (
-            (i as u32 % width) as f32 + 0.5,
-            (i as u32 / width) as f32 + 0.5,
-        );
-        let hit = tracer.and_then(|tracer| {
-            let covered = coverage(i).is_none_or(|c| c > u8::MAX - SOLID);
-            if covered {
-                trace_pixel(tracer, &view.camera, x, y)
-            } else {
-                None
+    let mut paths = PathStore::default();
+    let mut is_background = vec![true; n];
+    match (&view.mask, tracer) {
+        (Some(mask), _) => {
+            for (is_background, coverage) in is_background.iter_mut().zip(&mask.coverage) {
+                *is_background = *coverage <= u8::MAX - SOLID;
             }
-        });
-        let solid = coverage(i).map_or(hit.is_some(), |c| c >= SOLID);
-        *is_background = coverage(i).map_or(hit.is_none(), |c| c <= u8::MAX - SOLID);
-        let mut random = SlotRandom::new(options.seed ^ 0x5bd1, u64::from(index), i as u64);
-        if let (Some(point), Some(tracer), true) = (hit, tracer, solid && random.uniform() < keep) {
-            let traced = trace_lobe(tracer, point, options, &mut random);
-            objects.push(object_pixel(view, i, traced));
+        }
+        (None, Some(tracer)) => {
+            let options = PathOptions {
+                max_vertices: 1,
+                has_subpixels: false,
+            };
+            let rows = 0..view.photo.height();
+            let gbuffer = GBuffer::trace_some(tracer, &view.camera, rows, options, |_| true);
+            for (is_background, coverage) in is_background.iter_mut().zip(gbuffer.coverage()) {
+                *is_background = *coverage <= 0.0;
+            }
+        }
+        (None, None) => {}
+    }
+    if let Some(tracer) = tracer {
+        let is_wanted = |i: u32| {
+            let mut random = SlotRandom::new(options.seed ^ 0x5bd1, u64::from(index), u64::from(i));
+            let is_solid = match &view.mask {
+                Some(mask) => mask.coverage[i as usize] >= SOLID,
+                None => !is_background[i as usize],
+            };
+            is_solid && random.uniform() < keep
+        };
+        let rows = 0..view.photo.height();
+        let gbuffer = GBuffer::trace_some(tracer, &view.camera, rows, options.paths, is_wanted);
+        for i in 0..n {
+            let first_path = paths.n_paths() as u32;
+            gbuffer.paths_at(i as u32).for_each(|path| paths.push(path));
+            let n_paths = paths.n_paths() as u32 - first_path;
+            if n_paths > 0 && gbuffer.coverage()[i] >= 1.0 {
+                objects.push(object_pixel(view, i, first_path, n_paths));
+            }
         }
     }
     let blurred = BlurredView::new(&view.photo, &is_background, options.n_blurred);
@@ -221,41 +242,20 @@ fn collect_view(
     });
     ViewPixels {
         objects,
+        paths,
         backgrounds: backgrounds.collect(),
         blurred,
     }
 }
 
-fn trace_lobe(
-    tracer: &SurfaceTracer,
-    point: SurfacePoint,
-    options: &PixelOptions,
-    random: &mut SlotRandom,
-) -> TracedPoint {
-    if !options.self_reflection {
-        return TracedPoint {
-            point,
-            ..TracedPoint::default()
-        };
-    }
-    let (blocked, second) = trace_bounce(tracer, &point, random.uniform() * std::f32::consts::TAU);
-    TracedPoint {
-        point,
-        blocked,
-        second,
-    }
-}
-
-fn object_pixel(view: &View, i: usize, traced: TracedPoint) -> (ObjectPixel, Option<SecondPoint>) {
-    let pixel = ObjectPixel {
-        point: traced.point,
-        blocked: traced.blocked,
-        second: NONE,
+fn object_pixel(view: &View, i: usize, first_path: u32, n_paths: u32) -> ObjectPixel {
+    ObjectPixel {
+        first_path,
+        n_paths,
         // Linear photos are cut where a display would cut them, as 8-bit ones were.
         target: view.photo.srgb(i).map(|v| v.min(1.0)),
         smoothness: (-image_gradient(view, i)).exp(),
-    };
-    (pixel, traced.second)
+    }
 }
 
 /// Length of the grey image's gradient at pixel `i`, central differences, per pixel.

@@ -23,6 +23,7 @@ use crate::neif::mlp::Transposed;
 use crate::neif::object::{Material, ObjectModel};
 use crate::neif::proposal::DensityGrid;
 use crate::neif::radiance_field::{FieldBatch, FieldTransposed, RadianceField};
+use crate::render::gbuffer::PathOptions;
 
 /// Steps between two rounds of random looks into the density cache's cells.
 const PROBE_EVERY: u64 = 16;
@@ -99,7 +100,10 @@ impl Trainer {
             seed: config.seed,
             max_pixels: config.max_pixels,
             n_blurred: config.preconvolved_levels,
-            self_reflection: config.self_reflection,
+            paths: PathOptions {
+                max_vertices: config.bounces + 1,
+                has_subpixels: config.subpixels,
+            },
         };
         let (done, total) = (AtomicUsize::new(0), dataset.train.len().max(1) as f32);
         let on_view = || {

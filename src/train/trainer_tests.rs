@@ -143,14 +143,19 @@ fn gradients_of_a_whole_step_agree_with_finite_differences() {
             analytic2 += analytic * analytic;
             numeric2 += numeric * numeric;
         }
-        // The mean position along a wide lobe depends on roughness too; the backward pass leaves that out, so directions agree
-        // to a few degrees, not exactly.
+        // The mean position along a wide lobe depends on roughness too; the backward pass leaves that out, so the material's
+        // gradient agrees to some degrees, not exactly. (Paths alone are checked exactly in `light_path`.)
         let (cosine, ratio) = (
             dot / (analytic2 * numeric2).sqrt(),
             (analytic2 / numeric2).sqrt(),
         );
+        let (least, lengths) = if in_field {
+            (0.9999, 0.99..1.01)
+        } else {
+            (0.97, 0.8..1.25)
+        };
         assert!(
-            cosine > 0.98 && (0.9..1.1).contains(&ratio),
+            cosine > least && lengths.contains(&ratio),
             "field {in_field}: cosine {cosine}, length ratio {ratio}"
         );
     }
