@@ -1,5 +1,6 @@
 //! The command line: what can be asked for, and who does it. One file a command.
 
+mod bench;
 mod demo;
 mod edits;
 mod env;
@@ -46,6 +47,9 @@ enum Command {
     Eval(eval::EvalArgs),
     /// Render pictures of a trained run, with edits and other light
     Render(render::RenderArgs),
+    /// Measure this program on this machine
+    #[command(subcommand)]
+    Bench(bench::BenchCommand),
     /// Surroundings alone: train them, look at them
     #[command(subcommand)]
     Env(env::EnvCommand),
@@ -67,6 +71,7 @@ pub(crate) fn run(started: Instant) -> Result<(), Failure> {
         Some(Command::Train(args)) => train::run(&args, started),
         Some(Command::Eval(args)) => eval::run(&args),
         Some(Command::Render(args)) => render::run(&args),
+        Some(Command::Bench(command)) => bench::run(&command),
         Some(Command::Env(env::EnvCommand::Train(args))) => env::train(&args, started),
         Some(Command::Env(env::EnvCommand::Panorama(args))) => env::panorama(&args),
     }

@@ -10,7 +10,7 @@ use std::{
 };
 
 use glam::Vec3;
-use neif::data::{Dataset, LoadOptions, Splits, View, write_atomically};
+use neif::data::{Dataset, LoadOptions, Splits, View, bundled_assets, write_atomically};
 use neif::neif::{EnvironmentTransform, MaterialEdit, RoughnessEdit};
 use neif::render::{Layer, Picture, Scene, panorama, render};
 use neif::train::config::TrainConfig;
@@ -64,21 +64,9 @@ fn load_test_views(capture: &Path) -> Result<Vec<View>, Failure> {
     Ok(Dataset::load(capture, &options)?.test)
 }
 
-/// The folder of bundled files: `$NEIF_ASSETS`, next to the program, or where it was built.
-fn find_assets() -> Result<PathBuf, Failure> {
-    let beside = std::env::current_exe().ok();
-    let beside = beside
-        .as_deref()
-        .and_then(Path::parent)
-        .map(|folder| folder.join("assets"));
-    let places = [
-        std::env::var_os("NEIF_ASSETS").map(PathBuf::from),
-        beside,
-        Some(Path::new(env!("CARGO_MANIFEST_DIR")).join("assets")),
-    ];
-    let places: Vec<PathBuf> = places.into_iter().flatten().collect();
-    let found = places.iter().find(|place| place.join("demo").exists());
-    found.cloned().ok_or_else(|| {
+/// The folder of bundled files.
+pub(crate) fn find_assets() -> Result<PathBuf, Failure> {
+    bundled_assets().map_err(|places| {
         let searched: Vec<String> = places.iter().map(|p| p.display().to_string()).collect();
         Failure::unusable(anyhow::anyhow!(
             "the bundled demo was not found in {}; set NEIF_ASSETS to the assets folder",

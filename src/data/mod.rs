@@ -4,6 +4,7 @@
 //! what it can, reports what it could not as [`Problem`]s, and fails only when nothing is left.
 
 mod atomic;
+mod bundled;
 mod check;
 mod error;
 mod exr_image;
@@ -30,6 +31,7 @@ use serde::{Deserialize, Serialize};
 use crate::geometry::{Camera, Mesh};
 
 pub use atomic::write_atomically;
+pub use bundled::bundled_assets;
 pub use check::{
     CameraSummary, DatasetReport, LensSummary, MaskAgreement, MaskSummary, MeshSummary, Resolution,
     SplitCounts, check,

@@ -5,6 +5,8 @@
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
+use super::kernels::math;
+
 /// The inner box of a field: a cube in world coordinates.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -34,11 +36,8 @@ pub fn contract(x: [f32; 3]) -> ([f32; 3], f32) {
     let inverse = 1.0 / outer;
     let scale = (2.0 - inverse) * inverse;
     // Exact: ((2 - 1/m)²/m² · 1/m²)^(1/3).
-    let isotropic = if m > 1.0 {
-        (scale * scale * inverse * inverse).cbrt()
-    } else {
-        1.0
-    };
+    let root = math::cbrt(scale * inverse);
+    let isotropic = if m > 1.0 { root * root } else { 1.0 };
     (x.map(|v| v * scale), isotropic)
 }
 

@@ -214,14 +214,7 @@ fn check_header(path: &Path, header: &Header) -> Result<(), NeifError> {
             "has an inner box that is empty or not finite".to_owned(),
         ));
     }
-    let grid = header.field.grid;
-    let shape_is_sane = [4, 8, 12, 16].contains(&grid.n_levels)
-        && (1..=1 << 14).contains(&grid.coarsest)
-        && (grid.coarsest..=1 << 16).contains(&grid.finest)
-        && (4..=24).contains(&grid.log2_table_size)
-        && header.field.n_hidden.is_multiple_of(16)
-        && (16..=1024).contains(&header.field.n_hidden);
-    if !shape_is_sane
+    if !header.field.is_sane()
         || !(1..=1024).contains(&header.n_samples)
         || !(0.05..=20.0).contains(&header.gamma)
     {
@@ -237,7 +230,7 @@ fn check_header(path: &Path, header: &Header) -> Result<(), NeifError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::neif::hash_grid::GridConfig;
+    use crate::neif::hash_grid::{GridConfig, LEAST_WEIGHT};
 
     fn environment() -> Environment {
         let grid = GridConfig {
@@ -245,12 +238,15 @@ mod tests {
             coarsest: 2,
             finest: 8,
             log2_table_size: 8,
+            least_weight: LEAST_WEIGHT,
         };
         let field = RadianceField::new(
             FieldConfig {
                 grid,
                 n_hidden: 16,
                 view_dependent: true,
+                integrated: true,
+                is_far: false,
             },
             || 0.3,
         );

@@ -12,8 +12,11 @@ use super::kernels::{dispatch, fma};
 
 /// Features a level contributes: one 16-byte load a corner.
 pub const FEATURES: usize = 4;
-/// Slope of the level weight against footprint / cell, see [`level_weight`].
+/// Slope of the level weight against footprint / cell, see [`Level::weight`].
 const FOOTPRINT_SLOPE: f32 = 2.5;
+
+/// Level weight below which a level is skipped: a cell eight times finer than the footprint.
+pub const LEAST_WEIGHT: f32 = 0.05;
 
 /// Shape of a grid.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -27,6 +30,13 @@ pub struct GridConfig {
     pub finest: u32,
     /// Log2 of the largest number of vertices a level may store.
     pub log2_table_size: u32,
+    /// Level weight below which a level is not looked up, [`LEAST_WEIGHT`] unless said; 0 looks up all.
+    #[serde(default = "default_least_weight")]
+    pub least_weight: f32,
+}
+
+fn default_least_weight() -> f32 {
+    LEAST_WEIGHT
 }
 
 /// One level: its resolution and where its values lie in the parameter vector.
@@ -38,6 +48,8 @@ pub struct Level {
     pub n_entries: usize,
     /// Whether vertices are stored densely rather than hashed.
     pub is_dense: bool,
+    /// Weight below which the level is not looked up.
+    pub least_weight: f32,
 }
 
 impl GridConfig {
@@ -54,9 +66,20 @@ impl GridConfig {
                     resolution,
                     n_entries: n_vertices.min(table),
                     is_dense: n_vertices <= table,
+                    least_weight: self.least_weight,
                 }
             })
             .collect()
+    }
+
+    /// Whether every number is in the range that the kernels and the memory are made for.
+    pub fn is_sane(&self) -> bool {
+        // Feature widths are multiples of 16.
+        [4, 8, 12, 16].contains(&self.n_levels)
+            && (1..=1 << 14).contains(&self.coarsest)
+            && (self.coarsest..=1 << 14).contains(&self.finest)
+            && (4..=24).contains(&self.log2_table_size)
+            && (0.0..1.0).contains(&self.least_weight)
     }
 
     /// Width of the encoding: `n_levels * FEATURES`.
@@ -74,13 +97,21 @@ pub struct SamplePoints<'a> {
     pub footprints: &'a [f32],
 }
 
-/// Weight of a level with `resolution` cells for a footprint of standard deviation `footprint` (cube sides).
-///
-/// `1 / sqrt(1 + (2.5 footprint·resolution)²)`: near Zip-NeRF's `erf(1/(√8 σ n))`, cheaper, with a plain slope.
-#[inline(always)]
-pub fn level_weight(footprint: f32, resolution: f32) -> f32 {
-    let k = FOOTPRINT_SLOPE * footprint * resolution;
-    1.0 / (1.0 + k * k).sqrt()
+impl Level {
+    /// Weight of the level for a footprint of standard deviation `footprint` (cube sides).
+    ///
+    /// `1 / sqrt(1 + (2.5 footprint·resolution)²)`: near Zip-NeRF's `erf(1/(√8 σ n))`, cheaper, with a plain slope. Below
+    /// [`Self::least_weight`] it is 0 and the level is not looked up.
+    #[inline(always)]
+    pub fn weight(&self, footprint: f32) -> f32 {
+        let k = FOOTPRINT_SLOPE * footprint * self.resolution as f32;
+        let weight = 1.0 / (1.0 + k * k).sqrt();
+        if weight < self.least_weight {
+            0.0
+        } else {
+            weight
+        }
+    }
 }
 
 dispatch! {
@@ -120,6 +151,10 @@ fn encode_body<const FMA: bool>(
         corners.fill::<FMA>(level, points, block * BLOCK, out.len());
         for (s, out) in out.iter_mut().enumerate() {
             let mut sum = [0.0; FEATURES];
+            if corners.is_skipped(s) {
+                *out = sum;
+                continue;
+            }
             for corner in 0..8 {
                 let row = &rows[corners.indices[corner][s] as usize];
                 for f in 0..FEATURES {
@@ -149,6 +184,9 @@ fn scatter_body<const FMA: bool>(
         let n = d_rows.len() / layout.stride;
         corners.fill::<FMA>(level, points, block * BLOCK, n);
         for (s, d_row) in d_rows.chunks_exact(layout.stride).enumerate() {
+            if corners.is_skipped(s) {
+                continue;
+            }
             let mut d = [0.0; FEATURES];
             d.copy_from_slice(&d_row[layout.column..layout.column + FEATURES]);
             for corner in 0..8 {
@@ -170,9 +208,16 @@ const BLOCK: usize = 16;
 struct Corners {
     indices: [[u32; BLOCK]; 8],
     weights: [[f32; BLOCK]; 8],
+    level_weights: [f32; BLOCK],
 }
 
 impl Corners {
+    /// Whether the level is too fine for the sample's footprint.
+    #[inline(always)]
+    fn is_skipped(&self, s: usize) -> bool {
+        self.level_weights[s] == 0.0
+    }
+
     /// Fills the first `n` samples from `points[start..]`; the rest repeats the last one.
     #[inline(always)]
     fn fill<const FMA: bool>(
@@ -193,7 +238,7 @@ impl Corners {
         }
         let n_cells = level.resolution as f32;
         for weight in &mut level_weights {
-            *weight = level_weight(*weight, n_cells);
+            *weight = level.weight(*weight);
         }
         let mut cell = [[0_u32; BLOCK]; 3];
         for axis in 0..3 {
@@ -206,6 +251,7 @@ impl Corners {
                 position[axis][s] = x - floor;
             }
         }
+        self.level_weights = level_weights;
         let side = level.resolution + 1;
         let strides = if level.is_dense {
             [1, side, side * side]
@@ -261,7 +307,7 @@ pub fn footprint_gradient(
         .iter()
         .zip(rows)
         .map(|(level, (feature, d_feature))| {
-            let w = level_weight(footprint, level.resolution as f32);
+            let w = level.weight(footprint);
             let dot: f32 = feature.iter().zip(d_feature).map(|(a, b)| a * b).sum();
             (1.0 - w * w) * dot
         })
@@ -278,6 +324,7 @@ mod tests {
         coarsest: 4,
         finest: 24,
         log2_table_size: 10,
+        least_weight: LEAST_WEIGHT,
     };
 
     fn table(level: &Level) -> Vec<f32> {
@@ -309,7 +356,8 @@ mod tests {
             Level {
                 resolution: 4,
                 n_entries: 125,
-                is_dense: true
+                is_dense: true,
+                least_weight: LEAST_WEIGHT,
             }
         );
         assert!(

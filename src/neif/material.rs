@@ -9,7 +9,7 @@ use super::hash_grid::{
     FEATURES, FeatureColumns, GridConfig, Level, SamplePoints, encode_level, scatter_level,
 };
 use super::kernels::math::{sigmoid, softplus};
-use super::mlp::{Mlp, MlpBuffers, Transposed};
+use super::mlp::{Mlp, MlpBuffers, Transposed, is_sane_width};
 
 const N_OUT: usize = 16;
 /// Shift of the diffuse output: training starts at `softplus(-2) = 0.13`, a dark grey.
@@ -27,6 +27,20 @@ pub struct MaterialConfig {
     pub grid: GridConfig,
     /// Hidden width, a multiple of 16.
     pub n_hidden: usize,
+    /// Whether the specular tint has a colour; without one it is grey.
+    #[serde(default = "yes")]
+    pub rgb_tint: bool,
+}
+
+fn yes() -> bool {
+    true
+}
+
+impl MaterialConfig {
+    /// Whether every number is in the supported range.
+    pub fn is_sane(&self) -> bool {
+        self.grid.is_sane() && is_sane_width(self.n_hidden)
+    }
 }
 
 /// What the surface is made of at one point.
@@ -177,6 +191,11 @@ impl Material {
         batch
             .surfaces
             .extend(batch.net.output.chunks_exact(N_OUT).map(activate));
+        if !self.config.rgb_tint {
+            for surface in &mut batch.surfaces {
+                surface.tint = Vec3::splat(surface.tint.x);
+            }
+        }
     }
 
     /// Adds the network's gradient to `d_network` and keeps the features' gradient for [`Self::scatter_level`].
@@ -197,6 +216,10 @@ impl Material {
             for c in 0..3 {
                 d_row[c] = d.diffuse[c] * sigmoid(row[c] + DIFFUSE_SHIFT);
                 d_row[3 + c] = d.tint[c] * value.tint[c] * (1.0 - value.tint[c]);
+            }
+            if !self.config.rgb_tint {
+                d_row[3] = d.tint.element_sum() * value.tint.x * (1.0 - value.tint.x);
+                d_row[4..6].fill(0.0);
             }
             let s = (value.roughness - ROUGHNESS_MIN) / (1.0 - ROUGHNESS_MIN);
             d_row[6] = d.roughness * (1.0 - ROUGHNESS_MIN) * s * (1.0 - s);
@@ -244,8 +267,13 @@ mod tests {
             coarsest: 2,
             finest: 8,
             log2_table_size: 9,
+            least_weight: 0.05,
         };
-        let config = MaterialConfig { grid, n_hidden: 16 };
+        let config = MaterialConfig {
+            grid,
+            n_hidden: 16,
+            rgb_tint: true,
+        };
         let mut state = 3_u32;
         let mut material = Material::new(config, Vec3::ZERO, 2.0, || {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -316,9 +344,14 @@ mod tests {
             coarsest: 2,
             finest: 8,
             log2_table_size: 9,
+            least_weight: 0.05,
         };
         let material = Material::new(
-            MaterialConfig { grid, n_hidden: 16 },
+            MaterialConfig {
+                grid,
+                n_hidden: 16,
+                rgb_tint: true,
+            },
             Vec3::ZERO,
             2.0,
             || 0.4,

@@ -44,6 +44,27 @@ impl Transposed {
     };
 }
 
+impl MlpBuffers {
+    /// Moves the given rows (increasing) of the kept activations and of `d_output` to the front.
+    pub fn keep_rows(&mut self, rows: &[u32], net: &Mlp) {
+        keep_rows(rows, net.n_hidden, &mut self.hidden);
+        keep_rows(rows, net.n_out, &mut self.d_output);
+    }
+}
+
+/// Moves the given rows (increasing) of a matrix with rows of length `width` to the front.
+pub fn keep_rows(rows: &[u32], width: usize, values: &mut [f32]) {
+    for (to, &from) in rows.iter().enumerate() {
+        let from = from as usize * width;
+        values.copy_within(from..from + width, to * width);
+    }
+}
+
+/// Whether a hidden width suits the kernels and is no accident: a multiple of 16 up to 256.
+pub fn is_sane_width(n_hidden: usize) -> bool {
+    n_hidden.is_multiple_of(16) && (16..=256).contains(&n_hidden)
+}
+
 impl Mlp {
     /// Number of parameters: both layers' weights and biases.
     pub fn n_params(&self) -> usize {
@@ -87,7 +108,8 @@ impl Mlp {
         );
     }
 
-    /// Adds to `d_params` and writes `buffers.d_input`, from `buffers.d_output`.
+    /// Adds to `d_params` and writes `buffers.d_input`, from `buffers.d_output`, for the first rows of the buffers:
+    /// as many as `input` has.
     pub fn backward(
         &self,
         transposed: &Transposed,
@@ -98,14 +120,16 @@ impl Mlp {
         let n = input.len() / self.n_in;
         buffers.d_hidden.resize(n * self.n_hidden, 0.0);
         buffers.d_input.resize(n * self.n_in, 0.0);
+        let hidden = &buffers.hidden[..n * self.n_hidden];
+        let d_output = &buffers.d_output[..n * self.n_out];
         let (d_w1, rest) = d_params.split_at_mut(self.n_in * self.n_hidden);
         let (d_b1, rest) = rest.split_at_mut(self.n_hidden);
         let (d_w2, d_b2) = rest.split_at_mut(self.n_hidden * self.n_out);
-        linear_backward_weights(&buffers.hidden, &buffers.d_output, d_w2, d_b2);
+        linear_backward_weights(hidden, d_output, d_w2, d_b2);
         buffers.no_bias.resize(self.n_hidden.max(self.n_in), 0.0);
-        let mask = Epilogue::MaskBy(&buffers.hidden);
+        let mask = Epilogue::MaskBy(hidden);
         linear(
-            &buffers.d_output,
+            d_output,
             &transposed.second,
             &buffers.no_bias[..self.n_hidden],
             mask,

@@ -14,6 +14,7 @@ pub mod mlp;
 pub mod object;
 pub mod proposal;
 pub mod radiance_field;
+pub mod samples;
 pub mod shading;
 pub mod spherical_harmonics;
 

@@ -50,16 +50,10 @@ impl Material {
         }
         let header: Header = serde_json::from_str(file.text("object")?)
             .map_err(|e| metadata(path, "object", e.to_string()))?;
-        let grid = header.material.grid;
         let is_sane = header.corner.is_finite()
             && header.side.is_finite()
             && header.side > 0.0
-            && [4, 8, 12, 16].contains(&grid.n_levels)
-            && (1..=1 << 14).contains(&grid.coarsest)
-            && (grid.coarsest..=1 << 16).contains(&grid.finest)
-            && (4..=24).contains(&grid.log2_table_size)
-            && header.material.n_hidden.is_multiple_of(16)
-            && (16..=1024).contains(&header.material.n_hidden);
+            && header.material.is_sane();
         if !is_sane {
             return Err(metadata(
                 path,
@@ -100,7 +94,7 @@ impl Material {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::neif::hash_grid::GridConfig;
+    use crate::neif::hash_grid::{GridConfig, LEAST_WEIGHT};
 
     #[test]
     fn a_saved_material_comes_back_the_same() {
@@ -109,9 +103,14 @@ mod tests {
             coarsest: 2,
             finest: 8,
             log2_table_size: 8,
+            least_weight: LEAST_WEIGHT,
         };
         let material = Material::new(
-            MaterialConfig { grid, n_hidden: 16 },
+            MaterialConfig {
+                grid,
+                n_hidden: 16,
+                rgb_tint: true,
+            },
             Vec3::ONE,
             2.0,
             || 0.7,

@@ -11,10 +11,9 @@ use super::hash_grid::{
     scatter_level,
 };
 use super::kernels::math;
-use super::mlp::{Mlp, MlpBuffers, Transposed};
-use super::proposal::{
-    ConeRay, DensityGrid, Placement, place_samples, sample_cell, sample_in_cube,
-};
+use super::mlp::{Mlp, MlpBuffers, Transposed, is_sane_width, keep_rows};
+use super::proposal::{ConeRay, DensityGrid};
+use super::samples::{RaySamples, SampledRay};
 use super::spherical_harmonics::{N_SH, attenuated_sh};
 
 /// Input width of the colour network: 15 features, opacity, 9 harmonics, padding.
@@ -34,6 +33,23 @@ pub struct FieldConfig {
     pub n_hidden: usize,
     /// Whether the colour network sees the direction.
     pub view_dependent: bool,
+    /// Whether lobes are encoded with their width (ILE, Eq. 6); without it they are lines.
+    #[serde(default = "yes")]
+    pub integrated: bool,
+    /// Whether the surroundings are infinitely far: every ray starts at the centre.
+    #[serde(default)]
+    pub is_far: bool,
+}
+
+fn yes() -> bool {
+    true
+}
+
+impl FieldConfig {
+    /// Whether every number is in the supported range.
+    pub fn is_sane(&self) -> bool {
+        self.grid.is_sane() && is_sane_width(self.n_hidden)
+    }
 }
 
 /// Parameters of a field and where they lie.
@@ -56,18 +72,30 @@ pub struct FieldRay {
     pub kappa: f32,
 }
 
+/// Share of the greatest gradient on a ray below which a sample is left out of the backward pass; 0 keeps all.
+///
+/// Adam makes steps of the same length from small gradients as from large ones, so that the many samples that hardly
+/// matter pull as hard as the few that do: without them training is faster and, for the surroundings, better.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CutOff {
+    /// For rays of lobes, in `[0, 1)`.
+    pub lobes: f32,
+    /// For rays of background pixels, in `[0, 1)`.
+    pub pixels: f32,
+}
+
 /// Working memory of one batch of rays, reused from batch to batch.
 #[derive(Clone, Debug, Default)]
 pub struct FieldBatch {
     /// The rays; `clear` and push.
     pub rays: Vec<FieldRay>,
-    n_samples: usize,
-    edges: Vec<f32>,
-    /// `[n_rays * n_samples]` distances of the samples.
-    distances: Vec<f32>,
-    deltas: Vec<f32>,
-    positions: Vec<[f32; 3]>,
-    footprints: Vec<f32>,
+    /// The samples on them, written by [`RadianceField::place`].
+    samples: RaySamples,
+    /// Samples that take part in the backward pass, and where they are.
+    active: Vec<u32>,
+    active_positions: Vec<[f32; 3]>,
+    active_footprints: Vec<f32>,
     /// `[n][n_levels * 4]`.
     features: Vec<f32>,
     density: MlpBuffers,
@@ -159,12 +187,52 @@ impl RadianceField {
         start..start + self.levels[level].n_entries * FEATURES
     }
 
+    /// Places `n_per_ray` samples on every ray of the batch; `jitter(ray)` gives the shift of the intervals and of the
+    /// samples inside them, each in `[-0.5, 0.5]` (0 when rendering).
+    pub fn place(
+        &self,
+        batch: &mut FieldBatch,
+        grid: &DensityGrid,
+        n_per_ray: usize,
+        uniform_share: f32,
+        mut jitter: impl FnMut(usize) -> [f32; 2],
+    ) {
+        for ray in &mut batch.rays {
+            if self.config.is_far {
+                ray.cone.origin = [0.0; 3];
+                ray.cone.base = 0.0;
+            }
+            if !self.config.integrated && ray.kappa.is_finite() {
+                ray.cone = ConeRay {
+                    base: 0.0,
+                    spread: 0.0,
+                    lobe_variance: 0.0,
+                    ..ray.cone
+                };
+            }
+        }
+        let rays = batch
+            .rays
+            .iter()
+            .enumerate()
+            .map(|(index, ray)| SampledRay {
+                cone: ray.cone,
+                jitter: jitter(index),
+                start: if ray.kappa.is_finite() && !self.config.is_far {
+                    LOBE_START
+                } else {
+                    0.0
+                },
+            });
+        batch.samples.place(grid, n_per_ray, uniform_share, rays);
+    }
+
     /// Weighted features of one level for all samples of a placed batch; `out`: `[n][4]`.
     pub fn encode_level(&self, level: usize, batch: &FieldBatch, out: &mut [f32]) {
         encode_level(
             &self.levels[level],
             &self.params[self.level_range(level)],
-            batch.points(),
+            batch.samples.points(),
             out,
         );
     }
@@ -177,7 +245,10 @@ impl RadianceField {
         };
         scatter_level(
             &self.levels[level],
-            batch.points(),
+            SamplePoints {
+                positions: &batch.active_positions,
+                footprints: &batch.active_footprints,
+            },
             &batch.density.d_input,
             layout,
             d_table,
@@ -196,7 +267,7 @@ impl RadianceField {
     /// Puts one level's features (`[n][4]`) into the batch.
     pub fn insert_level(&self, level: usize, encoded: &[f32], batch: &mut FieldBatch) {
         let width = self.config.grid.n_features();
-        batch.features.resize(batch.positions.len() * width, 0.0);
+        batch.features.resize(batch.n() * width, 0.0);
         for (row, values) in batch
             .features
             .chunks_exact_mut(width)
@@ -211,9 +282,11 @@ impl RadianceField {
         let (density_params, rest) = self.params.split_at(self.density_net().n_params());
         self.density_net()
             .forward(density_params, &batch.features, &mut batch.density);
-        batch
-            .composite
-            .forward(&batch.density.output, &batch.deltas, batch.n_samples);
+        batch.composite.forward(
+            &batch.density.output,
+            batch.samples.deltas(),
+            batch.samples.n_per_ray(),
+        );
         self.fill_color_input(batch);
         let color_params = &rest[..self.color_net().n_params()];
         self.color_net()
@@ -246,10 +319,13 @@ impl RadianceField {
     }
 
     /// Back from `batch.d_radiance` to the networks' gradients (added to `d_networks`), the features' and the lobes'.
+    ///
+    /// Samples whose gradient is below the cut-off of the greatest on their ray are left out.
     pub fn backward(
         &self,
         transposed: &FieldTransposed,
         batch: &mut FieldBatch,
+        cut_off: CutOff,
         d_networks: &mut [f32],
     ) {
         let (d_density, d_color) = d_networks.split_at_mut(self.density_net().n_params());
@@ -282,39 +358,85 @@ impl RadianceField {
         batch.composite.backward(
             &batch.density.output,
             &batch.color.d_input,
-            batch.n_samples,
+            batch.samples.n_per_ray(),
             &mut batch.density.d_output,
         );
+        self.keep_active(batch, cut_off);
+        let width = self.config.grid.n_features();
         self.density_net().backward(
             &transposed.density,
-            &batch.features,
+            &batch.features[..batch.active.len() * width],
             &mut batch.density,
             d_density,
         );
         self.lobe_gradients(batch);
     }
 
+    /// Leaves out the samples whose gradient is below the cut-off of the greatest on their ray, and moves the others to the
+    /// front of all that the rest of the backward pass reads.
+    fn keep_active(&self, batch: &mut FieldBatch, cut_off: CutOff) {
+        batch.active.clear();
+        batch.active_positions.clear();
+        batch.active_footprints.clear();
+        let n_per_ray = batch.samples.n_per_ray();
+        let mut sizes = vec![0.0_f32; n_per_ray];
+        let rays = batch.density.d_output.chunks_exact(n_per_ray * WIDTH);
+        for (ray, rows) in rays.enumerate() {
+            for (size, row) in sizes.iter_mut().zip(rows.chunks_exact(WIDTH)) {
+                *size = row.iter().map(|v| v.abs()).sum();
+            }
+            let share = if batch.rays[ray].kappa.is_finite() {
+                cut_off.lobes
+            } else {
+                cut_off.pixels
+            };
+            let least = share * sizes.iter().fold(0.0_f32, |m, v| m.max(*v));
+            for (k, size) in sizes.iter().enumerate() {
+                // A NaN is not below anything: it stays in and is found.
+                if *size < least || *size == 0.0 {
+                    continue;
+                }
+                let sample = ray * n_per_ray + k;
+                batch.active.push(sample as u32);
+                batch.active_positions.push(batch.samples.positions[sample]);
+                batch
+                    .active_footprints
+                    .push(batch.samples.footprints[sample]);
+            }
+        }
+        batch.density.keep_rows(&batch.active, &self.density_net());
+        keep_rows(
+            &batch.active,
+            self.config.grid.n_features(),
+            &mut batch.features,
+        );
+    }
+
     /// `d variance -> d lobe_variance` of each ray that has a lobe.
     fn lobe_gradients(&self, batch: &mut FieldBatch) {
         let width = self.config.grid.n_features();
         batch.d_lobe_variance.clear();
-        for (index, ray) in batch.rays.iter().enumerate() {
-            let mut sum = 0.0;
-            let samples = index * batch.n_samples..(index + 1) * batch.n_samples;
+        batch.d_lobe_variance.resize(batch.rays.len(), 0.0);
+        let n_per_ray = batch.samples.n_per_ray();
+        for (row, &sample) in batch.active.iter().enumerate() {
+            let index = sample as usize / n_per_ray;
+            let ray = &batch.rays[index];
             // A pixel's ray has no roughness to learn.
-            for i in samples.filter(|_| ray.kappa.is_finite()) {
-                let columns = i * width..(i + 1) * width;
-                let (footprint, t) = (batch.footprints[i], batch.distances[i]);
-                let d_footprint = footprint_gradient(
-                    &self.levels,
-                    footprint,
-                    &batch.features[columns.clone()],
-                    &batch.density.d_input[columns],
-                );
-                // footprint = c·sqrt(variance), so d footprint / d variance = footprint / (2 variance).
-                sum += d_footprint * footprint / (2.0 * ray.cone.variance(t)).max(1e-20) * t * t;
+            if !ray.kappa.is_finite() {
+                continue;
             }
-            batch.d_lobe_variance.push(sum);
+            let columns = row * width..(row + 1) * width;
+            let footprint = batch.active_footprints[row];
+            let t = batch.samples.distances()[sample as usize];
+            let d_footprint = footprint_gradient(
+                &self.levels,
+                footprint,
+                &batch.features[columns.clone()],
+                &batch.density.d_input[columns],
+            );
+            // footprint = c·sqrt(variance), so d footprint / d variance = footprint / (2 variance).
+            batch.d_lobe_variance[index] +=
+                d_footprint * footprint / (2.0 * ray.cone.variance(t)).max(1e-20) * t * t;
         }
     }
 
@@ -334,10 +456,7 @@ impl RadianceField {
         points: &[([f32; 3], f32)],
         scratch: &mut Vec<f32>,
     ) -> Vec<f32> {
-        batch.positions.clear();
-        batch.positions.extend(points.iter().map(|p| p.0));
-        batch.footprints.clear();
-        batch.footprints.extend(points.iter().map(|p| p.1));
+        batch.samples.set_points(points);
         self.encode(batch, scratch);
         let params = &self.params[..self.density_net().n_params()];
         self.density_net()
@@ -366,70 +485,14 @@ fn radiance(log_radiance: f32) -> f32 {
 impl FieldBatch {
     /// Samples of all rays.
     pub fn n(&self) -> usize {
-        self.positions.len()
-    }
-
-    fn points(&self) -> SamplePoints<'_> {
-        SamplePoints {
-            positions: &self.positions,
-            footprints: &self.footprints,
-        }
-    }
-
-    /// Places `n_samples` on every ray; `jitter(ray)` gives the shift of the intervals and of the samples inside them,
-    /// each in `[-0.5, 0.5]` (0 when rendering).
-    pub fn place(
-        &mut self,
-        grid: &DensityGrid,
-        n_samples: usize,
-        uniform_share: f32,
-        mut jitter: impl FnMut(usize) -> [f32; 2],
-    ) {
-        let n = self.rays.len() * n_samples;
-        self.n_samples = n_samples;
-        self.edges.resize(n_samples + 1, 0.0);
-        self.distances.clear();
-        self.deltas.clear();
-        self.positions.clear();
-        self.footprints.clear();
-        self.positions.reserve(n);
-        for (index, ray) in self.rays.iter().enumerate() {
-            let [shift, inside] = jitter(index);
-            place_samples(
-                grid,
-                &ray.cone,
-                Placement {
-                    uniform_share,
-                    shift,
-                },
-                &mut self.edges,
-            );
-            for pair in self.edges.windows(2) {
-                let delta = pair[1] - pair[0];
-                // The last interval reaches far out: its sample is where its near half lies in disparity.
-                let t = if delta > 1.0 {
-                    pair[0] + (0.5 + inside)
-                } else {
-                    pair[0] + delta * (0.5 + inside)
-                };
-                let (position, footprint) = sample_in_cube(&ray.cone, t);
-                // A lobe's ray must not find its light on the surface it starts from, nor inside the object.
-                let is_empty = (ray.kappa.is_finite() && t < LOBE_START)
-                    || grid.is_void(sample_cell(&ray.cone, t));
-                self.distances.push(t);
-                self.deltas.push(if is_empty { 0.0 } else { delta });
-                self.positions.push(position);
-                self.footprints.push(footprint);
-            }
-        }
+        self.samples.n()
     }
 
     /// Calls `observe(cell, density)` for every sample of a forward pass: keeps the density cache fresh for free.
     pub fn observe_densities(&self, mut observe: impl FnMut(u32, f32)) {
         let rows = self.density.output.chunks_exact(WIDTH);
-        for ((index, &t), row) in self.distances.iter().enumerate().zip(rows) {
-            let cone = &self.rays[index / self.n_samples].cone;
-            observe(sample_cell(cone, t), density(row[0]));
+        for (&cell, row) in self.samples.cells().iter().zip(rows) {
+            observe(cell, density(row[0]));
         }
     }
 
@@ -445,7 +508,7 @@ impl FieldBatch {
 
     /// `[n_rays * n_samples]` distances of the samples.
     pub fn distances(&self) -> &[f32] {
-        &self.distances
+        self.samples.distances()
     }
 }
 
@@ -459,6 +522,7 @@ mod tests {
             coarsest: 4,
             finest: 32,
             log2_table_size: 10,
+            least_weight: 0.05,
         };
         let mut state = 7_u32;
         RadianceField::new(
@@ -466,6 +530,8 @@ mod tests {
                 grid,
                 n_hidden: 32,
                 view_dependent: true,
+                integrated: true,
+                is_far: false,
             },
             move || {
                 state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -509,7 +575,7 @@ mod tests {
             rays: rays(lobe_variance),
             ..FieldBatch::default()
         };
-        batch.place(&DensityGrid::default(), 8, 0.5, |_| [0.1, -0.2]);
+        field.place(&mut batch, &DensityGrid::default(), 8, 0.5, |_| [0.1, -0.2]);
         field.encode(&mut batch, &mut Vec::new());
         field.forward(&mut batch);
         batch
@@ -541,7 +607,12 @@ mod tests {
         let mut transposed = FieldTransposed::default();
         field.transpose(&mut transposed);
         let mut gradient = vec![0.0; field.params.len()];
-        field.backward(&transposed, &mut batch, &mut gradient[..n_networks]);
+        field.backward(
+            &transposed,
+            &mut batch,
+            CutOff::default(),
+            &mut gradient[..n_networks],
+        );
         for level in 0..4 {
             let range = field.level_range(level);
             field.scatter_level(level, &batch, &mut gradient[range]);
@@ -583,7 +654,12 @@ mod tests {
         batch.d_radiance = D.to_vec();
         let mut transposed = FieldTransposed::default();
         field.transpose(&mut transposed);
-        field.backward(&transposed, &mut batch, &mut vec![0.0; n_networks]);
+        field.backward(
+            &transposed,
+            &mut batch,
+            CutOff::default(),
+            &mut vec![0.0; n_networks],
+        );
         let numeric = (loss(&field, 0.021) - loss(&field, 0.019)) / 0.002;
         let analytic = f64::from(batch.d_lobe_variance[0]);
         assert!(

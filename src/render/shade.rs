@@ -205,7 +205,8 @@ impl ShadeScratch {
     /// Evaluates the environment along the batch's rays.
     pub(super) fn light(&mut self, scene: &Scene) {
         let environment = &scene.environment;
-        self.batch.place(
+        environment.field.place(
+            &mut self.batch,
             &environment.density,
             environment.n_samples(),
             UNIFORM_SHARE,

@@ -8,7 +8,7 @@ use super::scene::Scene;
 use crate::geometry::{Camera, Mesh, SurfaceTracer};
 use crate::neif::contraction::FieldFrame;
 use crate::neif::environment::{Environment, EnvironmentPlace};
-use crate::neif::hash_grid::GridConfig;
+use crate::neif::hash_grid::{GridConfig, LEAST_WEIGHT};
 use crate::neif::material::MaterialConfig;
 use crate::neif::proposal::DensityGrid;
 use crate::neif::radiance_field::{FieldConfig, RadianceField};
@@ -30,12 +30,15 @@ pub(crate) fn environment(seed: u32) -> Arc<Environment> {
         coarsest: 2,
         finest: 8,
         log2_table_size: 8,
+        least_weight: LEAST_WEIGHT,
     };
     let mut field = RadianceField::new(
         FieldConfig {
             grid,
             n_hidden: 16,
             view_dependent: true,
+            integrated: true,
+            is_far: false,
         },
         uniform(seed),
     );
@@ -73,9 +76,14 @@ pub(crate) fn object(seed: u32) -> Arc<ObjectModel> {
         coarsest: 2,
         finest: 8,
         log2_table_size: 8,
+        least_weight: LEAST_WEIGHT,
     };
     let material = Material::new(
-        MaterialConfig { grid, n_hidden: 16 },
+        MaterialConfig {
+            grid,
+            n_hidden: 16,
+            rgb_tint: true,
+        },
         Vec3::ZERO,
         2.2,
         uniform(seed),

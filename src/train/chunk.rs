@@ -137,7 +137,8 @@ impl Chunk {
         }
         self.draw_backgrounds(context, backgrounds);
         let (seed, step, first) = (context.config.seed, context.step, self.jitter_slot);
-        self.batch.place(
+        context.field.place(
+            &mut self.batch,
             context.density,
             context.config.samples_per_ray,
             context.uniform_share,
@@ -256,6 +257,7 @@ impl Chunk {
         context.field.backward(
             context.field_transposed,
             &mut self.batch,
+            context.config.gradient_cut_off,
             &mut self.d_field_networks,
         );
         if let Some(material) = context.material {

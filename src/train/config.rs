@@ -3,9 +3,9 @@
 use serde::{Deserialize, Serialize};
 
 use super::TrainError;
-use crate::neif::hash_grid::GridConfig;
+use crate::neif::hash_grid::{GridConfig, LEAST_WEIGHT};
 use crate::neif::material::MaterialConfig;
-use crate::neif::radiance_field::FieldConfig;
+use crate::neif::radiance_field::{CutOff, FieldConfig};
 use crate::render::trace::MAX_VERTICES;
 
 /// Settings of a training run. Lengths are relative to the capture unless a unit is named.
@@ -59,6 +59,8 @@ pub struct TrainConfig {
     pub exploration_steps: u32,
     /// Uniform share of the sample placement after that.
     pub uniform_share: f32,
+    /// Which samples are left out of the backward pass.
+    pub gradient_cut_off: CutOff,
     /// Pixels kept for training; larger captures are thinned at random.
     pub max_pixels: usize,
     /// Whether training may end before its budget when the validation error has settled.
@@ -81,9 +83,12 @@ impl Default for TrainConfig {
                     coarsest: 16,
                     finest: 768,
                     log2_table_size: 15,
+                    least_weight: LEAST_WEIGHT,
                 },
                 n_hidden: 64,
                 view_dependent: true,
+                integrated: true,
+                is_far: false,
             },
             material: MaterialConfig {
                 grid: GridConfig {
@@ -91,8 +96,10 @@ impl Default for TrainConfig {
                     coarsest: 12,
                     finest: 96,
                     log2_table_size: 15,
+                    least_weight: LEAST_WEIGHT,
                 },
                 n_hidden: 64,
+                rgb_tint: true,
             },
             grid_rate: 1e-2,
             network_rate: 1e-2,
@@ -108,6 +115,10 @@ impl Default for TrainConfig {
             subpixels: true,
             exploration_steps: 1000,
             uniform_share: 0.1,
+            gradient_cut_off: CutOff {
+                lobes: 0.1,
+                pixels: 0.3,
+            },
             max_pixels: 12_000_000,
             early_stop: true,
         }
@@ -153,16 +164,7 @@ impl TrainConfig {
     /// Naming the first field that is out of range.
     pub fn validate(&self) -> Result<(), TrainError> {
         let positive = |v: f32| v.is_finite() && v > 0.0;
-        let grid_ok = |g: &GridConfig| {
-            // Feature widths are multiples of 16.
-            [4, 8, 12, 16].contains(&g.n_levels)
-                && g.coarsest >= 1
-                && g.finest >= g.coarsest
-                && g.finest <= 1 << 14
-                && (4..=22).contains(&g.log2_table_size)
-        };
-        let width_ok = |n: usize| n.is_multiple_of(16) && (16..=256).contains(&n);
-        let checks: [(&'static str, bool); 15] = [
+        let checks: [(&'static str, bool); 17] = [
             ("threads", self.threads <= 1024),
             ("object_pixels", (1..=1 << 16).contains(&self.object_pixels)),
             (
@@ -172,12 +174,10 @@ impl TrainConfig {
             ("samples_per_ray", (2..=256).contains(&self.samples_per_ray)),
             ("render_samples", (2..=256).contains(&self.render_samples)),
             ("inner_box_scale", positive(self.inner_box_scale)),
-            ("field.grid", grid_ok(&self.field.grid)),
-            ("material.grid", grid_ok(&self.material.grid)),
-            (
-                "n_hidden",
-                width_ok(self.field.n_hidden) && width_ok(self.material.n_hidden),
-            ),
+            ("field.grid", self.field.grid.is_sane()),
+            ("material.grid", self.material.grid.is_sane()),
+            ("field.n_hidden", self.field.is_sane()),
+            ("material.n_hidden", self.material.is_sane()),
             (
                 "grid_rate or network_rate",
                 positive(self.grid_rate) && positive(self.network_rate),
@@ -193,6 +193,11 @@ impl TrainConfig {
             (
                 "background_weight or smoothness_weight",
                 positive(self.background_weight) && self.smoothness_weight >= 0.0,
+            ),
+            (
+                "gradient_cut_off",
+                (0.0..1.0).contains(&self.gradient_cut_off.lobes)
+                    && (0.0..1.0).contains(&self.gradient_cut_off.pixels),
             ),
             ("bounces", self.bounces < MAX_VERTICES),
             (

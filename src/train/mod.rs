@@ -32,7 +32,7 @@ mod validation;
 
 pub use config::TrainConfig;
 pub use snapshot::Snapshot;
-pub use trainer::{StepStats, Trainer};
+pub use trainer::{Stage, StepStats, Trainer};
 
 use std::path::PathBuf;
 

@@ -50,7 +50,7 @@ pub struct Trainer {
     pub(super) skipped: u64,
     chunks: Vec<Chunk>,
     encoded: Vec<Vec<f32>>,
-    probe: FieldBatch,
+    probes: Vec<FieldBatch>,
 }
 
 /// A field under training: its moments, gradient and transposed weights.
@@ -61,6 +61,23 @@ pub(super) struct Learned<F, T> {
     /// Zero between steps: [`Adam::update`] clears it.
     gradient: Vec<f32>,
     transposed: T,
+}
+
+/// The parts of a step, in order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Stage {
+    /// Pixels drawn, surfaces evaluated, lobes aimed, samples placed.
+    Prepare,
+    /// Grid features of the field.
+    Encode,
+    /// Networks, compositing, pixel equation, loss, and back.
+    Networks,
+    /// Grid gradients, sums, density cache.
+    Gather,
+    /// Adam.
+    Update,
+    /// Random looks into the density cache, every 16th step.
+    Probe,
 }
 
 /// What a step did.
@@ -156,7 +173,7 @@ impl Trainer {
             updates: 0,
             skipped: 0,
             chunks: (0..N_CHUNKS).map(Chunk::new).collect(),
-            probe: FieldBatch::default(),
+            probes: vec![FieldBatch::default(); N_CHUNKS],
         };
         trainer.transpose();
         trainer
@@ -164,9 +181,17 @@ impl Trainer {
 
     /// Takes one step on the current thread pool; `progress` in 0..1 drives the learning rates' decay.
     pub fn step(&mut self, progress: f32) -> StepStats {
+        self.step_by_stage(progress, &mut |_| ())
+    }
+
+    /// [`Self::step`], telling after each stage that it is done: for benchmarks, since the trainer has no clock.
+    pub fn step_by_stage(&mut self, progress: f32, on_done: &mut dyn FnMut(Stage)) -> StepStats {
         self.prepare();
+        on_done(Stage::Prepare);
         self.encode();
+        on_done(Stage::Encode);
         self.run_chunks();
+        on_done(Stage::Networks);
         let stats = self.stats();
         self.step += 1;
         if stats.skipped {
@@ -174,9 +199,12 @@ impl Trainer {
             return stats;
         }
         self.gather_gradients();
+        on_done(Stage::Gather);
         self.update(progress);
+        on_done(Stage::Update);
         if self.step.is_multiple_of(PROBE_EVERY) {
             self.probe_density();
+            on_done(Stage::Probe);
         }
         stats
     }
@@ -441,24 +469,22 @@ impl Trainer {
     /// Looks into random cells of the density cache, so that places no sample goes to are known too.
     fn probe_density(&mut self) {
         let mut random = SlotRandom::new(self.config.seed, self.step, u64::MAX);
-        let cells: Vec<usize> = (0..N_PROBES)
-            .map(|_| random.index(self.density.len()))
-            .collect();
-        let points: Vec<_> = cells
-            .iter()
-            .map(|&cell| {
+        let (cells, points): (Vec<usize>, Vec<_>) = (0..N_PROBES)
+            .map(|_| {
+                let cell = random.index(self.density.len());
                 let u = [random.uniform(), random.uniform(), random.uniform()];
-                (
-                    unit_cube(contract(DensityGrid::point_in_cell(cell, u)).0),
-                    0.0,
-                )
+                let place = unit_cube(contract(DensityGrid::point_in_cell(cell, u)).0);
+                (cell, (place, 0.0))
             })
+            .unzip();
+        let field = &self.field.value;
+        let densities: Vec<Vec<f32>> = self
+            .probes
+            .par_iter_mut()
+            .zip(points.par_chunks(N_PROBES / N_CHUNKS))
+            .map(|(probe, points)| field.densities(probe, points, &mut Vec::new()))
             .collect();
-        let densities = self
-            .field
-            .value
-            .densities(&mut self.probe, &points, &mut Vec::new());
-        for (&cell, density) in cells.iter().zip(densities) {
+        for (cell, density) in cells.into_iter().zip(densities.into_iter().flatten()) {
             self.density.observe(cell as u32, density);
         }
     }

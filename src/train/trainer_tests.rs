@@ -6,8 +6,9 @@ use super::config::TrainConfig;
 use super::test_scene::{TINT, sphere_in_a_box};
 use super::trainer::{StepStats, Trainer};
 use crate::data::{Dataset, Photo};
-use crate::neif::hash_grid::GridConfig;
+use crate::neif::hash_grid::{GridConfig, LEAST_WEIGHT};
 use crate::neif::material::MaterialBatch;
+use crate::neif::radiance_field::CutOff;
 use crate::render::{Layer, render};
 
 fn config() -> TrainConfig {
@@ -22,12 +23,14 @@ fn config() -> TrainConfig {
         coarsest: 8,
         finest: 96,
         log2_table_size: 13,
+        least_weight: LEAST_WEIGHT,
     };
     config.material.grid = GridConfig {
         n_levels: 4,
         coarsest: 4,
         finest: 24,
         log2_table_size: 12,
+        least_weight: LEAST_WEIGHT,
     };
     config
 }
@@ -101,6 +104,7 @@ fn gradients_of_a_whole_step_agree_with_finite_differences() {
     let mut trainer = trainer(
         &TrainConfig {
             roughness_delay: 0,
+            gradient_cut_off: CutOff::default(),
             ..config()
         },
         &dataset,

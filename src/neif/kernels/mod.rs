@@ -8,6 +8,7 @@
 
 pub mod math;
 pub mod matmul;
+pub mod peak;
 
 /// `a * b + c`, fused where the instruction exists; `f32::mul_add` without it is a slow library call.
 #[inline(always)]

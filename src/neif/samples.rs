@@ -1,0 +1,161 @@
+//! The samples of a batch of rays: where they are, how blurred, and how long the intervals they stand for.
+
+use super::contraction::{contract, unit_cube};
+use super::hash_grid::SamplePoints;
+use super::kernels::dispatch;
+use super::proposal::{ConeRay, DensityGrid, Placement, cell_index, place_samples};
+
+/// Samples located together, in loops that vectorise.
+const LANES: usize = 8;
+
+/// Samples of rays, `n_per_ray` each, ray after ray.
+#[derive(Clone, Debug, Default)]
+pub struct RaySamples {
+    n_per_ray: usize,
+    edges: Vec<f32>,
+    distances: Vec<f32>,
+    deltas: Vec<f32>,
+    /// `[n]` in the unit cube.
+    pub(super) positions: Vec<[f32; 3]>,
+    /// `[n]` standard deviations in cube sides.
+    pub(super) footprints: Vec<f32>,
+    /// `[n]` cells of the density cache.
+    cells: Vec<u32>,
+}
+
+/// One ray to place samples on.
+#[derive(Clone, Copy, Debug)]
+pub struct SampledRay {
+    /// The ray, field coordinates.
+    pub cone: ConeRay,
+    /// Shift of the interval ends, and of the samples inside them, in intervals, `[-0.5, 0.5]`; 0 when rendering.
+    pub jitter: [f32; 2],
+    /// Distance before which the ray meets nothing.
+    pub start: f32,
+}
+
+impl RaySamples {
+    /// Number of samples of all rays.
+    pub fn n(&self) -> usize {
+        self.positions.len()
+    }
+
+    /// Samples a ray.
+    pub fn n_per_ray(&self) -> usize {
+        self.n_per_ray
+    }
+
+    /// `[n]` distances along the rays, field units.
+    pub fn distances(&self) -> &[f32] {
+        &self.distances
+    }
+
+    /// `[n]` lengths of the intervals, field units; 0 where nothing can be.
+    pub fn deltas(&self) -> &[f32] {
+        &self.deltas
+    }
+
+    /// `[n]` cells of the density cache that the samples fall into.
+    pub fn cells(&self) -> &[u32] {
+        &self.cells
+    }
+
+    /// Where the samples are and how blurred.
+    pub fn points(&self) -> SamplePoints<'_> {
+        SamplePoints {
+            positions: &self.positions,
+            footprints: &self.footprints,
+        }
+    }
+
+    /// Takes points of the unit cube with their footprints instead of rays.
+    pub fn set_points(&mut self, points: &[([f32; 3], f32)]) {
+        self.positions.clear();
+        self.positions.extend(points.iter().map(|p| p.0));
+        self.footprints.clear();
+        self.footprints.extend(points.iter().map(|p| p.1));
+    }
+
+    /// Places `n_per_ray` samples on each ray.
+    pub fn place(
+        &mut self,
+        grid: &DensityGrid,
+        n_per_ray: usize,
+        uniform_share: f32,
+        rays: impl ExactSizeIterator<Item = SampledRay>,
+    ) {
+        let n = rays.len() * n_per_ray;
+        self.n_per_ray = n_per_ray;
+        self.edges.resize(n_per_ray + 1, 0.0);
+        self.distances.resize(n, 0.0);
+        self.deltas.resize(n, 0.0);
+        self.positions.resize(n, [0.0; 3]);
+        self.footprints.resize(n, 0.0);
+        self.cells.resize(n, 0);
+        for (index, ray) in rays.enumerate() {
+            let placement = Placement {
+                uniform_share,
+                shift: ray.jitter[0],
+            };
+            place_samples(grid, &ray.cone, placement, &mut self.edges);
+            let samples = index * n_per_ray..(index + 1) * n_per_ray;
+            let inside = 0.5 + ray.jitter[1];
+            let intervals = self.edges.windows(2);
+            let out = self.distances[samples.clone()].iter_mut();
+            for ((pair, t), delta) in intervals.zip(out).zip(&mut self.deltas[samples.clone()]) {
+                *delta = pair[1] - pair[0];
+                // The last interval reaches far out: its sample is where its near half lies in disparity.
+                *t = pair[0] + delta.min(1.0) * inside;
+            }
+            locate(
+                &ray.cone,
+                &self.distances[samples.clone()],
+                &mut self.positions[samples.clone()],
+                &mut self.footprints[samples.clone()],
+                &mut self.cells[samples.clone()],
+            );
+            for i in samples {
+                // A lobe's ray must not find its light on the surface it starts from, nor inside the object.
+                if self.distances[i] < ray.start || grid.is_void(self.cells[i]) {
+                    self.deltas[i] = 0.0;
+                }
+            }
+        }
+    }
+}
+
+dispatch! {
+    /// Position in the unit cube, footprint in cube sides and cell of the samples at `distances` of a ray.
+    fn locate(ray: &ConeRay, distances: &[f32], positions: &mut [[f32; 3]], footprints: &mut [f32], cells: &mut [u32]) = locate_body
+}
+
+#[inline(always)]
+fn locate_body<const FMA: bool>(
+    ray: &ConeRay,
+    distances: &[f32],
+    positions: &mut [[f32; 3]],
+    footprints: &mut [f32],
+    cells: &mut [u32],
+) {
+    let blocks = distances
+        .chunks(LANES)
+        .zip(positions.chunks_mut(LANES))
+        .zip(footprints.chunks_mut(LANES).zip(cells.chunks_mut(LANES)));
+    for ((distances, positions), (footprints, cells)) in blocks {
+        let mut t = [0.0; LANES];
+        t[..distances.len()].copy_from_slice(distances);
+        let mut position = [[0.0; 3]; LANES];
+        let (mut footprint, mut cell) = ([0.0; LANES], [0; LANES]);
+        for s in 0..LANES {
+            let x = ray.at(t[s]);
+            let (contracted, scale) = contract(x);
+            position[s] = unit_cube(contracted);
+            // The contraction scales lengths locally; the cube's side is 4.
+            footprint[s] = ray.variance(t[s]).sqrt() * scale * 0.25;
+            cell[s] = cell_index(x);
+        }
+        positions.copy_from_slice(&position[..distances.len()]);
+        footprints.copy_from_slice(&footprint[..distances.len()]);
+        cells.copy_from_slice(&cell[..distances.len()]);
+    }
+}
