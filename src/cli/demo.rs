@@ -110,7 +110,7 @@ impl Gallery {
         let scene = outcome.snapshot.scene();
         let views = &test[..test.len().min(MAX_VIEWS)];
         let mut rows = Vec::new();
-        let results = evaluate_views(&scene, views, self.cancel, &mut |_, view, picture| {
+        let results = evaluate_views(&scene, views, None, self.cancel, &mut |_, view, picture| {
             let photo = sheet::photo(view);
             let difference = sheet::difference(&photo, picture, 4.0);
             rows.push(sheet::beside(&[&photo, picture, &difference]));

@@ -7,12 +7,14 @@ use std::{
     sync::{Arc, atomic::AtomicBool},
 };
 
+use anyhow::Context as _;
 use neif::data::{Dataset, View, read_exr_linear, write_atomically};
 use neif::neif::Environment;
 use neif::render::{Picture, Scene};
 use neif::train::eval::{
     EvalReport, NormalError, ViewMetrics, evaluate_views, mean_of_views, panorama_psnr, relit,
 };
+use neif::train::lpips::{Backbone, Lpips};
 use neif::train::metrics::ImageMetrics;
 
 use super::failure::{Failure, OrUnusable as _};
@@ -21,6 +23,8 @@ use super::scenes::{self, Split};
 use super::values::{self, NamedPath};
 use super::{interrupt, sheet};
 
+/// Environment variable that names the LPIPS weights where `--lpips` does not.
+const LPIPS_VARIABLE: &str = "NEIF_LPIPS";
 /// Amplification of difference pictures.
 const DIFFERENCE_GAIN: f32 = 4.0;
 /// Width of a picture on the contact sheet, in pixels.
@@ -46,6 +50,9 @@ pub(crate) struct EvalArgs {
     /// Folder for pictures: rendered, photo, difference x4, and one contact sheet
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Weights of LPIPS v0.1 (safetensors); without it the file that `NEIF_LPIPS` names
+    #[arg(long, value_name = "FILE")]
+    lpips: Option<PathBuf>,
     /// Where the run's capture lies now
     #[arg(long, value_name = "DATASET")]
     dataset: Option<PathBuf>,
@@ -57,12 +64,14 @@ pub(crate) struct EvalArgs {
 /// `neif eval`.
 pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
     let run = scenes::open_run(&args.run, args.dataset.as_deref())?;
+    let lpips = lpips_weights(args.lpips.as_deref())?;
     let (views, root) = run.load_views(args.split)?;
     let trained = run.folder.trained();
     let mut bench = Bench {
         cancel: interrupt::install()?,
         display: Display::new(args.json),
         out: args.out.as_deref(),
+        lpips: lpips.as_ref(),
     };
     let results = bench.measure(&run.scene, &views, args.split.as_str())?;
     let relight = if args.relight {
@@ -90,8 +99,22 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
             file.write_all(json.as_bytes())
         })?;
     }
-    output::line(&if args.json { json } else { table(&report) })?;
+    let backbone = lpips.as_ref().map(Lpips::backbone);
+    output::line(&if args.json {
+        json
+    } else {
+        table(&report, backbone)
+    })?;
     Ok(())
+}
+
+/// Reads the weights of LPIPS from the given file, or from the one that the environment names.
+fn lpips_weights(file: Option<&Path>) -> Result<Option<Lpips>, Failure> {
+    let variable = std::env::var_os(LPIPS_VARIABLE).filter(|value| !value.is_empty());
+    let file = file.map(Path::to_owned).or(variable.map(PathBuf::from));
+    file.map(|file| Lpips::read(&file).context("the LPIPS weights cannot be used"))
+        .transpose()
+        .or_unusable()
 }
 
 /// Renders and measures sets of views.
@@ -99,6 +122,7 @@ struct Bench<'a> {
     cancel: &'static AtomicBool,
     display: Display,
     out: Option<&'a Path>,
+    lpips: Option<&'a Lpips>,
 }
 
 impl Bench<'_> {
@@ -116,13 +140,17 @@ impl Bench<'_> {
         let mut rows = Vec::new();
         let mut saved: Result<(), Failure> = Ok(());
         let display = &mut self.display;
-        let results = evaluate_views(scene, views, self.cancel, &mut |i, view, picture| {
+        let mut on_view = |i: usize, view: &View, picture: &Picture| {
             display.set((i + 1) as f32 / views.len() as f32, "Measuring", set);
             if let (Some(folder), Ok(())) = (&folder, &saved) {
                 saved = save_pictures(folder, view, picture, &mut rows);
             }
-        });
+        };
+        let results = evaluate_views(scene, views, self.lpips, self.cancel, &mut on_view);
         saved?;
+        if let Some(lpips) = self.lpips {
+            note_small_views(lpips, views, set);
+        }
         let results = results.ok_or(Failure::Interrupted)?;
         if let Some(folder) = &folder {
             let contact_sheet = sheet::grid(&rows, SHEET_COLUMNS);
@@ -160,6 +188,19 @@ impl Bench<'_> {
     }
 }
 
+/// Says why views have no LPIPS when they are too small for its network.
+fn note_small_views(lpips: &Lpips, views: &[View], set: &str) {
+    let min_side = lpips.min_side();
+    let side = |view: &View| view.camera.width.min(view.camera.height) as usize;
+    let n_small = views.iter().filter(|view| side(view) < min_side).count();
+    if n_small > 0 {
+        output::note(&format!(
+            "{set}: {n_small} views without LPIPS: {} needs {min_side} x {min_side} pixels",
+            lpips.backbone()
+        ));
+    }
+}
+
 /// Writes a view's three pictures and adds them to the contact sheet.
 fn save_pictures(
     folder: &Path,
@@ -194,21 +235,27 @@ fn normal_error(scene: &Scene, views: &[View], root: &Path) -> Result<Option<f64
 }
 
 /// The figures for people.
-fn table(report: &EvalReport) -> String {
+fn table(report: &EvalReport, lpips: Option<Backbone>) -> String {
     let row = |name: &str, m: &ImageMetrics| {
         let cell = |value: Option<f64>| value.map_or("-".to_owned(), |v| format!("{v:.2}"));
-        let ssim = m.ssim.map_or("-".to_owned(), |v| format!("{v:.4}"));
+        let share = |value: Option<f64>| value.map_or("-".to_owned(), |v| format!("{v:.4}"));
         format!(
-            "{name:<24} {:>7} {:>8} {:>11} {:>8} {ssim:>8}",
+            "{name:<24} {:>7} {:>8} {:>11} {:>8} {:>8} {:>8} {:>8}",
             cell(m.psnr),
             cell(m.psnr_object),
             cell(m.psnr_background),
             cell(m.psnr_masked),
+            share(m.ssim),
+            share(m.lpips),
+            share(m.flip),
         )
     };
+    let network = lpips.map_or("LPIPS needs --lpips".to_owned(), |network| {
+        format!("LPIPS by {network}")
+    });
     let mut lines = vec![format!(
-        "{:<24} {:>7} {:>8} {:>11} {:>8} {:>8}   (PSNR in dB)",
-        report.split, "PSNR", "object", "background", "masked", "SSIM"
+        "{:<24} {:>7} {:>8} {:>11} {:>8} {:>8} {:>8} {:>8}   (PSNR in dB; {network})",
+        report.split, "PSNR", "object", "background", "masked", "SSIM", "LPIPS", "FLIP"
     )];
     lines.extend(
         report

@@ -16,6 +16,7 @@ use crate::data::{DataError, RelightApply, View, read_exr_linear};
 use crate::geometry::Camera;
 use crate::neif::{Environment, EnvironmentTransform, MaterialEdit, RoughnessEdit};
 use crate::render::{Layer, Picture, Scene, compose, panorama, render};
+use crate::train::lpips::Lpips;
 use crate::train::metrics::{ImageMetrics, SquaredError, compare, mean};
 
 /// Quality of one view.
@@ -49,11 +50,12 @@ pub struct EvalReport {
     pub pano_psnr: Option<f64>,
 }
 
-/// Renders each view and measures it against its photo; `on_view` gets each picture.
-/// `None` when cancelled.
+/// Renders each view and measures it against its photo, with LPIPS where its weights are given;
+/// `on_view` gets each picture. `None` when cancelled.
 pub fn evaluate_views(
     scene: &Scene,
     views: &[View],
+    lpips: Option<&Lpips>,
     cancel: &AtomicBool,
     on_view: &mut dyn FnMut(usize, &View, &Picture),
 ) -> Option<Vec<ViewMetrics>> {
@@ -68,10 +70,10 @@ pub fn evaluate_views(
             .as_ref()
             .map(|mask| (0..truth.len()).map(|i| mask.share(i)).collect());
         let width = picture.width as usize;
-        results.push(ViewMetrics {
-            name: view.name.clone(),
-            metrics: compare(&picture.pixels, &truth, mask.as_deref(), width),
-        });
+        let mut metrics = compare(&picture.pixels, &truth, mask.as_deref(), width);
+        metrics.lpips = lpips.and_then(|lpips| lpips.distance(&truth, &picture.pixels, width));
+        let name = view.name.clone();
+        results.push(ViewMetrics { name, metrics });
         on_view(index, view, &picture);
     }
     Some(results)

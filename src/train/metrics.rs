@@ -1,4 +1,4 @@
-//! Image quality of a rendered view against its photo: PSNR in four scopes, and SSIM.
+//! Image quality of a rendered view against its photo: PSNR in four scopes, SSIM, FLIP and LPIPS.
 //!
 //! Images are display-referred sRGB in `[0, 1]`, row-major, three channels. Sums are `f64`.
 //! The object scope is the strict one and the headline: the masked scope, which much of the
@@ -6,6 +6,8 @@
 //! objects.
 
 use serde::{Deserialize, Serialize};
+
+use crate::train::flip;
 
 /// Mask coverage above which a pixel belongs to the object.
 pub const MASK_THRESHOLD: f32 = 0.5;
@@ -37,14 +39,16 @@ pub struct ImageMetrics {
     pub psnr_masked: Option<f64>,
     /// Structural similarity, mean over pixels and channels, at most 1.
     pub ssim: Option<f64>,
-    /// LPIPS v0.1; not computed by this version.
+    /// LPIPS v0.1 over the whole image, 0 for equal images ([`crate::train::lpips`]); only where
+    /// weights are given and the image is large enough.
     pub lpips: Option<f64>,
-    /// FLIP; not computed by this version.
+    /// LDR-FLIP, mean over the pixels of the whole image, 0 to 1 ([`crate::train::flip`]).
     pub flip: Option<f64>,
 }
 
 /// Measures `render` against `truth`, both `[height][width]` of sRGB in `[0, 1]`.
 /// `mask` is the object's coverage per pixel; without one only the whole-image measures exist.
+/// LPIPS, which needs weights, is left to the caller.
 ///
 /// # Panics
 /// When the lengths do not agree or are no multiple of `width`: a bug of the caller.
@@ -58,6 +62,7 @@ pub fn compare(
     let mut metrics = ImageMetrics {
         psnr: squared_error(render, truth, |_| true).psnr(),
         ssim: ssim(render, truth, width),
+        flip: flip::mean_error(truth, render, width),
         ..ImageMetrics::default()
     };
     if let Some(mask) = mask {
@@ -290,7 +295,7 @@ mod tests {
     fn small_or_broken_images_give_no_value_instead_of_a_panic() {
         assert_eq!(ssim(&[[0.0; 3]; 100], &[[0.0; 3]; 100], 10), None);
         let broken = compare(&[[f32::NAN; 3]], &[[0.5; 3]], Some(&[1.0]), 1);
-        assert_eq!((broken.psnr, broken.ssim), (None, None));
+        assert_eq!((broken.psnr, broken.ssim, broken.flip), (None, None, None));
     }
 
     #[test]

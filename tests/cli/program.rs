@@ -91,6 +91,7 @@ pub(crate) fn same_picture(a: &Path, b: &Path) -> bool {
 
 fn command(args: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_neif"));
-    command.args(args).env_remove("NEIF_LOG");
+    command.args(args);
+    command.env_remove("NEIF_LOG").env_remove("NEIF_LPIPS");
     command
 }
