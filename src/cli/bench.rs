@@ -51,6 +51,9 @@ struct Common {
     /// Folder for the report's files
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Weights of LPIPS v0.1 (safetensors); without it the file that `NEIF_LPIPS` names
+    #[arg(long, value_name = "FILE")]
+    lpips: Option<PathBuf>,
     /// Write the figures as JSON
     #[arg(long)]
     json: bool,

@@ -109,7 +109,7 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
 }
 
 /// Reads the weights of LPIPS from the given file, or from the one that the environment names.
-fn lpips_weights(file: Option<&Path>) -> Result<Option<Lpips>, Failure> {
+pub(crate) fn lpips_weights(file: Option<&Path>) -> Result<Option<Lpips>, Failure> {
     let variable = std::env::var_os(LPIPS_VARIABLE).filter(|value| !value.is_empty());
     let file = file.map(Path::to_owned).or(variable.map(PathBuf::from));
     file.map(|file| Lpips::read(&file).context("the LPIPS weights cannot be used"))

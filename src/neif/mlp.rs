@@ -2,6 +2,10 @@
 
 use super::kernels::matmul::{Epilogue, linear, linear_backward_weights, transpose};
 
+/// Samples that pass through all layers together, so that their activations stay in the first cache: a multiple of the
+/// kernels' six rows.
+const TILE: usize = 96;
+
 /// Widths of a network; every width but the input is a multiple of 16, the input of 4.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mlp {
@@ -24,6 +28,7 @@ pub struct MlpBuffers {
     pub d_output: Vec<f32>,
     /// `[n][n_in]`.
     pub d_input: Vec<f32>,
+    /// One tile.
     d_hidden: Vec<f32>,
     /// The backward products have no bias.
     no_bias: Vec<f32>,
@@ -92,20 +97,16 @@ impl Mlp {
         let [w1, b1, w2, b2] = self.split();
         buffers.hidden.resize(n * self.n_hidden, 0.0);
         buffers.output.resize(n * self.n_out, 0.0);
-        linear(
-            input,
-            &params[w1],
-            &params[b1],
-            Epilogue::Relu,
-            &mut buffers.hidden,
-        );
-        linear(
-            &buffers.hidden,
-            &params[w2],
-            &params[b2],
-            Epilogue::Linear,
-            &mut buffers.output,
-        );
+        let tiles = input
+            .chunks(TILE * self.n_in)
+            .zip(buffers.hidden.chunks_mut(TILE * self.n_hidden))
+            .zip(buffers.output.chunks_mut(TILE * self.n_out));
+        for ((input, hidden), output) in tiles {
+            let (w1, b1) = (&params[w1.clone()], &params[b1.clone()]);
+            linear(input, w1, b1, Epilogue::Relu, hidden);
+            let (w2, b2) = (&params[w2.clone()], &params[b2.clone()]);
+            linear(hidden, w2, b2, Epilogue::Linear, output);
+        }
     }
 
     /// Adds to `d_params` and writes `buffers.d_input`, from `buffers.d_output`, for the first rows of the buffers:
@@ -118,31 +119,36 @@ impl Mlp {
         d_params: &mut [f32],
     ) {
         let n = input.len() / self.n_in;
-        buffers.d_hidden.resize(n * self.n_hidden, 0.0);
+        buffers.d_hidden.resize(TILE * self.n_hidden, 0.0);
         buffers.d_input.resize(n * self.n_in, 0.0);
-        let hidden = &buffers.hidden[..n * self.n_hidden];
-        let d_output = &buffers.d_output[..n * self.n_out];
+        buffers.no_bias.resize(self.n_hidden.max(self.n_in), 0.0);
         let (d_w1, rest) = d_params.split_at_mut(self.n_in * self.n_hidden);
         let (d_b1, rest) = rest.split_at_mut(self.n_hidden);
         let (d_w2, d_b2) = rest.split_at_mut(self.n_hidden * self.n_out);
-        linear_backward_weights(hidden, d_output, d_w2, d_b2);
-        buffers.no_bias.resize(self.n_hidden.max(self.n_in), 0.0);
-        let mask = Epilogue::MaskBy(hidden);
-        linear(
-            d_output,
-            &transposed.second,
-            &buffers.no_bias[..self.n_hidden],
-            mask,
-            &mut buffers.d_hidden,
-        );
-        linear_backward_weights(input, &buffers.d_hidden, d_w1, d_b1);
-        linear(
-            &buffers.d_hidden,
-            &transposed.first,
-            &buffers.no_bias[..self.n_in],
-            Epilogue::Linear,
-            &mut buffers.d_input,
-        );
+        let tiles = input
+            .chunks(TILE * self.n_in)
+            .zip(buffers.hidden.chunks(TILE * self.n_hidden))
+            .zip(buffers.d_output.chunks(TILE * self.n_out))
+            .zip(buffers.d_input.chunks_mut(TILE * self.n_in));
+        for (((input, hidden), d_output), d_input) in tiles {
+            // The last tile of `input` may be shorter than those of the buffers.
+            let n = input.len() / self.n_in;
+            let (hidden, d_output) = (&hidden[..n * self.n_hidden], &d_output[..n * self.n_out]);
+            let d_hidden = &mut buffers.d_hidden[..n * self.n_hidden];
+            linear_backward_weights(hidden, d_output, d_w2, d_b2);
+            let no_bias = &buffers.no_bias[..self.n_hidden];
+            let mask = Epilogue::MaskBy(hidden);
+            linear(d_output, &transposed.second, no_bias, mask, d_hidden);
+            linear_backward_weights(input, d_hidden, d_w1, d_b1);
+            let no_bias = &buffers.no_bias[..self.n_in];
+            linear(
+                d_hidden,
+                &transposed.first,
+                no_bias,
+                Epilogue::Linear,
+                d_input,
+            );
+        }
     }
 
     /// Refreshes the transposed weights.

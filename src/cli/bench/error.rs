@@ -10,6 +10,7 @@ use serde_json::json;
 use super::plot::{Curve, write_plot};
 use super::trial::{Length, figure, load, measure, on_threads, train};
 use super::{Common, dataset_or_demo, marks};
+use crate::cli::eval::lpips_weights;
 use crate::cli::failure::Failure;
 use crate::cli::output::{self, Display};
 use crate::cli::scenes::make_folder;
@@ -58,6 +59,7 @@ pub(super) fn run(args: &ErrorArgs) -> Result<(), Failure> {
         make_folder(out)?;
     }
     let dataset = load(&dataset_or_demo(args.dataset.as_ref())?, Splits::ALL)?;
+    let lpips = lpips_weights(args.common.lpips.as_deref())?;
     let mut display = Display::new(args.common.json);
     let mut rows = Vec::new();
     for preset in &args.preset {
@@ -74,7 +76,7 @@ pub(super) fn run(args: &ErrorArgs) -> Result<(), Failure> {
                     let what = format!("{preset}, {budget:.0} s");
                     let mut show = |done| display.set(done, &what, "");
                     let trial = train(&config, &dataset, Length::Seconds(budget), &mut show)?;
-                    let metrics = measure(&trial.snapshot, &dataset.test)?;
+                    let metrics = measure(&trial.snapshot, &dataset.test, lpips.as_ref())?;
                     Ok(Row {
                         preset: preset.clone(),
                         budget,

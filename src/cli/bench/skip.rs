@@ -109,7 +109,7 @@ fn one(
     on_threads(args.common.threads, || {
         let mut show = |done| display.set(done, name, "");
         let trial = train(config, dataset, Length::Steps(steps), &mut show)?;
-        let metrics = measure(&trial.snapshot, &dataset.val)?;
+        let metrics = measure(&trial.snapshot, &dataset.val, None)?;
         Ok(Row {
             name: name.to_owned(),
             trial,

@@ -219,7 +219,7 @@ fn one(
         let scene = trial.snapshot.scene();
         let is_finite = scene.environment.field.params.iter().all(|v| v.is_finite())
             && renders_finite(&scene, &dataset)?;
-        let metrics = measure(&trial.snapshot, &dataset.val)?;
+        let metrics = measure(&trial.snapshot, &dataset.val, None)?;
         let verdict = judge(case, is_finite, &metrics, normal);
         Ok(Row {
             name: case.name,

@@ -11,6 +11,7 @@ use serde_json::json;
 
 use super::trial::{Length, figure, load, measure, on_threads, train};
 use super::{Common, marks};
+use crate::cli::eval::lpips_weights;
 use crate::cli::failure::Failure;
 use crate::cli::output::{self, Display};
 use crate::cli::train::config;
@@ -89,6 +90,7 @@ pub(super) fn run(args: &Table1Args) -> Result<(), Failure> {
         .iter()
         .map(|path| load(path, splits))
         .collect::<Result<Vec<_>, _>>()?;
+    let lpips = lpips_weights(args.common.lpips.as_deref())?;
     let mut display = Display::new(args.common.json);
     let mut rows = Vec::new();
     for variant in &VARIANTS {
@@ -100,7 +102,7 @@ pub(super) fn run(args: &Table1Args) -> Result<(), Failure> {
                 let what = format!("{}, {}", dataset.name, variant.name);
                 let mut show = |done| display.set(done, &what, "");
                 let trial = train(&config, dataset, Length::Seconds(args.budget), &mut show)?;
-                measure(&trial.snapshot, &dataset.test)
+                measure(&trial.snapshot, &dataset.test, lpips.as_ref())
             })?);
         }
         display.say(&line(variant.name, &mean(&results)));

@@ -18,10 +18,10 @@ use crate::cli::failure::{Failure, OrUnusable as _};
 use crate::cli::train::config;
 use crate::cli::{interrupt, output};
 
-/// Samples of a kernel's run: a step's.
-const N_SAMPLES: usize = 8192;
+/// Samples of a kernel's run: about those of one of a step's eight chunks.
+const N_SAMPLES: usize = 1152;
 /// Runs of a kernel; the fastest counts, since neighbours only ever slow it down.
-const KERNEL_RUNS: usize = 40;
+const KERNEL_RUNS: usize = 400;
 
 /// Arguments of `neif bench train`.
 #[derive(Debug, clap::Args)]

@@ -5,6 +5,7 @@ use std::{path::Path, time::Instant};
 use neif::data::{Dataset, LoadOptions, Splits, View};
 use neif::train::config::TrainConfig;
 use neif::train::eval::{evaluate_views, mean_of_views};
+use neif::train::lpips::Lpips;
 use neif::train::metrics::ImageMetrics;
 use neif::train::{Snapshot, Trainer};
 
@@ -102,10 +103,14 @@ pub(super) fn train(
 }
 
 /// Mean quality of the rendered views.
-pub(super) fn measure(snapshot: &Snapshot, views: &[View]) -> Result<ImageMetrics, Failure> {
+pub(super) fn measure(
+    snapshot: &Snapshot,
+    views: &[View],
+    lpips: Option<&Lpips>,
+) -> Result<ImageMetrics, Failure> {
     let cancel = interrupt::install()?;
     let scene = snapshot.scene();
-    let results = evaluate_views(&scene, views, cancel, &mut |_, _, _| ());
+    let results = evaluate_views(&scene, views, lpips, cancel, &mut |_, _, _| ());
     results
         .map(|results| mean_of_views(&results))
         .ok_or(Failure::Interrupted)

@@ -132,20 +132,15 @@ fn outer_body<const FMA: bool>(x: &[f32], d_y: &[f32], d_w: &mut [f32], d_bias: 
         "linear_backward_weights: shapes disagree"
     );
     for j in (0..m).step_by(LANES) {
-        for i in (0..k).step_by(OUTER_ROWS) {
-            let mut sums: [[f32; LANES]; OUTER_ROWS] =
-                std::array::from_fn(|r| first_lanes(&d_w[(i + r) * m + j..]));
-            for (x_row, d_row) in x.chunks_exact(k).zip(d_y.chunks_exact(m)) {
-                let a = &x_row[i..i + OUTER_ROWS];
-                let d = first_lanes(&d_row[j..]);
-                for r in 0..OUTER_ROWS {
-                    for c in 0..LANES {
-                        sums[r][c] = fma::<FMA>(a[r], d[c], sums[r][c]);
-                    }
-                }
-            }
-            for (r, sum) in sums.into_iter().enumerate() {
-                d_w[(i + r) * m + j..][..LANES].copy_from_slice(&sum);
+        let mut i = 0;
+        while i < k {
+            // Twelve sums hide the latency of the fused units; what sixes do not fill, fours do.
+            if (k - i).is_multiple_of(OUTER_ROWS) && k - i < 3 * OUTER_ROWS {
+                outer_block::<FMA, OUTER_ROWS>(x, d_y, d_w, k, m, i, j);
+                i += OUTER_ROWS;
+            } else {
+                outer_block::<FMA, ROWS>(x, d_y, d_w, k, m, i, j);
+                i += ROWS;
             }
         }
         let mut sum = first_lanes(&d_bias[j..]);
@@ -156,6 +151,32 @@ fn outer_body<const FMA: bool>(x: &[f32], d_y: &[f32], d_w: &mut [f32], d_bias: 
             }
         }
         d_bias[j..j + LANES].copy_from_slice(&sum);
+    }
+}
+
+/// Adds rows `i..i + R` and columns `j..j + 16` of `xᵀ·d_y` to `d_w`.
+#[inline(always)]
+fn outer_block<const FMA: bool, const R: usize>(
+    x: &[f32],
+    d_y: &[f32],
+    d_w: &mut [f32],
+    k: usize,
+    m: usize,
+    i: usize,
+    j: usize,
+) {
+    let mut sums: [[f32; LANES]; R] = std::array::from_fn(|r| first_lanes(&d_w[(i + r) * m + j..]));
+    for (x_row, d_row) in x.chunks_exact(k).zip(d_y.chunks_exact(m)) {
+        let a = &x_row[i..i + R];
+        let d = first_lanes(&d_row[j..]);
+        for r in 0..R {
+            for c in 0..LANES {
+                sums[r][c] = fma::<FMA>(a[r], d[c], sums[r][c]);
+            }
+        }
+    }
+    for (r, sum) in sums.into_iter().enumerate() {
+        d_w[(i + r) * m + j..][..LANES].copy_from_slice(&sum);
     }
 }
 
