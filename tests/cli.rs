@@ -359,3 +359,36 @@ fn damaged_run_folders_are_refused_by_file() {
     }
     neif(&["eval", &run]).succeeds();
 }
+
+/// The paper's model, small enough for a test.
+const PAPER_SETTINGS: &str = "preset = \"paper\"\nobject_pixels = 8\nbackground_pixels = 8\n\
+                              samples_per_ray = 8\nrender_samples = 8\n\
+                              [paper.field]\ndepth = 3\nwidth = 16\nview_width = 16\n\
+                              [paper.material]\ndepth = 3\nwidth = 16\n";
+
+#[test]
+fn the_paper_preset_trains_resumes_and_is_shown_like_any_run() {
+    let workshop = Workshop::new();
+    fs::write(workshop.folder.path().join("tiny.toml"), PAPER_SETTINGS).expect("settings");
+    workshop.train("whole", "24").succeeds();
+    let first = workshop.train("parts", "9").succeeds();
+    let finished = first.json_lines().pop().expect("events");
+    assert_eq!(finished["step"], 9, "{finished}");
+    let (scene, parts, whole) = (
+        workshop.path("scene"),
+        workshop.path("parts"),
+        workshop.path("whole"),
+    );
+    neif(&[
+        "train", &scene, "--out", &parts, "--resume", "--steps", "24",
+    ])
+    .succeeds();
+    let info = neif(&["info", &parts, "--json"]).succeeds().json();
+    assert_eq!(info["steps"], 24, "{info}");
+    let report = neif(&["eval", &whole, "--json"]).succeeds().json();
+    assert!(report["mean"]["psnr_object"].is_number(), "{report}");
+    let pictures = workshop.path("pictures");
+    let room = WORKSHOP.path("run");
+    let flags = ["--turntable", "2", "--size", "24x24", "--env", &room];
+    neif(&[&["render", &whole, "--out", &pictures][..], &flags].concat()).succeeds();
+}

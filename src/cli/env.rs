@@ -34,7 +34,7 @@ pub(crate) struct EnvTrainArgs {
     /// The environment file (.safetensors) to write, or a folder to put it in
     #[arg(long, value_name = "ENV")]
     out: PathBuf,
-    /// Settings: `fast`, or a TOML file with the values that differ from it [default: fast]
+    /// Settings: `fast`, `paper`, or a TOML file with the values that differ from it [default: fast]
     #[arg(long, value_name = "NAME|FILE.toml")]
     preset: Option<String>,
     #[command(flatten)]

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use neif::data::{Dataset, LoadOptions, check};
-use neif::neif::{Environment, Material};
+use neif::neif::{Environment, SurfaceField};
 use neif::train::run_folder::RunFolder;
 use serde_json::{Value, json};
 
@@ -83,10 +83,10 @@ fn about_tensors(path: &Path) -> Result<Value, Failure> {
     let mut found = match Environment::load(path) {
         Ok(environment) => about_environment(&environment),
         Err(error) => {
-            let material = Material::load(path);
+            let material = SurfaceField::load(path);
             // Neither: the first error says more, since files alone are mostly surroundings.
             let material = material.map_err(|_ignored| Failure::unusable(error))?;
-            json!({"kind": "object", "parameters": material.params.len()})
+            json!({"kind": "object", "parameters": material.params().len()})
         }
     };
     found["path"] = json!(path.to_string_lossy());

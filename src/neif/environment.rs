@@ -3,41 +3,71 @@
 use std::path::Path;
 
 use glam::Vec3;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::NeifError;
 use super::contraction::FieldFrame;
+use super::paper::field::{PaperPlacement, RayLight};
+use super::paper::{PaperField, PaperFieldConfig};
 use super::proposal::DensityGrid;
-use super::radiance_field::{FieldConfig, RadianceField};
+use super::radiance_field::{FieldBatch, FieldConfig, RadianceField};
 use crate::data::tensor_file::TensorFile;
 use crate::geometry::Aabb;
 
 /// Marks the metadata of an environment file.
 const FORMAT: &str = "neif-environment-1";
+/// Metadata entry that names the kind of field; a file without it holds a grid.
+pub(super) const KIND: &str = "kind";
+/// The kinds, in environment and object files.
+pub(super) const GRID: &str = "grid";
+pub(super) const PAPER: &str = "paper";
+/// Uniform share of the sample placement when rendering: the density cache has settled.
+const UNIFORM_SHARE: f32 = 0.05;
+/// The same for the paper's second pass, in training too: mip-NeRF adds 0.01 to each of 128 weights of sum 1.
+pub const PAPER_UNIFORM_SHARE: f32 = 0.56;
 
 /// What is stored beside the arrays.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Header {
+struct Header<C> {
     name: String,
     frame: FieldFrame,
     gamma: f32,
     n_samples: usize,
     up: Vec3,
-    field: FieldConfig,
+    field: C,
+}
+
+/// The radiance field of an environment, with what its sampling needs.
+#[derive(Clone, Debug)]
+pub enum EnvironmentField {
+    /// The fast field, sampled by its density cache.
+    Grid {
+        /// The radiance field.
+        field: RadianceField,
+        /// Where its samples go.
+        density: DensityGrid,
+    },
+    /// The paper's network, sampled in two passes.
+    Paper(PaperField),
+}
+
+/// Working memory of [`Environment::light`], reused from call to call.
+#[derive(Debug, Default)]
+pub struct LightScratch {
+    encoded: Vec<f32>,
+    passes: RayLight,
 }
 
 /// A radiance field in its place; immutable and shared.
 #[derive(Clone, Debug)]
 pub struct Environment {
-    header: Header,
-    /// The radiance field.
-    pub field: RadianceField,
-    /// Where its samples go.
-    pub density: DensityGrid,
+    place: EnvironmentPlace,
+    field: EnvironmentField,
 }
 
-/// What an [`Environment`] is made from, beside the field and its density.
+/// What an [`Environment`] is made from, beside the field.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EnvironmentPlace {
     /// Shown in lists.
@@ -46,75 +76,100 @@ pub struct EnvironmentPlace {
     pub frame: FieldFrame,
     /// Learned exponent of the display transform `srgb(x)^gamma` (Eq. 7); 1 is plain sRGB.
     pub gamma: f32,
-    /// Samples a ray when rendering.
+    /// Samples a ray when rendering; of the paper's field, in each of its two passes.
     pub n_samples: usize,
     /// Unit up direction of the capture.
     pub up: Vec3,
 }
 
 impl Environment {
-    /// Puts a field in its place.
+    /// Puts a field with its density in its place.
     pub fn new(place: EnvironmentPlace, field: RadianceField, density: DensityGrid) -> Self {
-        let EnvironmentPlace {
-            name,
-            frame,
-            gamma,
-            n_samples,
-            up,
-        } = place;
-        let header = Header {
-            name,
-            frame,
-            gamma,
-            n_samples,
-            up,
-            field: *field.config(),
-        };
-        Self {
-            header,
-            field,
-            density,
-        }
+        let field = EnvironmentField::Grid { field, density };
+        Self { place, field }
+    }
+
+    /// Puts a network of the paper in its place.
+    pub fn of_paper(place: EnvironmentPlace, field: PaperField) -> Self {
+        let field = EnvironmentField::Paper(field);
+        Self { place, field }
     }
 
     /// Shown in lists.
     pub fn name(&self) -> &str {
-        &self.header.name
+        &self.place.name
     }
 
     /// The same environment under another name.
     pub fn renamed(mut self, name: &str) -> Self {
-        name.clone_into(&mut self.header.name);
+        name.clone_into(&mut self.place.name);
         self
+    }
+
+    /// The radiance field.
+    pub fn field(&self) -> &EnvironmentField {
+        &self.field
+    }
+
+    /// All parameters of the field.
+    pub fn params(&self) -> &[f32] {
+        match &self.field {
+            EnvironmentField::Grid { field, .. } => &field.params,
+            EnvironmentField::Paper(field) => &field.params,
+        }
     }
 
     /// The inner box of the field.
     pub fn frame(&self) -> &FieldFrame {
-        &self.header.frame
+        &self.place.frame
     }
 
     /// The inner box in world coordinates.
     pub fn inner_box(&self) -> Aabb {
-        let half = Vec3::splat(self.header.frame.half_side);
+        let half = Vec3::splat(self.place.frame.half_side);
         Aabb {
-            min: self.header.frame.center - half,
-            max: self.header.frame.center + half,
+            min: self.place.frame.center - half,
+            max: self.place.frame.center + half,
         }
     }
 
     /// Exponent of the display transform; 1 is plain sRGB.
     pub fn gamma(&self) -> f32 {
-        self.header.gamma
+        self.place.gamma
     }
 
     /// Samples a ray when rendering.
     pub fn n_samples(&self) -> usize {
-        self.header.n_samples
+        self.place.n_samples
     }
 
     /// Unit up direction of the capture.
     pub fn up(&self) -> Vec3 {
-        self.header.up
+        self.place.up
+    }
+
+    /// Linear radiance along `batch.rays`, into `batch.radiance`.
+    pub fn light(&self, batch: &mut FieldBatch, scratch: &mut LightScratch) {
+        match &self.field {
+            EnvironmentField::Grid { field, density } => {
+                field.place(batch, density, self.n_samples(), UNIFORM_SHARE, |_| {
+                    [0.0; 2]
+                });
+                field.encode(batch, &mut scratch.encoded);
+                field.forward(batch);
+            }
+            EnvironmentField::Paper(field) => {
+                let placement = PaperPlacement {
+                    n_samples: self.n_samples(),
+                    uniform_share: PAPER_UNIFORM_SHARE,
+                    shifts: [0.0; 2],
+                };
+                let rays = batch.rays.iter();
+                let radiance = rays.map(|ray| field.radiance(ray, placement, &mut scratch.passes));
+                batch.radiance.clear();
+                batch.radiance.extend(radiance);
+            }
+        }
     }
 
     /// Reads an environment file.
@@ -130,17 +185,24 @@ impl Environment {
                 format!("is not `{FORMAT}`: no environment file"),
             ));
         }
-        let header: Header = serde_json::from_str(file.text("environment")?)
-            .map_err(|e| metadata(path, "environment", e.to_string()))?;
-        check_header(path, &header)?;
-        let params = read_finite(&file, path, "field.params")?;
+        match kind(&file) {
+            GRID => Self::load_grid(&file, path),
+            PAPER => Self::load_paper(&file, path),
+            other => Err(unknown_kind(path, other)),
+        }
+    }
+
+    fn load_grid(file: &TensorFile, path: &Path) -> Result<Self, NeifError> {
+        let header: Header<FieldConfig> = read_header(file, path)?;
+        let (place, config) = header.split();
+        check(path, place_is_sane(&place) && config.is_sane())?;
+        let params = read_finite(file, path, "field.params")?;
         let found = params.len();
-        let field =
-            RadianceField::from_params(header.field, params).ok_or_else(|| NeifError::Shape {
-                file: path.to_owned(),
-                tensor: "field.params",
-                found,
-            })?;
+        let field = RadianceField::from_params(config, params).ok_or_else(|| NeifError::Shape {
+            file: path.to_owned(),
+            tensor: "field.params",
+            found,
+        })?;
         let n_codes = DensityGrid::default().codes().len();
         let density =
             DensityGrid::from_codes(file.u16("density.codes", &[n_codes])?).ok_or_else(|| {
@@ -150,11 +212,21 @@ impl Environment {
                     found: n_codes,
                 }
             })?;
-        Ok(Self {
-            header,
-            field,
-            density,
-        })
+        Ok(Self::new(place, field, density))
+    }
+
+    fn load_paper(file: &TensorFile, path: &Path) -> Result<Self, NeifError> {
+        let header: Header<PaperFieldConfig> = read_header(file, path)?;
+        let (place, config) = header.split();
+        check(path, place_is_sane(&place) && config.is_sane())?;
+        let params = read_finite(file, path, "field.params")?;
+        let found = params.len();
+        let field = PaperField::from_params(config, params).ok_or_else(|| NeifError::Shape {
+            file: path.to_owned(),
+            tensor: "field.params",
+            found,
+        })?;
+        Ok(Self::of_paper(place, field))
     }
 
     /// Writes the file whole or not at all.
@@ -163,19 +235,74 @@ impl Environment {
     /// When the system refuses, e.g. because the disk is full.
     pub fn save(&self, path: &Path) -> Result<(), NeifError> {
         let mut file = TensorFile::default();
-        file.metadata.insert("format".to_owned(), FORMAT.to_owned());
-        let header =
-            serde_json::to_string(&self.header).expect("plain numbers and strings serialise");
-        file.metadata.insert("environment".to_owned(), header);
-        file.insert_f32(
-            "field.params",
-            &[self.field.params.len()],
-            self.field.params.clone(),
-        );
-        let codes = self.density.codes();
-        file.insert_u16("density.codes", &[codes.len()], codes);
+        let (kind, header) = match &self.field {
+            EnvironmentField::Grid { field, density } => {
+                let codes = density.codes();
+                file.insert_u16("density.codes", &[codes.len()], codes);
+                (GRID, self.header(*field.config()))
+            }
+            EnvironmentField::Paper(field) => (PAPER, self.header(*field.config())),
+        };
+        let params = self.params();
+        file.insert_f32("field.params", &[params.len()], params.to_vec());
+        for (key, value) in [("format", FORMAT), (KIND, kind), ("environment", &header)] {
+            file.metadata.insert(key.to_owned(), value.to_owned());
+        }
         Ok(file.write(path)?)
     }
+
+    fn header<C: Serialize>(&self, field: C) -> String {
+        let EnvironmentPlace {
+            name,
+            frame,
+            gamma,
+            n_samples,
+            up,
+        } = self.place.clone();
+        serde_json::to_string(&Header {
+            name,
+            frame,
+            gamma,
+            n_samples,
+            up,
+            field,
+        })
+        .expect("plain numbers and strings serialise")
+    }
+}
+
+impl<C> Header<C> {
+    fn split(self) -> (EnvironmentPlace, C) {
+        let place = EnvironmentPlace {
+            name: self.name,
+            frame: self.frame,
+            gamma: self.gamma,
+            n_samples: self.n_samples,
+            up: self.up,
+        };
+        (place, self.field)
+    }
+}
+
+/// Which kind of field a file holds.
+pub(super) fn kind(file: &TensorFile) -> &str {
+    file.metadata.get(KIND).map_or(GRID, String::as_str)
+}
+
+pub(super) fn unknown_kind(path: &Path, kind: &str) -> NeifError {
+    metadata(
+        path,
+        KIND,
+        format!("is `{kind}`, not `{GRID}` or `{PAPER}`"),
+    )
+}
+
+fn read_header<C: DeserializeOwned>(
+    file: &TensorFile,
+    path: &Path,
+) -> Result<Header<C>, NeifError> {
+    serde_json::from_str(file.text("environment")?)
+        .map_err(|e| metadata(path, "environment", e.to_string()))
 }
 
 /// All values of a one-dimensional array, refused when one is not finite.
@@ -203,28 +330,24 @@ pub(super) fn metadata(path: &Path, field: &'static str, what: String) -> NeifEr
     }
 }
 
-fn check_header(path: &Path, header: &Header) -> Result<(), NeifError> {
-    let frame_is_sane = header.frame.center.is_finite()
-        && header.frame.half_side.is_finite()
-        && header.frame.half_side > 0.0;
-    if !frame_is_sane {
-        return Err(metadata(
-            path,
-            "environment",
-            "has an inner box that is empty or not finite".to_owned(),
-        ));
+fn check(path: &Path, is_sane: bool) -> Result<(), NeifError> {
+    if is_sane {
+        return Ok(());
     }
-    if !header.field.is_sane()
-        || !(1..=1024).contains(&header.n_samples)
-        || !(0.05..=20.0).contains(&header.gamma)
-    {
-        return Err(metadata(
-            path,
-            "environment",
-            "describes a field outside the supported range".to_owned(),
-        ));
-    }
-    Ok(())
+    Err(metadata(
+        path,
+        "environment",
+        "describes a field outside the supported range, or an inner box that is empty or not finite"
+            .to_owned(),
+    ))
+}
+
+fn place_is_sane(place: &EnvironmentPlace) -> bool {
+    place.frame.center.is_finite()
+        && place.frame.half_side.is_finite()
+        && place.frame.half_side > 0.0
+        && (1..=1024).contains(&place.n_samples)
+        && (0.05..=20.0).contains(&place.gamma)
 }
 
 #[cfg(test)]
@@ -250,18 +373,21 @@ mod tests {
             },
             || 0.3,
         );
+        Environment::new(place(), field, DensityGrid::default())
+    }
+
+    fn place() -> EnvironmentPlace {
         let frame = FieldFrame {
             center: Vec3::new(1.0, 2.0, 3.0),
             half_side: 4.0,
         };
-        let place = EnvironmentPlace {
+        EnvironmentPlace {
             name: "room".to_owned(),
             frame,
             gamma: 1.0,
             n_samples: 16,
             up: Vec3::Z,
-        };
-        Environment::new(place, field, DensityGrid::default())
+        }
     }
 
     #[test]
@@ -270,8 +396,40 @@ mod tests {
         let path = folder.path().join("environment.safetensors");
         environment().save(&path).unwrap();
         let back = Environment::load(&path).unwrap();
-        assert_eq!(back.header, environment().header);
-        assert_eq!(back.field.params, environment().field.params);
+        assert_eq!(back.place, environment().place);
+        assert_eq!(back.params(), environment().params());
+    }
+
+    #[test]
+    fn the_paper_s_field_comes_back_as_one() {
+        let config = PaperFieldConfig {
+            depth: 2,
+            width: 16,
+            ..PaperFieldConfig::default()
+        };
+        let paper = Environment::of_paper(place(), PaperField::new(config, || 0.3));
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("environment.safetensors");
+        paper.save(&path).unwrap();
+        let back = Environment::load(&path).unwrap();
+        assert!(matches!(back.field, EnvironmentField::Paper(_)), "the kind");
+        assert_eq!(back.params(), paper.params());
+    }
+
+    #[test]
+    fn a_file_without_a_kind_holds_a_grid_and_an_unknown_kind_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("environment.safetensors");
+        environment().save(&path).unwrap();
+        let mut file = TensorFile::read(&path).unwrap();
+        file.metadata.remove(KIND);
+        file.write(&path).unwrap();
+        let old = Environment::load(&path).unwrap();
+        assert_eq!(old.params(), environment().params());
+        file.metadata.insert(KIND.to_owned(), "splats".to_owned());
+        file.write(&path).unwrap();
+        let error = Environment::load(&path).unwrap_err().to_string();
+        assert!(error.contains("splats"), "{error}");
     }
 
     #[test]
@@ -286,7 +444,10 @@ mod tests {
             assert!(error.contains("environment.safetensors"), "{error}");
         }
         let mut broken = environment();
-        broken.field.params[7] = f32::NAN;
+        let EnvironmentField::Grid { field, .. } = &mut broken.field else {
+            panic!("a grid");
+        };
+        field.params[7] = f32::NAN;
         broken.save(&path).unwrap();
         assert!(
             Environment::load(&path)

@@ -10,6 +10,7 @@ use super::hash_grid::{
 };
 use super::kernels::math::{sigmoid, softplus};
 use super::mlp::{Mlp, MlpBuffers, Transposed, is_sane_width};
+use super::paper::material::PaperMaterialBatch;
 
 const N_OUT: usize = 16;
 /// Shift of the diffuse output: training starts at `softplus(-2) = 0.13`, a dark grey.
@@ -74,6 +75,8 @@ pub struct MaterialBatch {
     footprints: Vec<f32>,
     features: Vec<f32>,
     net: MlpBuffers,
+    /// What the paper's network keeps instead.
+    pub(super) paper: PaperMaterialBatch,
     /// The result of [`Material::forward`].
     pub surfaces: Vec<Surface>,
     /// `d loss / d surfaces`, written before [`Material::backward`].

@@ -12,6 +12,7 @@ pub mod lobe;
 pub mod material;
 pub mod mlp;
 pub mod object;
+pub mod paper;
 pub mod proposal;
 pub mod radiance_field;
 pub mod samples;
@@ -20,7 +21,7 @@ pub mod spherical_harmonics;
 
 pub use edit::{EnvironmentFromWorld, EnvironmentTransform, MaterialEdit, RoughnessEdit};
 pub use environment::Environment;
-pub use object::{Material, ObjectModel};
+pub use object::{Material, ObjectModel, SurfaceField};
 
 use std::path::PathBuf;
 

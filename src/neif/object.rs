@@ -4,13 +4,15 @@ use std::path::Path;
 use std::sync::Arc;
 
 use glam::Vec3;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 pub use super::material::Material;
 
 use super::NeifError;
-use super::environment::{metadata, read_finite};
-use super::material::MaterialConfig;
+use super::environment::{GRID, KIND, PAPER, kind, metadata, read_finite, unknown_kind};
+use super::material::{MaterialBatch, MaterialConfig};
+use super::paper::{PaperMaterial, PaperMaterialConfig};
 use crate::data::tensor_file::TensorFile;
 use crate::geometry::SurfaceTracer;
 
@@ -23,18 +25,45 @@ pub struct ObjectModel {
     /// The surface.
     pub tracer: Arc<SurfaceTracer>,
     /// What it is made of.
-    pub material: Arc<Material>,
+    pub material: Arc<SurfaceField>,
+}
+
+/// M(x) of either model.
+#[derive(Clone, Debug)]
+pub enum SurfaceField {
+    /// The fast one.
+    Grid(Material),
+    /// The paper's network.
+    Paper(PaperMaterial),
 }
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Header {
+struct Header<C> {
     corner: Vec3,
     side: f32,
-    material: MaterialConfig,
+    material: C,
 }
 
-impl Material {
+impl SurfaceField {
+    /// Evaluates the surface at `points`, world coordinates, into `batch.surfaces`.
+    pub fn forward(&self, points: &[Vec3], batch: &mut MaterialBatch, scratch: &mut Vec<f32>) {
+        match self {
+            Self::Grid(material) => material.forward(points, batch, scratch),
+            Self::Paper(material) => {
+                material.forward(points, &mut batch.paper, &mut batch.surfaces);
+            }
+        }
+    }
+
+    /// All parameters.
+    pub fn params(&self) -> &[f32] {
+        match self {
+            Self::Grid(material) => &material.params,
+            Self::Paper(material) => &material.params,
+        }
+    }
+
     /// Reads an object file.
     ///
     /// # Errors
@@ -48,28 +77,29 @@ impl Material {
                 format!("is not `{FORMAT}`: no object file"),
             ));
         }
-        let header: Header = serde_json::from_str(file.text("object")?)
-            .map_err(|e| metadata(path, "object", e.to_string()))?;
-        let is_sane = header.corner.is_finite()
-            && header.side.is_finite()
-            && header.side > 0.0
-            && header.material.is_sane();
-        if !is_sane {
-            return Err(metadata(
-                path,
-                "object",
-                "describes a field outside the supported range".to_owned(),
-            ));
+        match kind(&file) {
+            GRID => Self::load_grid(&file, path),
+            PAPER => Self::load_paper(&file, path),
+            other => Err(unknown_kind(path, other)),
         }
-        let params = read_finite(&file, path, "material.params")?;
+    }
+
+    fn load_grid(file: &TensorFile, path: &Path) -> Result<Self, NeifError> {
+        let header: Header<MaterialConfig> = read_header(file, path)?;
+        let params = header.params(file, path, header.material.is_sane())?;
         let found = params.len();
-        Self::from_params(header.material, header.corner, header.side, params).ok_or_else(|| {
-            NeifError::Shape {
-                file: path.to_owned(),
-                tensor: "material.params",
-                found,
-            }
-        })
+        Material::from_params(header.material, header.corner, header.side, params)
+            .map(Self::Grid)
+            .ok_or_else(|| shape_error(path, found))
+    }
+
+    fn load_paper(file: &TensorFile, path: &Path) -> Result<Self, NeifError> {
+        let header: Header<PaperMaterialConfig> = read_header(file, path)?;
+        let params = header.params(file, path, header.material.is_sane())?;
+        let found = params.len();
+        PaperMaterial::from_params(header.material, header.corner, header.side, params)
+            .map(Self::Paper)
+            .ok_or_else(|| shape_error(path, found))
     }
 
     /// Writes the file whole or not at all.
@@ -78,16 +108,52 @@ impl Material {
     /// When the system refuses, e.g. because the disk is full.
     pub fn save(&self, path: &Path) -> Result<(), NeifError> {
         let mut file = TensorFile::default();
-        file.metadata.insert("format".to_owned(), FORMAT.to_owned());
-        let header = Header {
-            corner: self.corner,
-            side: self.side,
-            material: *self.config(),
+        let (kind, header) = match self {
+            Self::Grid(m) => (GRID, header_text(m.corner, m.side, *m.config())),
+            Self::Paper(m) => (PAPER, header_text(m.corner, m.side, *m.config())),
         };
-        let header = serde_json::to_string(&header).expect("plain numbers serialise");
-        file.metadata.insert("object".to_owned(), header);
-        file.insert_f32("material.params", &[self.params.len()], self.params.clone());
+        for (key, value) in [("format", FORMAT), (KIND, kind), ("object", &header)] {
+            file.metadata.insert(key.to_owned(), value.to_owned());
+        }
+        let params = self.params();
+        file.insert_f32("material.params", &[params.len()], params.to_vec());
         Ok(file.write(path)?)
+    }
+}
+
+impl<C> Header<C> {
+    /// The stored parameters, unless the header makes no sense.
+    fn params(&self, file: &TensorFile, path: &Path, is_sane: bool) -> Result<Vec<f32>, NeifError> {
+        let has_cube = self.corner.is_finite() && self.side.is_finite() && self.side > 0.0;
+        if !is_sane || !has_cube {
+            let what = "describes a field outside the supported range".to_owned();
+            return Err(metadata(path, "object", what));
+        }
+        read_finite(file, path, "material.params")
+    }
+}
+
+fn header_text(corner: Vec3, side: f32, material: impl Serialize) -> String {
+    let header = Header {
+        corner,
+        side,
+        material,
+    };
+    serde_json::to_string(&header).expect("plain numbers serialise")
+}
+
+fn read_header<C: DeserializeOwned>(
+    file: &TensorFile,
+    path: &Path,
+) -> Result<Header<C>, NeifError> {
+    serde_json::from_str(file.text("object")?).map_err(|e| metadata(path, "object", e.to_string()))
+}
+
+fn shape_error(path: &Path, found: usize) -> NeifError {
+    NeifError::Shape {
+        file: path.to_owned(),
+        tensor: "material.params",
+        found,
     }
 }
 
@@ -105,7 +171,7 @@ mod tests {
             log2_table_size: 8,
             least_weight: LEAST_WEIGHT,
         };
-        let material = Material::new(
+        let grid = Material::new(
             MaterialConfig {
                 grid,
                 n_hidden: 16,
@@ -115,13 +181,27 @@ mod tests {
             2.0,
             || 0.7,
         );
+        let config = PaperMaterialConfig {
+            depth: 2,
+            width: 16,
+            ..PaperMaterialConfig::default()
+        };
+        let paper = PaperMaterial::new(config, Vec3::ONE, 2.0, || 0.7);
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("object.safetensors");
-        material.save(&path).unwrap();
-        let back = Material::load(&path).unwrap();
-        assert_eq!(
-            (back.params, back.corner, back.side),
-            (material.params, material.corner, material.side)
-        );
+        for material in [SurfaceField::Grid(grid), SurfaceField::Paper(paper)] {
+            material.save(&path).unwrap();
+            let back = SurfaceField::load(&path).unwrap();
+            assert_eq!(back.params(), material.params());
+            match (back, material) {
+                (SurfaceField::Grid(a), SurfaceField::Grid(b)) => {
+                    assert_eq!((a.corner, a.side), (b.corner, b.side));
+                }
+                (SurfaceField::Paper(a), SurfaceField::Paper(b)) => {
+                    assert_eq!((a.corner, a.side), (b.corner, b.side));
+                }
+                _ => panic!("another kind came back"),
+            }
+        }
     }
 }

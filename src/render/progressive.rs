@@ -15,7 +15,7 @@ use super::band::{Band, Versions, Work, band_rows, bands};
 use super::scene::{Layer, Scene};
 use super::shade::ShadeScratch;
 use crate::geometry::{Camera, SurfaceTracer};
-use crate::neif::{Environment, EnvironmentTransform, Material, MaterialEdit};
+use crate::neif::{Environment, EnvironmentTransform, MaterialEdit, SurfaceField};
 
 /// The resolution divisors of the passes, coarsest first; nothing is ever coarser than a quarter.
 pub const SCALES: [u32; 3] = [4, 2, 1];
@@ -85,7 +85,7 @@ struct Causes {
     tracer: Option<Arc<SurfaceTracer>>,
     environment: Arc<Environment>,
     transform: EnvironmentTransform,
-    material: Option<Arc<Material>>,
+    material: Option<Arc<SurfaceField>>,
     edit: MaterialEdit,
     layer: Layer,
 }

@@ -9,6 +9,7 @@ use super::scene::{Layer, Scene};
 use super::trace::PIXEL_STD;
 use crate::geometry::Camera;
 use crate::neif::display::Display;
+use crate::neif::environment::LightScratch;
 use crate::neif::light_path::{self, LitVertex, PathVertex};
 use crate::neif::material::{MaterialBatch, Surface};
 use crate::neif::object::ObjectModel;
@@ -18,8 +19,6 @@ use crate::neif::shading::{fresnel, outgoing};
 
 /// Pixels shaded together: their samples stay in the core's cache.
 const TILE: usize = 64;
-/// Uniform share of the sample placement when rendering: the density cache has settled.
-const UNIFORM_SHARE: f32 = 0.05;
 
 /// Working memory of one thread, reused from call to call.
 #[derive(Debug, Default)]
@@ -28,6 +27,7 @@ pub struct ShadeScratch {
     material: MaterialBatch,
     points: Vec<Vec3>,
     encoded: Vec<f32>,
+    light: LightScratch,
     /// Of each path, its pixel in the tile.
     pixel_of_path: Vec<usize>,
     lit: Vec<LitVertex>,
@@ -204,16 +204,7 @@ fn unlit(
 impl ShadeScratch {
     /// Evaluates the environment along the batch's rays.
     pub(super) fn light(&mut self, scene: &Scene) {
-        let environment = &scene.environment;
-        environment.field.place(
-            &mut self.batch,
-            &environment.density,
-            environment.n_samples(),
-            UNIFORM_SHARE,
-            |_| [0.0; 2],
-        );
-        environment.field.encode(&mut self.batch, &mut self.encoded);
-        environment.field.forward(&mut self.batch);
+        scene.environment.light(&mut self.batch, &mut self.light);
     }
 
     /// Rays to evaluate, and after [`Self::light`] their radiance.

@@ -12,7 +12,7 @@ use crate::neif::hash_grid::{GridConfig, LEAST_WEIGHT};
 use crate::neif::material::MaterialConfig;
 use crate::neif::proposal::DensityGrid;
 use crate::neif::radiance_field::{FieldConfig, RadianceField};
-use crate::neif::{EnvironmentTransform, Material, MaterialEdit, ObjectModel};
+use crate::neif::{EnvironmentTransform, Material, MaterialEdit, ObjectModel, SurfaceField};
 
 /// Numbers in `[0, 1)` that look random and are always the same.
 fn uniform(seed: u32) -> impl FnMut() -> f32 {
@@ -90,7 +90,7 @@ pub(crate) fn object(seed: u32) -> Arc<ObjectModel> {
     );
     Arc::new(ObjectModel {
         tracer: Arc::new(SurfaceTracer::new(Arc::new(mesh))),
-        material: Arc::new(material),
+        material: Arc::new(SurfaceField::Grid(material)),
     })
 }
 

@@ -24,7 +24,7 @@ use crate::neif::radiance_field::{FieldBatch, FieldRay, FieldTransposed, Radianc
 /// Every so many object pixels one takes part in the smoothness term.
 const SMOOTHNESS_STRIDE: usize = 4;
 /// Distance of the two points of a smoothness difference, in sides of the material's cube.
-const SMOOTHNESS_STEP: f32 = 0.004;
+pub(super) const SMOOTHNESS_STEP: f32 = 0.004;
 
 /// Chunks a step is cut into.
 pub(super) const N_CHUNKS: usize = 8;

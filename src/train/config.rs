@@ -3,10 +3,17 @@
 use serde::{Deserialize, Serialize};
 
 use super::TrainError;
+use super::paper::PaperConfig;
+use crate::neif::environment::PAPER_UNIFORM_SHARE;
 use crate::neif::hash_grid::{GridConfig, LEAST_WEIGHT};
 use crate::neif::material::MaterialConfig;
 use crate::neif::radiance_field::{CutOff, FieldConfig};
 use crate::render::trace::MAX_VERTICES;
+
+/// Pixels that a validation measures, over all validation views.
+const VALIDATION_PIXELS: usize = 16_384;
+/// The same where a pixel costs a hundred times as much.
+const PAPER_VALIDATION_PIXELS: usize = 1024;
 
 /// Settings of a training run. Lengths are relative to the capture unless a unit is named.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -65,6 +72,9 @@ pub struct TrainConfig {
     pub max_pixels: usize,
     /// Whether training may end before its budget when the validation error has settled.
     pub early_stop: bool,
+    /// The paper's networks instead of the fast fields, when there; see [`PaperConfig`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub paper: Option<PaperConfig>,
 }
 
 impl Default for TrainConfig {
@@ -121,11 +131,32 @@ impl Default for TrainConfig {
             },
             max_pixels: 12_000_000,
             early_stop: true,
+            paper: None,
         }
     }
 }
 
 impl TrainConfig {
+    /// The paper's model, losses and weights: the slow reference. What the paper leaves open is mip-NeRF's (rates,
+    /// decay), with a batch that suits a CPU: a ray costs a billion operations.
+    fn paper() -> Self {
+        Self {
+            paper: Some(PaperConfig::default()),
+            object_pixels: 32,
+            background_pixels: 32,
+            samples_per_ray: 128,
+            render_samples: 128,
+            network_rate: 5e-4,
+            final_rate: 0.01,
+            background_weight: 0.1,
+            roughness_delay: 0,
+            bounces: 0,
+            subpixels: false,
+            uniform_share: PAPER_UNIFORM_SHARE,
+            ..Self::default()
+        }
+    }
+
     /// The built-in preset of that name.
     ///
     /// # Errors
@@ -133,24 +164,48 @@ impl TrainConfig {
     pub fn preset(name: &str) -> Result<Self, TrainError> {
         match name {
             "fast" => Ok(Self::default()),
+            "paper" => Ok(Self::paper()),
             _ => Err(TrainError::Config {
                 field: "preset",
-                what: format!("`{name}` is not known; known: fast, or a .toml file"),
+                what: format!("`{name}` is not known; known: fast, paper, or a .toml file"),
             }),
         }
     }
 
-    /// Settings from TOML; what it does not name keeps the `fast` preset's value.
+    /// Settings from TOML; what it does not name keeps the value of the preset that its entry `preset` names, or of
+    /// `fast`.
     ///
     /// # Errors
     /// When a field is unknown, has the wrong type or is out of range.
     pub fn from_toml(text: &str) -> Result<Self, TrainError> {
-        let config: Self = toml::from_str(text).map_err(|e| TrainError::Config {
+        let damaged = |what: String| TrainError::Config {
             field: "toml",
-            what: e.to_string(),
-        })?;
+            what,
+        };
+        let mut table: toml::Table = toml::from_str(text).map_err(|e| damaged(e.to_string()))?;
+        let config: Self = match table.remove("preset") {
+            None => toml::from_str(text).map_err(|e| damaged(e.to_string()))?,
+            Some(toml::Value::String(name)) => {
+                let preset = Self::preset(&name)?.to_toml();
+                let preset = toml::from_str(&preset).map_err(|e| damaged(e.to_string()))?;
+                let merged = toml::Value::Table(overlaid(preset, table));
+                merged
+                    .try_into()
+                    .map_err(|e: toml::de::Error| damaged(e.to_string()))?
+            }
+            Some(_) => return Err(damaged("`preset` is not a name".to_owned())),
+        };
         config.validate()?;
         Ok(config)
+    }
+
+    /// Pixels that a validation measures: few enough to be cheap beside the training between two of them.
+    pub(super) fn validation_pixels(&self) -> usize {
+        if self.paper.is_some() {
+            PAPER_VALIDATION_PIXELS
+        } else {
+            VALIDATION_PIXELS
+        }
     }
 
     /// All settings as TOML.
@@ -164,7 +219,7 @@ impl TrainConfig {
     /// Naming the first field that is out of range.
     pub fn validate(&self) -> Result<(), TrainError> {
         let positive = |v: f32| v.is_finite() && v > 0.0;
-        let checks: [(&'static str, bool); 17] = [
+        let checks: [(&'static str, bool); 18] = [
             ("threads", self.threads <= 1024),
             ("object_pixels", (1..=1 << 16).contains(&self.object_pixels)),
             (
@@ -204,6 +259,13 @@ impl TrainConfig {
                 "preconvolved_levels",
                 self.preconvolved_levels <= 5 && (0.0..1.0).contains(&self.preconvolved_share),
             ),
+            (
+                "paper (one path a pixel: bounces = 0, subpixels = false, uniform_share up to 1)",
+                self.paper.is_none_or(|paper| {
+                    let has_one_path = self.bounces == 0 && !self.subpixels;
+                    paper.is_sane() && has_one_path && (0.0..=1.0).contains(&self.uniform_share)
+                }),
+            ),
         ];
         match checks.iter().find(|(_, ok)| !ok) {
             Some((field, _)) => Err(TrainError::Config {
@@ -213,6 +275,20 @@ impl TrainConfig {
             None => Ok(()),
         }
     }
+}
+
+/// `base` with the entries of `over`, tables entry by entry.
+fn overlaid(mut base: toml::Table, over: toml::Table) -> toml::Table {
+    for (key, value) in over {
+        let value = match (base.remove(&key), value) {
+            (Some(toml::Value::Table(base)), toml::Value::Table(over)) => {
+                toml::Value::Table(overlaid(base, over))
+            }
+            (_, value) => value,
+        };
+        base.insert(key, value);
+    }
+    base
 }
 
 #[cfg(test)]
@@ -227,6 +303,17 @@ mod tests {
             ..TrainConfig::default()
         };
         assert_eq!(TrainConfig::from_toml(&config.to_toml()).unwrap(), config);
+    }
+
+    #[test]
+    fn the_paper_s_settings_survive_toml_and_can_be_changed_one_by_one() {
+        let paper = TrainConfig::preset("paper").unwrap();
+        assert_eq!(TrainConfig::from_toml(&paper.to_toml()).unwrap(), paper);
+        let text = "preset = \"paper\"\nseed = 3\n[paper.field]\nwidth = 64\n";
+        let changed = TrainConfig::from_toml(text).unwrap();
+        let mut expected = TrainConfig { seed: 3, ..paper };
+        expected.paper.as_mut().unwrap().field.width = 64;
+        assert_eq!(changed, expected);
     }
 
     #[test]

@@ -2,9 +2,10 @@
 
 use std::time::Instant;
 
+use crate::train::any_trainer::AnyTrainer;
 use crate::train::events::Progress;
 use crate::train::plan::Plan;
-use crate::train::trainer::{StepStats, Trainer};
+use crate::train::trainer::StepStats;
 
 /// Counts seconds of training: stands while paused.
 #[derive(Clone, Copy, Debug, Default)]
@@ -67,7 +68,7 @@ impl Meter {
     }
 
     /// The figures since the last report; begins anew.
-    pub(super) fn report(&mut self, plan: &Plan, clock: &Clock, trainer: &Trainer) -> Progress {
+    pub(super) fn report(&mut self, plan: &Plan, clock: &Clock, trainer: &AnyTrainer) -> Progress {
         let now = clock.secs();
         let interval = now - self.since_secs;
         let position = plan.position(now, trainer.steps());

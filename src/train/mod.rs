@@ -1,6 +1,7 @@
 //! Training: pixels in, models out.
 
 mod adam;
+pub mod any_trainer;
 mod checkpoint;
 mod chunk;
 pub mod config;
@@ -14,10 +15,12 @@ mod loss;
 pub mod lpips;
 mod meter;
 pub mod metrics;
+pub mod paper;
 mod pixels;
 mod placement;
 pub mod plan;
 mod preconvolution;
+mod preparation;
 mod random;
 mod run;
 pub mod run_folder;
@@ -33,6 +36,7 @@ mod trainer_tests;
 mod upkeep;
 mod validation;
 
+pub use any_trainer::AnyTrainer;
 pub use config::TrainConfig;
 pub use snapshot::Snapshot;
 pub use trainer::{Stage, StepStats, Trainer};

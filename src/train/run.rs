@@ -8,6 +8,7 @@ use std::{
 use crossbeam::channel::TryRecvError;
 
 use crate::data::Dataset;
+use crate::train::any_trainer::AnyTrainer;
 use crate::train::events::{Finish, FinishReason, TrainCommand, TrainEvent};
 use crate::train::meter::{Clock, Meter};
 use crate::train::plan::{Budget, Plan};
@@ -15,7 +16,6 @@ use crate::train::run_folder::{RunConfig, RunFolder};
 use crate::train::run_log::RunLog;
 use crate::train::session::SessionError;
 use crate::train::session_thread::Worker;
-use crate::train::trainer::Trainer;
 use crate::train::validation::{Settling, Validator};
 
 /// Steps in a row that may be skipped before the run is given up.
@@ -24,7 +24,7 @@ const MAX_SKIPS_IN_A_ROW: u64 = 500;
 /// A run in progress. What it does beside stepping is in `upkeep.rs`.
 pub(super) struct Run<'a> {
     pub(super) worker: &'a Worker,
-    pub(super) trainer: Trainer,
+    pub(super) trainer: AnyTrainer,
     pub(super) dataset: Arc<Dataset>,
     /// Where it is saved by itself.
     pub(super) folder: Option<RunFolder>,
@@ -60,15 +60,15 @@ impl<'a> Run<'a> {
     /// A run that has not begun.
     pub(super) fn new(
         worker: &'a Worker,
-        trainer: Trainer,
+        trainer: AnyTrainer,
         dataset: Arc<Dataset>,
         folder: Option<RunFolder>,
     ) -> Self {
         let options = &worker.options;
         let object = trainer.snapshot().object;
-        let validator = worker
-            .pool
-            .install(|| Validator::new(&dataset, object.as_deref(), options.config.seed));
+        let n_pixels = options.config.validation_pixels();
+        let make = || Validator::new(&dataset, object.as_deref(), options.config.seed, n_pixels);
+        let validator = worker.pool.install(make);
         Self {
             config: options.describe(folder.as_ref()),
             own_folders: options.run.iter().cloned().collect(),

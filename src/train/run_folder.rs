@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use crate::data::tensor_file::{TensorFile, TensorFileError};
 use crate::data::{DataError, MeshPlacement, read_mesh, write_atomically, write_glb};
 use crate::geometry::{Mesh, SurfaceTracer};
-use crate::neif::{Environment, Material, NeifError, ObjectModel};
+use crate::neif::{Environment, NeifError, ObjectModel, SurfaceField};
 use crate::render::Scene;
 use crate::train::Snapshot;
 use crate::train::config::TrainConfig;
@@ -271,7 +271,7 @@ impl RunFolder {
             let mesh = read_mesh(&self.file(MESH))?;
             Some(Arc::new(ObjectModel {
                 tracer: Arc::new(SurfaceTracer::new(Arc::new(mesh))),
-                material: Arc::new(Material::load(&self.file(OBJECT))?),
+                material: Arc::new(SurfaceField::load(&self.file(OBJECT))?),
             }))
         } else {
             None

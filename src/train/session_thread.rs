@@ -8,12 +8,12 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 use crate::data::{Dataset, LoadOptions, Splits};
 use crate::render::priority::lower_thread_priority;
 use crate::train::TrainError;
+use crate::train::any_trainer::AnyTrainer;
 use crate::train::event_queue::EventQueue;
 use crate::train::events::{Finish, FinishReason, TrainCommand, TrainEvent};
 use crate::train::run::Run;
 use crate::train::run_folder::RunFolder;
 use crate::train::session::{SessionError, SessionOptions, Shared, Start};
-use crate::train::trainer::Trainer;
 
 /// Training then takes only time that nothing else wants, and the window stays smooth (measured:
 /// 25 frames per second instead of 13).
@@ -103,7 +103,7 @@ impl Worker {
         let report = |fraction| self.loading(PREPARING, fraction);
         let trainer = self
             .pool
-            .install(|| Trainer::new(&options.config, &dataset, &self.shared.stop, &report));
+            .install(|| AnyTrainer::new(&options.config, &dataset, &self.shared.stop, &report));
         let trainer = match trainer {
             Err(TrainError::Cancelled) => return Ok(None),
             other => other?,

@@ -1,7 +1,7 @@
 //! The trainer: a plain value that owns all parameters and takes one optimisation step at a time.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::AtomicBool;
 
 use rayon::prelude::*;
 
@@ -9,8 +9,9 @@ use super::TrainError;
 use super::adam::{Adam, Rates};
 use super::chunk::{Chunk, N_CHUNKS, StepContext};
 use super::config::TrainConfig;
-use super::pixels::{PixelOptions, PixelStore};
+use super::pixels::PixelStore;
 use super::placement::{field_frame, hollow_density, up_direction};
+use super::preparation::Prepared;
 use super::random::SlotRandom;
 use super::snapshot::Snapshot;
 use crate::data::Dataset;
@@ -20,10 +21,9 @@ use crate::neif::display::Display;
 use crate::neif::environment::{Environment, EnvironmentPlace};
 use crate::neif::hash_grid::FEATURES;
 use crate::neif::mlp::Transposed;
-use crate::neif::object::{Material, ObjectModel};
+use crate::neif::object::{Material, ObjectModel, SurfaceField};
 use crate::neif::proposal::DensityGrid;
 use crate::neif::radiance_field::{FieldBatch, FieldTransposed, RadianceField};
-use crate::render::gbuffer::PathOptions;
 
 /// Steps between two rounds of random looks into the density cache's cells.
 const PROBE_EVERY: u64 = 16;
@@ -108,32 +108,7 @@ impl Trainer {
         cancel: &AtomicBool,
         on_progress: &(dyn Fn(f32) + Sync),
     ) -> Result<Self, TrainError> {
-        config.validate()?;
-        let tracer = dataset
-            .mesh
-            .as_ref()
-            .map(|mesh| Arc::new(SurfaceTracer::new(Arc::clone(mesh))));
-        let options = PixelOptions {
-            seed: config.seed,
-            max_pixels: config.max_pixels,
-            n_blurred: config.preconvolved_levels,
-            paths: PathOptions {
-                max_vertices: config.bounces + 1,
-                has_subpixels: config.subpixels,
-            },
-        };
-        let (done, total) = (AtomicUsize::new(0), dataset.train.len().max(1) as f32);
-        let on_view = || {
-            on_progress(done.fetch_add(1, Ordering::Relaxed) as f32 / total);
-            !cancel.load(Ordering::Relaxed)
-        };
-        let pixels = PixelStore::collect(dataset, tracer.as_deref(), options, &on_view)
-            .ok_or(TrainError::Cancelled)?;
-        if pixels.n_objects() == 0 && pixels.n_backgrounds() == 0 {
-            return Err(TrainError::NoPixels {
-                dataset: dataset.root.clone(),
-            });
-        }
+        let Prepared { tracer, pixels } = Prepared::new(config, dataset, cancel, on_progress)?;
         Ok(Self::with_pixels(config, dataset, tracer, pixels))
     }
 
@@ -250,7 +225,7 @@ impl Trainer {
             .map(|(material, tracer)| {
                 Arc::new(ObjectModel {
                     tracer: Arc::clone(tracer),
-                    material: Arc::new(material.value.clone()),
+                    material: Arc::new(SurfaceField::Grid(material.value.clone())),
                 })
             });
         let environment = Environment::new(place, self.field.value.clone(), self.density.clone());

@@ -16,9 +16,6 @@ use crate::train::metrics::SquaredError;
 use crate::train::plan::Plan;
 use crate::train::random::SlotRandom;
 
-/// Pixels that are measured, over all validation views.
-const MAX_PIXELS: usize = 16_384;
-
 /// Plans shorter than this are never ended early, in seconds: there is little to save.
 const MIN_PLAN_SECS: f64 = 120.0;
 /// Share of the plan that is always trained.
@@ -50,9 +47,14 @@ pub(super) struct Measured {
 }
 
 impl Validator {
-    /// Draws the rows and traces them.
-    pub(super) fn new(dataset: &Dataset, object: Option<&ObjectModel>, seed: u64) -> Self {
-        let rows = draw_rows(&dataset.val, seed)
+    /// Draws rows of about `n_pixels` over all validation views, and traces them.
+    pub(super) fn new(
+        dataset: &Dataset,
+        object: Option<&ObjectModel>,
+        seed: u64,
+        n_pixels: usize,
+    ) -> Self {
+        let rows = draw_rows(&dataset.val, seed, n_pixels)
             .into_par_iter()
             .map(|(view, y)| {
                 let camera = &dataset.val[view].camera;
@@ -129,10 +131,10 @@ impl Measured {
     }
 }
 
-/// Draws (view, row) pairs: about [`MAX_PIXELS`] pixels, spread evenly over the views.
-fn draw_rows(views: &[View], seed: u64) -> Vec<(usize, u32)> {
+/// Draws (view, row) pairs: about `n_pixels`, spread evenly over the views, a row of each at least.
+fn draw_rows(views: &[View], seed: u64, n_pixels: usize) -> Vec<(usize, u32)> {
     let mut random = SlotRandom::new(seed, 0, 0x7661_6c69);
-    let share = MAX_PIXELS / views.len().max(1);
+    let share = n_pixels / views.len().max(1);
     let mut rows = Vec::new();
     for (index, view) in views.iter().enumerate() {
         let (width, height) = (view.camera.width, view.camera.height);

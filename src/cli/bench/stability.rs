@@ -217,7 +217,7 @@ fn one(
         let mut show = |done| display.set(done, case.name, "");
         let trial = train(&config, &dataset, Length::Steps(steps), &mut show)?;
         let scene = trial.snapshot.scene();
-        let is_finite = scene.environment.field.params.iter().all(|v| v.is_finite())
+        let is_finite = scene.environment.params().iter().all(|v| v.is_finite())
             && renders_finite(&scene, &dataset)?;
         let metrics = measure(&trial.snapshot, &dataset.val, None)?;
         let verdict = judge(case, is_finite, &metrics, normal);

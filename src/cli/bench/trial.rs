@@ -7,7 +7,7 @@ use neif::train::config::TrainConfig;
 use neif::train::eval::{evaluate_views, mean_of_views};
 use neif::train::lpips::Lpips;
 use neif::train::metrics::ImageMetrics;
-use neif::train::{Snapshot, Trainer};
+use neif::train::{AnyTrainer, Snapshot};
 
 use crate::cli::failure::{Failure, OrUnusable as _};
 use crate::cli::interrupt;
@@ -74,7 +74,7 @@ pub(super) fn train(
 ) -> Result<Trial, Failure> {
     let cancel = interrupt::install()?;
     let begin = Instant::now();
-    let mut trainer = Trainer::new(config, dataset, cancel, &|_| ()).or_unusable()?;
+    let mut trainer = AnyTrainer::new(config, dataset, cancel, &|_| ()).or_unusable()?;
     let setup_secs = begin.elapsed().as_secs_f64();
     let (start, cpu_start) = (Instant::now(), process_cpu_secs());
     let mut rays = 0;

@@ -1,0 +1,89 @@
+//! The trainer of either model behind one name: what the session drives.
+
+use std::sync::atomic::AtomicBool;
+
+use super::TrainError;
+use super::config::TrainConfig;
+use super::paper::PaperTrainer;
+use super::snapshot::Snapshot;
+use super::trainer::{StepStats, Trainer};
+use crate::data::Dataset;
+use crate::data::tensor_file::TensorFile;
+
+/// A plain value, like the two that it stands for.
+#[derive(Debug)]
+pub enum AnyTrainer {
+    /// Grids and small networks.
+    Fast(Box<Trainer>),
+    /// The paper's networks.
+    Paper(Box<PaperTrainer>),
+}
+
+/// The same expression for either kind.
+macro_rules! either {
+    ($self:expr, $trainer:ident => $value:expr) => {
+        match $self {
+            AnyTrainer::Fast($trainer) => $value,
+            AnyTrainer::Paper($trainer) => $value,
+        }
+    };
+}
+
+impl AnyTrainer {
+    /// The trainer of the model that the configuration names.
+    ///
+    /// # Errors
+    /// When cancelled, when the configuration is unusable, or when no pixel can be trained on.
+    pub fn new(
+        config: &TrainConfig,
+        dataset: &Dataset,
+        cancel: &AtomicBool,
+        on_progress: &(dyn Fn(f32) + Sync),
+    ) -> Result<Self, TrainError> {
+        Ok(if config.paper.is_some() {
+            let trainer = PaperTrainer::new(config, dataset, cancel, on_progress)?;
+            Self::Paper(Box::new(trainer))
+        } else {
+            let trainer = Trainer::new(config, dataset, cancel, on_progress)?;
+            Self::Fast(Box::new(trainer))
+        })
+    }
+
+    /// Takes one step; `progress` in 0..1 drives the learning rates' decay.
+    pub fn step(&mut self, progress: f32) -> StepStats {
+        either!(self, trainer => trainer.step(progress))
+    }
+
+    /// Steps taken.
+    pub fn steps(&self) -> u64 {
+        either!(self, trainer => trainer.steps())
+    }
+
+    /// Steps that learned nothing because a value was not finite.
+    pub fn skipped_steps(&self) -> u64 {
+        either!(self, trainer => trainer.skipped_steps())
+    }
+
+    /// Field samples a ray.
+    pub fn samples_per_ray(&self) -> f32 {
+        either!(self, trainer => trainer.samples_per_ray())
+    }
+
+    /// The model as it stands.
+    pub fn snapshot(&self) -> Snapshot {
+        either!(self, trainer => trainer.snapshot())
+    }
+
+    /// All that the run needs to go on.
+    pub fn checkpoint(&self) -> TensorFile {
+        either!(self, trainer => trainer.checkpoint())
+    }
+
+    /// Goes on from a checkpoint.
+    ///
+    /// # Errors
+    /// When the file is no checkpoint of this model.
+    pub fn restore(&mut self, file: &TensorFile) -> Result<(), TrainError> {
+        either!(self, trainer => trainer.restore(file))
+    }
+}

@@ -1,0 +1,59 @@
+//! What a trainer of either model begins with: the traced surface and the training pixels.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
+use super::TrainError;
+use super::config::TrainConfig;
+use super::pixels::{PixelOptions, PixelStore};
+use crate::data::Dataset;
+use crate::geometry::SurfaceTracer;
+use crate::render::gbuffer::PathOptions;
+
+/// The mesh ready for rays, and every pixel that is trained on, traced once.
+#[derive(Debug)]
+pub(super) struct Prepared {
+    pub(super) tracer: Option<Arc<SurfaceTracer>>,
+    pub(super) pixels: PixelStore,
+}
+
+impl Prepared {
+    /// Traces every training pixel on the current thread pool; `on_progress` gets 0..1.
+    ///
+    /// # Errors
+    /// When cancelled, when the configuration is unusable, or when no pixel can be trained on.
+    pub(super) fn new(
+        config: &TrainConfig,
+        dataset: &Dataset,
+        cancel: &AtomicBool,
+        on_progress: &(dyn Fn(f32) + Sync),
+    ) -> Result<Self, TrainError> {
+        config.validate()?;
+        let tracer = dataset
+            .mesh
+            .as_ref()
+            .map(|mesh| Arc::new(SurfaceTracer::new(Arc::clone(mesh))));
+        let options = PixelOptions {
+            seed: config.seed,
+            max_pixels: config.max_pixels,
+            n_blurred: config.preconvolved_levels,
+            paths: PathOptions {
+                max_vertices: config.bounces + 1,
+                has_subpixels: config.subpixels,
+            },
+        };
+        let (done, total) = (AtomicUsize::new(0), dataset.train.len().max(1) as f32);
+        let on_view = || {
+            on_progress(done.fetch_add(1, Ordering::Relaxed) as f32 / total);
+            !cancel.load(Ordering::Relaxed)
+        };
+        let pixels = PixelStore::collect(dataset, tracer.as_deref(), options, &on_view)
+            .ok_or(TrainError::Cancelled)?;
+        if pixels.n_objects() == 0 && pixels.n_backgrounds() == 0 {
+            return Err(TrainError::NoPixels {
+                dataset: dataset.root.clone(),
+            });
+        }
+        Ok(Self { tracer, pixels })
+    }
+}
