@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::NeifError;
 use super::contraction::FieldFrame;
-use super::paper::field::{PaperPlacement, RayLight};
+use super::paper::ray_pass::{PaperPlacement, RayLight};
 use super::paper::{PaperField, PaperFieldConfig};
 use super::proposal::DensityGrid;
 use super::radiance_field::{FieldBatch, FieldConfig, RadianceField};

@@ -10,6 +10,7 @@ pub mod field;
 pub mod gaussian;
 pub mod material;
 pub mod network;
+pub mod ray_pass;
 pub mod sampling;
 
 pub use field::{PaperField, PaperFieldConfig};
