@@ -14,5 +14,5 @@ fn the_bundled_demo_loads_without_problems() {
     assert_eq!(n_views, (48, 6, 6), "views");
     assert!(dataset.views().all(|view| view.mask.is_some()), "masks");
     let agreement = report.agreement.unwrap();
-    assert!(agreement.worst_iou > 0.95, "mesh and masks: {agreement:?}");
+    assert!(agreement.worst_iou > 0.98, "mesh and masks: {agreement:?}");
 }

@@ -5,6 +5,7 @@ pub mod contraction;
 pub mod display;
 pub mod edit;
 pub mod environment;
+pub mod field_batch;
 pub mod hash_grid;
 pub mod kernels;
 pub mod light_path;

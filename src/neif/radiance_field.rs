@@ -5,15 +5,16 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::composite::{CompositeBuffers, WIDTH, density};
+use super::composite::{WIDTH, density};
+pub use super::field_batch::{CutOff, FieldBatch, FieldRay};
 use super::hash_grid::{
     FEATURES, FeatureColumns, GridConfig, Level, SamplePoints, encode_level, footprint_gradient,
     scatter_level,
 };
 use super::kernels::math;
-use super::mlp::{Mlp, MlpBuffers, Transposed, is_sane_width, keep_rows};
+use super::mlp::{Mlp, Transposed, is_sane_width};
 use super::proposal::{ConeRay, DensityGrid};
-use super::samples::{RaySamples, SampledRay};
+use super::samples::SampledRay;
 use super::spherical_harmonics::{N_SH, attenuated_sh};
 
 /// Input width of the colour network: 15 features, opacity, 9 harmonics, padding.
@@ -59,55 +60,6 @@ pub struct RadianceField {
     levels: Vec<Level>,
     /// Density network, colour network, then the levels from coarse to fine.
     pub params: Vec<f32>,
-}
-
-/// One ray to evaluate.
-#[derive(Clone, Copy, Debug)]
-pub struct FieldRay {
-    /// The cone, field coordinates.
-    pub cone: ConeRay,
-    /// Unit direction, for the view dependence.
-    pub direction: [f32; 3],
-    /// Concentration of the lobe; infinite for a pixel's ray.
-    pub kappa: f32,
-}
-
-/// Share of the greatest gradient on a ray below which a sample is left out of the backward pass; 0 keeps all.
-///
-/// Adam makes steps of the same length from small gradients as from large ones, so that the many samples that hardly
-/// matter pull as hard as the few that do: without them training is faster and, for the surroundings, better.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct CutOff {
-    /// For rays of lobes, in `[0, 1)`.
-    pub lobes: f32,
-    /// For rays of background pixels, in `[0, 1)`.
-    pub pixels: f32,
-}
-
-/// Working memory of one batch of rays, reused from batch to batch.
-#[derive(Clone, Debug, Default)]
-pub struct FieldBatch {
-    /// The rays; `clear` and push.
-    pub rays: Vec<FieldRay>,
-    /// The samples on them, written by [`RadianceField::place`].
-    samples: RaySamples,
-    /// Samples that take part in the backward pass, and where they are.
-    active: Vec<u32>,
-    active_positions: Vec<[f32; 3]>,
-    active_footprints: Vec<f32>,
-    /// `[n][n_levels * 4]`.
-    features: Vec<f32>,
-    density: MlpBuffers,
-    composite: CompositeBuffers,
-    color_input: Vec<f32>,
-    color: MlpBuffers,
-    /// `[n_rays]`: the result of [`RadianceField::forward`].
-    pub radiance: Vec<[f32; 3]>,
-    /// `[n_rays]`: written by the caller before [`RadianceField::backward`].
-    pub d_radiance: Vec<[f32; 3]>,
-    /// `[n_rays]`: `d loss / d lobe_variance`.
-    pub d_lobe_variance: Vec<f32>,
 }
 
 impl RadianceField {
@@ -361,7 +313,7 @@ impl RadianceField {
             batch.samples.n_per_ray(),
             &mut batch.density.d_output,
         );
-        self.keep_active(batch, cut_off);
+        batch.keep_active(cut_off, &self.density_net());
         let width = self.config.grid.n_features();
         self.density_net().backward(
             &transposed.density,
@@ -370,46 +322,6 @@ impl RadianceField {
             d_density,
         );
         self.lobe_gradients(batch);
-    }
-
-    /// Leaves out the samples whose gradient is below the cut-off of the greatest on their ray, and moves the others to the
-    /// front of all that the rest of the backward pass reads.
-    fn keep_active(&self, batch: &mut FieldBatch, cut_off: CutOff) {
-        batch.active.clear();
-        batch.active_positions.clear();
-        batch.active_footprints.clear();
-        let n_per_ray = batch.samples.n_per_ray();
-        let mut sizes = vec![0.0_f32; n_per_ray];
-        let rays = batch.density.d_output.chunks_exact(n_per_ray * WIDTH);
-        for (ray, rows) in rays.enumerate() {
-            for (size, row) in sizes.iter_mut().zip(rows.chunks_exact(WIDTH)) {
-                *size = row.iter().map(|v| v.abs()).sum();
-            }
-            let share = if batch.rays[ray].kappa.is_finite() {
-                cut_off.lobes
-            } else {
-                cut_off.pixels
-            };
-            let least = share * sizes.iter().fold(0.0_f32, |m, v| m.max(*v));
-            for (k, size) in sizes.iter().enumerate() {
-                // A NaN is not below anything: it stays in and is found.
-                if *size < least || *size == 0.0 {
-                    continue;
-                }
-                let sample = ray * n_per_ray + k;
-                batch.active.push(sample as u32);
-                batch.active_positions.push(batch.samples.positions[sample]);
-                batch
-                    .active_footprints
-                    .push(batch.samples.footprints[sample]);
-            }
-        }
-        batch.density.keep_rows(&batch.active, &self.density_net());
-        keep_rows(
-            &batch.active,
-            self.config.grid.n_features(),
-            &mut batch.features,
-        );
     }
 
     /// `d variance -> d lobe_variance` of each ray that has a lobe.
@@ -480,36 +392,6 @@ pub struct FieldTransposed {
 fn radiance(log_radiance: f32) -> f32 {
     let nan = log_radiance * 0.0;
     math::exp::<false>(log_radiance.clamp(-LOG_RADIANCE_MAX, LOG_RADIANCE_MAX)) + nan
-}
-
-impl FieldBatch {
-    /// Samples of all rays.
-    pub fn n(&self) -> usize {
-        self.samples.n()
-    }
-
-    /// Calls `observe(cell, density)` for every sample of a forward pass: keeps the density cache fresh for free.
-    pub fn observe_densities(&self, mut observe: impl FnMut(u32, f32)) {
-        let rows = self.density.output.chunks_exact(WIDTH);
-        for (&cell, row) in self.samples.cells().iter().zip(rows) {
-            observe(cell, density(row[0]));
-        }
-    }
-
-    /// Sum of all feature gradients: non-finite as soon as one of them is.
-    pub fn gradient_probe(&self) -> f32 {
-        self.density.d_input.iter().map(|v| v * 0.0).sum()
-    }
-
-    /// `[n_rays * n_samples]` compositing weights of the last forward pass.
-    pub fn weights(&self) -> &[f32] {
-        &self.composite.weights
-    }
-
-    /// `[n_rays * n_samples]` distances of the samples.
-    pub fn distances(&self) -> &[f32] {
-        self.samples.distances()
-    }
 }
 
 #[cfg(test)]

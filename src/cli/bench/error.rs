@@ -170,14 +170,15 @@ fn csv(rows: &[Row]) -> String {
             m.flip,
         ]
         .map(|v| v.map_or_else(String::new, |v| format!("{v:.4}")));
-        text += &format!(
-            "{},{},{},{:.0},{}\n",
-            row.preset,
-            row.budget,
-            row.steps,
-            row.rays_per_sec,
-            cells.join(",")
-        );
+        text += &[
+            row.preset.clone(),
+            row.budget.to_string(),
+            row.steps.to_string(),
+            format!("{:.0}", row.rays_per_sec),
+            cells.join(","),
+        ]
+        .join(",");
+        text.push('\n');
     }
     text
 }
@@ -186,7 +187,8 @@ fn csv(rows: &[Row]) -> String {
 fn curves(rows: &[Row]) -> Vec<Curve> {
     let mut presets: Vec<&str> = rows.iter().map(|row| row.preset.as_str()).collect();
     presets.dedup();
-    let pick: [(&str, fn(&ImageMetrics) -> Option<f64>); 2] = [
+    type Measure = fn(&ImageMetrics) -> Option<f64>;
+    let pick: [(&str, Measure); 2] = [
         ("object", |m| m.psnr_object),
         ("background", |m| m.psnr_background),
     ];

@@ -28,7 +28,9 @@ pub(super) struct Curve {
 /// Writes `stem.svg` and `stem.png`.
 pub(super) fn write_plot(stem: &Path, curves: &[Curve]) -> Result<(), Failure> {
     let font = register_font(FONT, FontStyle::Normal, epaint_default_fonts::UBUNTU_LIGHT);
-    font.map_err(|_| anyhow!("the plot's font cannot be read"))?;
+    if font.is_err() {
+        return Err(Failure::Failed(anyhow!("the plot's font cannot be read")));
+    }
     let mut svg = String::new();
     draw(
         &SVGBackend::with_string(&mut svg, SIZE).into_drawing_area(),

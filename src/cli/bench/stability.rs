@@ -66,15 +66,15 @@ const fn same(name: &'static str, change: fn(&mut Dataset, &mut TrainConfig)) ->
 const CASES: [Case; 20] = [
     hard("normal", |_, _| ()),
     same("unit 1e-3", |d, _| {
-        move_all(d, Affine3A::from_scale(Vec3::splat(1e-3)))
+        move_all(d, Affine3A::from_scale(Vec3::splat(1e-3)));
     }),
     same("unit 1e4", |d, _| {
-        move_all(d, Affine3A::from_scale(Vec3::splat(1e4)))
+        move_all(d, Affine3A::from_scale(Vec3::splat(1e4)));
     }),
     same("turned by 30 degrees", |d, _| {
         move_all(
             d,
-            Affine3A::from_quat(Quat::from_axis_angle(Vec3::ONE.normalize(), 0.52)),
+            Affine3A::from_quat(Quat::from_axis_angle(Vec3::ONE.normalize_or_zero(), 0.52)),
         );
     }),
     same("100 units away", |d, _| {
@@ -101,7 +101,7 @@ const CASES: [Case; 20] = [
     hard("white photos", |d, _| paint(d, |_| [1.0; 3])),
     hard("radiance 1e5", |d, _| paint(d, |v| v.map(|v| v * 1e5))),
     hard("photos that are not numbers", |d, _| {
-        paint(d, |_| [f32::NAN; 3])
+        paint(d, |_| [f32::NAN; 3]);
     }),
     hard("contradicting photos", |d, _| {
         let cameras: Vec<_> = d.train.iter().map(|v| v.camera).collect();
@@ -117,7 +117,7 @@ const CASES: [Case; 20] = [
         c.background_pixels = 1;
     }),
     hard("roughness free from the start", |_, c| {
-        c.roughness_delay = 0
+        c.roughness_delay = 0;
     }),
     hard("weights a million times larger", |_, c| {
         c.background_weight *= 1e6;

@@ -1,0 +1,121 @@
+//! The working memory of a batch of field rays, and which of its samples are worth a backward pass.
+
+use serde::{Deserialize, Serialize};
+
+use super::composite::{CompositeBuffers, WIDTH, density};
+use super::mlp::{Mlp, MlpBuffers, keep_rows};
+use super::proposal::ConeRay;
+use super::samples::RaySamples;
+
+/// One ray to evaluate.
+#[derive(Clone, Copy, Debug)]
+pub struct FieldRay {
+    /// The cone, field coordinates.
+    pub cone: ConeRay,
+    /// Unit direction, for the view dependence.
+    pub direction: [f32; 3],
+    /// Concentration of the lobe; infinite for a pixel's ray.
+    pub kappa: f32,
+}
+
+/// Share of the greatest gradient on a ray below which a sample is left out of the backward pass; 0 keeps all.
+///
+/// Adam makes steps of the same length from small gradients as from large ones, so that the many samples that hardly
+/// matter pull as hard as the few that do: without them training is faster and, for the surroundings, better.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CutOff {
+    /// For rays of lobes, in `[0, 1)`.
+    pub lobes: f32,
+    /// For rays of background pixels, in `[0, 1)`.
+    pub pixels: f32,
+}
+
+/// Working memory of one batch of rays, reused from batch to batch.
+#[derive(Clone, Debug, Default)]
+pub struct FieldBatch {
+    /// The rays; `clear` and push.
+    pub rays: Vec<FieldRay>,
+    /// The samples on them, written by [`RadianceField::place`].
+    pub(super) samples: RaySamples,
+    /// Samples that take part in the backward pass, and where they are.
+    pub(super) active: Vec<u32>,
+    pub(super) active_positions: Vec<[f32; 3]>,
+    pub(super) active_footprints: Vec<f32>,
+    /// `[n][n_levels * 4]`.
+    pub(super) features: Vec<f32>,
+    pub(super) density: MlpBuffers,
+    pub(super) composite: CompositeBuffers,
+    pub(super) color_input: Vec<f32>,
+    pub(super) color: MlpBuffers,
+    /// `[n_rays]`: the result of [`RadianceField::forward`].
+    pub radiance: Vec<[f32; 3]>,
+    /// `[n_rays]`: written by the caller before [`RadianceField::backward`].
+    pub d_radiance: Vec<[f32; 3]>,
+    /// `[n_rays]`: `d loss / d lobe_variance`.
+    pub d_lobe_variance: Vec<f32>,
+}
+
+impl FieldBatch {
+    /// Leaves out the samples whose gradient is below the cut-off of the greatest on their ray, and moves the others to the
+    /// front of all that the rest of the backward pass reads.
+    pub(super) fn keep_active(&mut self, cut_off: CutOff, density_net: &Mlp) {
+        self.active.clear();
+        self.active_positions.clear();
+        self.active_footprints.clear();
+        let n_per_ray = self.samples.n_per_ray();
+        let mut sizes = vec![0.0_f32; n_per_ray];
+        let rays = self.density.d_output.chunks_exact(n_per_ray * WIDTH);
+        for (ray, rows) in rays.enumerate() {
+            for (size, row) in sizes.iter_mut().zip(rows.chunks_exact(WIDTH)) {
+                *size = row.iter().map(|v| v.abs()).sum();
+            }
+            let share = if self.rays[ray].kappa.is_finite() {
+                cut_off.lobes
+            } else {
+                cut_off.pixels
+            };
+            let least = share * sizes.iter().fold(0.0_f32, |m, v| m.max(*v));
+            for (k, size) in sizes.iter().enumerate() {
+                // A NaN is not below anything: it stays in and is found.
+                if *size < least || *size == 0.0 {
+                    continue;
+                }
+                let sample = ray * n_per_ray + k;
+                self.active.push(sample as u32);
+                self.active_positions.push(self.samples.positions[sample]);
+                self.active_footprints.push(self.samples.footprints[sample]);
+            }
+        }
+        self.density.keep_rows(&self.active, density_net);
+        keep_rows(&self.active, density_net.n_in, &mut self.features);
+    }
+
+    /// Samples of all rays.
+    pub fn n(&self) -> usize {
+        self.samples.n()
+    }
+
+    /// Calls `observe(cell, density)` for every sample of a forward pass: keeps the density cache fresh for free.
+    pub fn observe_densities(&self, mut observe: impl FnMut(u32, f32)) {
+        let rows = self.density.output.chunks_exact(WIDTH);
+        for (&cell, row) in self.samples.cells().iter().zip(rows) {
+            observe(cell, density(row[0]));
+        }
+    }
+
+    /// Sum of all feature gradients: non-finite as soon as one of them is.
+    pub fn gradient_probe(&self) -> f32 {
+        self.density.d_input.iter().map(|v| v * 0.0).sum()
+    }
+
+    /// `[n_rays * n_samples]` compositing weights of the last forward pass.
+    pub fn weights(&self) -> &[f32] {
+        &self.composite.weights
+    }
+
+    /// `[n_rays * n_samples]` distances of the samples.
+    pub fn distances(&self) -> &[f32] {
+        self.samples.distances()
+    }
+}
