@@ -5,6 +5,7 @@
 
 mod error;
 mod plot;
+mod preview;
 mod skip;
 mod stability;
 mod table1;
@@ -24,6 +25,8 @@ use super::values;
 pub(crate) enum BenchCommand {
     /// Speed of a training step, stage by stage, against what this machine can do
     Train(train::TrainBenchArgs),
+    /// How long the preview takes after each kind of change
+    Preview(preview::PreviewArgs),
     /// Error on test views after 10 s, 30 s, ... of training: a table, a CSV file and a plot
     Error(error::ErrorArgs),
     /// What each shortcut of training saves, and what it costs in error
@@ -38,6 +41,7 @@ pub(crate) enum BenchCommand {
 pub(crate) fn run(command: &BenchCommand) -> Result<(), Failure> {
     match command {
         BenchCommand::Train(args) => train::run(args),
+        BenchCommand::Preview(args) => preview::run(args),
         BenchCommand::Error(args) => error::run(args),
         BenchCommand::Skip(args) => skip::run(args),
         BenchCommand::Stability(args) => stability::run(args),
