@@ -86,7 +86,12 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
         mean: mean_of_views(&results),
         views: results,
         relight,
-        normal_mae_deg: normal_error(&run.scene, &views, &root)?,
+        // The true normals are those of the test views.
+        normal_mae_deg: if args.split == Split::Test {
+            normal_error(&run.scene, &views, &root)?
+        } else {
+            None
+        },
         pano_psnr: panorama_psnr(&run.scene.environment, &root, bench.cancel).or_unusable()?,
     };
     if interrupt::requested() {
