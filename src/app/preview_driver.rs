@@ -230,6 +230,7 @@ mod tests {
         let frame = PreviewFrame {
             request: number,
             scale,
+            is_fine: false,
             is_last: true,
             width: 1,
             height: 1,
@@ -342,6 +343,7 @@ mod tests {
         let frame = |request| PreviewFrame {
             request,
             scale: 4,
+            is_fine: false,
             is_last: true,
             width: 1,
             height: 1,

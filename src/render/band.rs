@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::time::Instant;
 
-use super::gbuffer::GBuffer;
+use super::gbuffer::{GBuffer, PathOptions};
 use super::progressive::PreviewScene;
 use super::shade::{ShadeScratch, compose, shade_background, shade_object};
 use crate::geometry::Camera;
@@ -21,24 +21,45 @@ pub(super) struct Versions {
     pub(super) object: u64,
 }
 
-/// Some rows of one pass, with what is known of them; 0 in `versions` is nothing.
+/// Some rows of one pass, with what is known of them; a version of 0 is nothing.
 #[derive(Debug)]
 pub(super) struct Band {
     pub(super) rows: Range<u32>,
-    pub(super) versions: Versions,
-    pub(super) gbuffer: GBuffer,
+    /// The object with one path a pixel, and with several: both cover the same.
+    objects: [BandObject; 2],
     /// `[rows * width]` linear; behind the object only where `is_background_whole`.
-    pub(super) background: Vec<[f32; 3]>,
-    pub(super) is_background_whole: bool,
+    background: Vec<[f32; 3]>,
+    background_version: u64,
+    is_background_whole: bool,
+}
+
+/// The object in a band.
+#[derive(Debug, Default)]
+struct BandObject {
+    gbuffer: GBuffer,
+    geometry_version: u64,
     /// `[rows * width]` linear, or the layer's value.
-    pub(super) object: Vec<[f32; 3]>,
+    values: Vec<[f32; 3]>,
+    version: u64,
 }
 
 /// What all bands of a pass share.
 pub(super) struct Work<'a> {
     pub(super) request: &'a PreviewScene,
     pub(super) camera: Camera,
+    /// Whether the object gets several paths a pixel.
+    pub(super) is_fine: bool,
     pub(super) versions: Versions,
+}
+
+impl Work<'_> {
+    fn options(&self) -> PathOptions {
+        if self.is_fine {
+            PathOptions::FINE
+        } else {
+            PathOptions::PLAIN
+        }
+    }
 }
 
 /// What a band computed of one part.
@@ -72,11 +93,10 @@ pub(super) fn bands(width: u32, height: u32) -> Vec<Band> {
     (0..height.div_ceil(rows))
         .map(|i| Band {
             rows: i * rows..((i + 1) * rows).min(height),
-            versions: Versions::default(),
-            gbuffer: GBuffer::default(),
+            objects: Default::default(),
             background: Vec::new(),
+            background_version: 0,
             is_background_whole: false,
-            object: Vec::new(),
         })
         .collect()
 }
@@ -85,18 +105,34 @@ impl Band {
     /// Computes what is out of date and needed for the layer: geometry, surroundings, object.
     pub(super) fn update(&mut self, work: &Work<'_>, scratch: &mut ShadeScratch) -> [Part; 3] {
         let layer = work.request.layer;
+        let object = &self.objects[usize::from(work.is_fine)];
+        let is_traced = object.geometry_version == work.versions.geometry;
+        let is_shaded = object.version == work.versions.object;
         [
-            Part::measure(self.versions.geometry != work.versions.geometry, || {
-                self.trace(work)
-            }),
+            Part::measure(!is_traced, || self.trace(work)),
             Part::measure(layer.shows_background(), || {
                 self.update_background(work, scratch)
             }),
-            Part::measure(
-                layer.shows_object() && self.versions.object != work.versions.object,
-                || self.update_object(work, scratch),
-            ),
+            Part::measure(layer.shows_object() && !is_shaded, || {
+                self.update_object(work, scratch)
+            }),
         ]
+    }
+
+    /// Which parts are out of date, with one path a pixel.
+    pub(super) fn is_stale(&self, versions: Versions) -> [bool; 3] {
+        let object = &self.objects[0];
+        let geometry = object.geometry_version != versions.geometry;
+        [
+            geometry,
+            geometry || self.background_version != versions.background,
+            geometry || object.version != versions.object,
+        ]
+    }
+
+    /// Share of each pixel that the object covers, when traced with one path a pixel.
+    pub(super) fn coverage(&self) -> &[f32] {
+        self.objects[0].gbuffer.coverage()
     }
 
     fn trace(&mut self, work: &Work<'_>) -> usize {
@@ -106,49 +142,49 @@ impl Band {
             .object
             .as_ref()
             .map(|object| &*object.tracer);
-        self.gbuffer = GBuffer::trace(tracer, &work.camera, self.rows.clone());
-        self.versions = Versions {
-            geometry: work.versions.geometry,
-            ..Versions::default()
+        let gbuffer = GBuffer::trace(tracer, &work.camera, self.rows.clone(), work.options());
+        let n = gbuffer.coverage().len();
+        self.objects[usize::from(work.is_fine)] = BandObject {
+            gbuffer,
+            geometry_version: work.versions.geometry,
+            ..BandObject::default()
         };
-        self.gbuffer.coverage().len()
+        n
     }
 
     fn update_object(&mut self, work: &Work<'_>, scratch: &mut ShadeScratch) -> usize {
-        let pixels = self.pixels(work.camera.width, |coverage| coverage > 0.0);
+        let pixels = self.pixels(work, |coverage| coverage > 0.0);
         let mut out = vec![[0.0; 3]; pixels.len()];
+        let object = &mut self.objects[usize::from(work.is_fine)];
         shade_object(
             &work.request.scene,
-            &self.gbuffer,
+            &object.gbuffer,
             &pixels,
             work.request.layer,
             &mut out,
             scratch,
         );
-        self.object.clear();
-        self.object.resize(self.gbuffer.coverage().len(), [0.0; 3]);
-        scatter(
-            &mut self.object,
-            self.rows.start * work.camera.width,
-            &pixels,
-            &out,
-        );
-        self.versions.object = work.versions.object;
+        object.values.clear();
+        object
+            .values
+            .resize(object.gbuffer.coverage().len(), [0.0; 3]);
+        let first = self.rows.start * work.camera.width;
+        scatter(&mut object.values, first, &pixels, &out);
+        object.version = work.versions.object;
         pixels.len()
     }
 
     fn update_background(&mut self, work: &Work<'_>, scratch: &mut ShadeScratch) -> usize {
         // With the object hidden, the surroundings behind it are wanted as well.
         let wants_whole = !work.request.layer.shows_object();
-        let is_fresh = self.versions.background == work.versions.background;
+        let is_fresh = self.background_version == work.versions.background;
         if is_fresh && (self.is_background_whole || !wants_whole) {
             return 0;
         }
-        let width = work.camera.width;
         let pixels = match (is_fresh, wants_whole) {
-            (true, _) => self.pixels(width, |coverage| coverage >= 1.0),
-            (false, true) => self.pixels(width, |_| true),
-            (false, false) => self.pixels(width, |coverage| coverage < 1.0),
+            (true, _) => self.pixels(work, |coverage| coverage >= 1.0),
+            (false, true) => self.pixels(work, |_| true),
+            (false, false) => self.pixels(work, |coverage| coverage < 1.0),
         };
         let mut out = vec![[0.0; 3]; pixels.len()];
         shade_background(
@@ -158,18 +194,20 @@ impl Band {
             &mut out,
             scratch,
         );
+        let width = work.camera.width;
         self.background
-            .resize(self.gbuffer.coverage().len(), [0.0; 3]);
+            .resize(self.rows.len() * width as usize, [0.0; 3]);
         scatter(&mut self.background, self.rows.start * width, &pixels, &out);
-        self.versions.background = work.versions.background;
+        self.background_version = work.versions.background;
         self.is_background_whole = wants_whole;
         pixels.len()
     }
 
     /// Indices in the whole picture of the band's pixels whose coverage is as asked.
-    fn pixels(&self, width: u32, keep: impl Fn(f32) -> bool) -> Vec<u32> {
-        let first = self.rows.start * width;
-        let coverage = self.gbuffer.coverage().iter().enumerate();
+    fn pixels(&self, work: &Work<'_>, keep: impl Fn(f32) -> bool) -> Vec<u32> {
+        let first = self.rows.start * work.camera.width;
+        let gbuffer = &self.objects[usize::from(work.is_fine)].gbuffer;
+        let coverage = gbuffer.coverage().iter().enumerate();
         coverage
             .filter(|(_, coverage)| keep(**coverage))
             .map(|(i, _)| first + i as u32)
@@ -180,9 +218,10 @@ impl Band {
         let layer = work.request.layer;
         let value =
             |part: &[[f32; 3]], i: usize, shown: bool| if shown { part[i] } else { [0.0; 3] };
-        for (i, (out, &coverage)) in out.iter_mut().zip(self.gbuffer.coverage()).enumerate() {
+        let object = &self.objects[usize::from(work.is_fine)];
+        for (i, (out, &coverage)) in out.iter_mut().zip(object.gbuffer.coverage()).enumerate() {
             let coverage = if layer.shows_object() { coverage } else { 0.0 };
-            let object = value(&self.object, i, layer.shows_object());
+            let object = value(&object.values, i, layer.shows_object());
             let background = value(&self.background, i, layer.shows_background());
             let [r, g, b] = compose(&work.request.scene, layer, coverage, object, background)
                 .map(|v| (v * 255.0 + 0.5) as u8);

@@ -12,22 +12,31 @@ const SUBSAMPLES: usize = 4;
 /// Turn of the mirror direction to the next pixel, radians, above which a pixel is sampled by quarters.
 const LARGEST_TURN: f32 = 0.25;
 
-/// How far pixels are traced.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// How finely and how far pixels are traced.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PathOptions {
     /// Most vertices of a path, in `1..=MAX_VERTICES`.
     pub max_vertices: usize,
-    /// Whether pixels whose mirror image is torn are traced by quarters.
-    pub has_subpixels: bool,
+    /// Paths per axis of a pixel whose neighbours see nearly the same: 1, 2 or 4.
+    pub smooth: usize,
+    /// Paths per axis of a pixel whose mirror image is torn, or that the silhouette passes: 1, 2 or 4.
+    pub torn: usize,
 }
 
-impl Default for PathOptions {
-    fn default() -> Self {
-        Self {
-            max_vertices: MAX_VERTICES,
-            has_subpixels: true,
-        }
-    }
+impl PathOptions {
+    /// One path a pixel, four where that is not enough: for training and for pictures in motion.
+    pub const PLAIN: Self = Self {
+        max_vertices: MAX_VERTICES,
+        smooth: 1,
+        torn: 2,
+    };
+    /// Four paths a pixel, sixteen where that is not enough: for pictures that stay. A reflection in a curved mirror is
+    /// smaller than the mirror; one path a pixel measured 0.7 dB worse over all object pixels.
+    pub const FINE: Self = Self {
+        max_vertices: MAX_VERTICES,
+        smooth: 2,
+        torn: 4,
+    };
 }
 
 /// Traced pixels of some rows of a camera's image.
@@ -42,12 +51,15 @@ pub struct GBuffer {
 
 impl GBuffer {
     /// Traces `rows` of the camera's image; without a tracer nothing is covered.
-    pub fn trace(tracer: Option<&SurfaceTracer>, camera: &Camera, rows: Range<u32>) -> Self {
+    pub fn trace(
+        tracer: Option<&SurfaceTracer>,
+        camera: &Camera,
+        rows: Range<u32>,
+        options: PathOptions,
+    ) -> Self {
         let n = (rows.len() as u32 * camera.width) as usize;
         match tracer {
-            Some(tracer) => {
-                Self::trace_some(tracer, camera, rows, PathOptions::default(), |_| true)
-            }
+            Some(tracer) => Self::trace_some(tracer, camera, rows, options, |_| true),
             None => Self {
                 first: rows.start * camera.width,
                 coverage: vec![0.0; n],
@@ -108,15 +120,18 @@ impl GBuffer {
             points.clear();
             if is_wanted(self.first + i as u32) {
                 let (x, y) = ((i % width) as f32, (rows.start as usize + i / width) as f32);
-                self.coverage[i] = match centers.kind(i) {
-                    PixelKind::Empty => 0.0,
-                    PixelKind::Edge => subsample_edge(tracer, camera, x, y, &mut points),
-                    PixelKind::Torn if options.has_subpixels => {
-                        subsample(tracer, camera, x, y, &mut points);
-                        1.0
+                self.coverage[i] = match (centers.kind(i), options) {
+                    (PixelKind::Empty, _) => 0.0,
+                    (PixelKind::Edge, PathOptions { torn, .. }) => {
+                        subsample_edge(tracer, camera, (x, y), torn.max(2), &mut points)
                     }
-                    PixelKind::Torn | PixelKind::Smooth => {
-                        points.extend(centers.at(i));
+                    (PixelKind::Torn, PathOptions { torn: n, .. })
+                    | (PixelKind::Smooth, PathOptions { smooth: n, .. }) => {
+                        if n > 1 {
+                            subsample(tracer, camera, (x, y), n, &mut points);
+                        } else {
+                            points.extend(centers.at(i));
+                        }
                         1.0
                     }
                 };
@@ -213,48 +228,50 @@ fn hang_together(a: &SurfacePoint, b: &SurfacePoint) -> bool {
     a.reflected().dot(b.reflected()) > LARGEST_TURN.cos()
 }
 
-/// The points seen through a pixel's quarters.
+/// The points seen through the `n` by `n` equal squares of pixel `(x, y)`.
 fn subsample(
     tracer: &SurfaceTracer,
     camera: &Camera,
-    x: f32,
-    y: f32,
+    (x, y): (f32, f32),
+    n: usize,
     points: &mut Vec<SurfacePoint>,
 ) {
-    for quarter in 0..4 {
-        let (u, v) = ((quarter % 2) as f32, (quarter / 2) as f32);
-        let at = (x + 0.25 + 0.5 * u, y + 0.25 + 0.5 * v);
-        points.extend(trace_pixel(tracer, camera, at, 0.5));
+    let side = 1.0 / n as f32;
+    for k in 0..n * n {
+        let (u, v) = ((k % n) as f32 + 0.5, (k / n) as f32 + 0.5);
+        points.extend(trace_pixel(
+            tracer,
+            camera,
+            (x + u * side, y + v * side),
+            side,
+        ));
     }
 }
 
-/// Coverage of pixel `(x, y)`, and in each quarter the hit nearest to the covered part's centre.
+/// Coverage of pixel `(x, y)`; in each of its `n` by `n` squares the hit nearest to the covered part's centre.
 fn subsample_edge(
     tracer: &SurfaceTracer,
     camera: &Camera,
-    x: f32,
-    y: f32,
+    (x, y): (f32, f32),
+    n: usize,
     points: &mut Vec<SurfacePoint>,
 ) -> f32 {
+    let n_inside = SUBSAMPLES / n;
+    let mut hits = Vec::with_capacity(n_inside * n_inside);
     let mut n_hits = 0;
-    for quarter in 0..4 {
-        let mut hits = [(0.0, 0.0, SurfacePoint::default()); SUBSAMPLES * SUBSAMPLES / 4];
-        let mut n = 0;
-        for k in 0..hits.len() {
-            let half = SUBSAMPLES / 2;
-            let offset = |q: usize, i: usize| (q * half + i) as f32 + 0.5;
+    for square in 0..n * n {
+        hits.clear();
+        for k in 0..n_inside * n_inside {
+            let offset = |s: usize, i: usize| (s * n_inside + i) as f32 + 0.5;
             let at = (
-                x + offset(quarter % 2, k % half) / SUBSAMPLES as f32,
-                y + offset(quarter / 2, k / half) / SUBSAMPLES as f32,
+                x + offset(square % n, k % n_inside) / SUBSAMPLES as f32,
+                y + offset(square / n, k / n_inside) / SUBSAMPLES as f32,
             );
-            if let Some(point) = trace_pixel(tracer, camera, at, 0.5) {
-                hits[n] = (at.0, at.1, point);
-                n += 1;
-            }
+            let point = trace_pixel(tracer, camera, at, 1.0 / n as f32);
+            hits.extend(point.map(|point| (at.0, at.1, point)));
         }
-        let hits = &hits[..n];
         let mean = |f: fn(&(f32, f32, SurfacePoint)) -> f32| {
-            hits.iter().map(f).sum::<f32>() / n.max(1) as f32
+            hits.iter().map(f).sum::<f32>() / hits.len().max(1) as f32
         };
         let (u, v) = (mean(|h| h.0), mean(|h| h.1));
         let distance = |h: &&(f32, f32, SurfacePoint)| (h.0 - u).powi(2) + (h.1 - v).powi(2);
@@ -263,7 +280,7 @@ fn subsample_edge(
                 .min_by(|a, b| distance(a).total_cmp(&distance(b)))
                 .map(|hit| hit.2),
         );
-        n_hits += n;
+        n_hits += hits.len();
     }
     n_hits as f32 / (SUBSAMPLES * SUBSAMPLES) as f32
 }

@@ -11,11 +11,12 @@ pub mod scene;
 pub mod shade;
 #[cfg(test)]
 pub(crate) mod test_scene;
+mod thread_clock;
 pub mod trace;
 
-pub use gbuffer::GBuffer;
+pub use gbuffer::{GBuffer, PathOptions};
 pub use panorama::panorama;
-pub use picture::{Picture, render};
+pub use picture::{Picture, render, render_with};
 pub use preview::{Passes, Preview, PreviewFrame};
 pub use progressive::PreviewScene;
 pub use scene::{Layer, Scene};

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use rayon::prelude::*;
 
-use super::gbuffer::GBuffer;
+use super::gbuffer::{GBuffer, PathOptions};
 use super::scene::{Layer, Scene};
 use super::shade::{ShadeScratch, compose, shade_background, shade_object};
 use crate::geometry::Camera;
@@ -31,6 +31,18 @@ pub fn render(
     cancel: &AtomicBool,
     on_progress: &(dyn Fn(f32) + Sync),
 ) -> Option<Picture> {
+    render_with(scene, camera, layer, PathOptions::FINE, cancel, on_progress)
+}
+
+/// [`render`] with as many paths a pixel as asked for.
+pub fn render_with(
+    scene: &Scene,
+    camera: &Camera,
+    layer: Layer,
+    options: PathOptions,
+    cancel: &AtomicBool,
+    on_progress: &(dyn Fn(f32) + Sync),
+) -> Option<Picture> {
     let (width, height) = (camera.width, camera.height);
     let mut pixels = vec![[0.0; 3]; (width * height) as usize];
     let done = AtomicU32::new(0);
@@ -46,6 +58,7 @@ pub fn render(
                 scene,
                 camera,
                 layer,
+                options,
                 first..(first + BAND).min(height),
                 out,
                 scratch,
@@ -64,6 +77,7 @@ fn render_rows(
     scene: &Scene,
     camera: &Camera,
     layer: Layer,
+    options: PathOptions,
     rows: std::ops::Range<u32>,
     out: &mut [[f32; 3]],
     scratch: &mut ShadeScratch,
@@ -73,7 +87,7 @@ fn render_rows(
         .as_ref()
         .filter(|_| layer.shows_object())
         .map(|object| &*object.tracer);
-    let gbuffer = GBuffer::trace(tracer, camera, rows.clone());
+    let gbuffer = GBuffer::trace(tracer, camera, rows.clone(), options);
     let first = rows.start * camera.width;
     let list = |keep: &dyn Fn(f32) -> bool| -> Vec<u32> {
         gbuffer

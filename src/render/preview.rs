@@ -13,7 +13,7 @@ use std::thread::JoinHandle;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use super::priority::lower_thread_priority;
-use super::progressive::{PassOutput, PreviewScene, Progressive, Recomputed, SCALES};
+use super::progressive::{PassKind, PassOutput, PreviewScene, Progressive, Recomputed, SCALES};
 
 /// Niceness of the preview's threads: the window has 0, the trainer 19.
 const NICE: i32 = 5;
@@ -23,7 +23,7 @@ const QUICK_SECS: f64 = 0.06;
 /// Which passes to make.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Passes {
-    /// The finest that is quick enough, then on to full resolution.
+    /// The finest that is quick enough, then on to full resolution and what [`super::render`] makes.
     Refine,
     /// This one alone: 4, 2 or 1.
     Only(u32),
@@ -36,6 +36,8 @@ pub struct PreviewFrame {
     pub request: u64,
     /// Resolution divisor per axis: 4, 2 or 1.
     pub scale: u32,
+    /// Whether the object has several paths a pixel.
+    pub is_fine: bool,
     /// Whether no further pass follows.
     pub is_last: bool,
     /// Pixels per row.
@@ -214,17 +216,18 @@ impl Worker {
     }
 
     fn serve(&mut self, request: &Request, wake: &(impl Fn() + Send)) {
-        let (first, last) = match request.passes {
-            Passes::Refine => (self.first_scale(&request.scene), 1),
-            Passes::Only(scale) => (scale, scale),
+        let passes: Vec<PassKind> = match request.passes {
+            Passes::Refine => {
+                let first = self.first_scale(&request.scene);
+                let plain = SCALES.into_iter().filter(|scale| *scale <= first);
+                plain.map(PassKind::plain).chain([PassKind::FINE]).collect()
+            }
+            Passes::Only(scale) => vec![PassKind::plain(scale)],
         };
         // A refinement's first picture is always finished; what is only a refresh may be dropped.
         let never = AtomicBool::new(false);
-        for scale in SCALES
-            .into_iter()
-            .filter(|scale| (last..=first).contains(scale))
-        {
-            let is_first = scale == first && request.passes == Passes::Refine;
+        for (i, &kind) in passes.iter().enumerate() {
+            let is_first = i == 0 && request.passes == Passes::Refine;
             let cancel = if is_first {
                 &never
             } else {
@@ -232,11 +235,11 @@ impl Worker {
             };
             let output = self
                 .pool
-                .install(|| self.progressive.pass(&request.scene, scale, cancel));
-            let number = request.number;
-            tracing::trace!(number, scale, is_done = output.is_some(), "pass");
+                .install(|| self.progressive.pass(&request.scene, kind, cancel));
+            let (number, PassKind { scale, is_fine }) = (request.number, kind);
+            tracing::trace!(number, scale, is_fine, is_done = output.is_some(), "pass");
             let Some(output) = output else { return };
-            self.publish(request.number, scale, scale == last, output);
+            self.publish(number, kind, i + 1 == passes.len(), output);
             wake();
             if self.shared.superseded.load(Ordering::Relaxed) {
                 return;
@@ -244,7 +247,7 @@ impl Worker {
         }
     }
 
-    fn publish(&self, request: u64, scale: u32, is_last: bool, output: PassOutput) {
+    fn publish(&self, request: u64, kind: PassKind, is_last: bool, output: PassOutput) {
         let PassOutput {
             width,
             height,
@@ -254,7 +257,8 @@ impl Worker {
         } = output;
         let frame = PreviewFrame {
             request,
-            scale,
+            scale: kind.scale,
+            is_fine: kind.is_fine,
             is_last,
             width,
             height,
@@ -315,6 +319,7 @@ mod tests {
         let frames = frames_until_last(&preview, &news, number);
         let last = frames.last().unwrap();
         assert_eq!((last.scale, last.width, last.height), (1, 200, 200));
+        assert!(last.is_fine, "the last picture is the offline one");
         assert_eq!(
             frames[0].scale, 4,
             "nothing was measured yet, so it begins at a quarter"
@@ -336,7 +341,7 @@ mod tests {
         }
         let frames = frames_until_last(&preview, &news, number);
         assert!(
-            frames.len() < 3 * 30,
+            frames.len() < 4 * 30,
             "every request was refined: {} pictures",
             frames.len()
         );

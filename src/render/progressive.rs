@@ -1,5 +1,5 @@
-//! A picture in three passes (a quarter, a half, all of the resolution per axis), recomputing only
-//! what changed.
+//! A picture in four passes (a quarter, a half, all of the resolution per axis, then several paths for each of the
+//! object's pixels), recomputing only what changed.
 //!
 //! Each pass keeps, band by band, what its camera sees of the mesh, the surroundings behind it and
 //! the object's own light. A changed material leaves the first two, a changed environment the
@@ -7,18 +7,43 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::time::Duration;
 
 use rayon::prelude::*;
 
 use super::band::{Band, Versions, Work, band_rows, bands};
 use super::scene::{Layer, Scene};
 use super::shade::ShadeScratch;
+use super::thread_clock::thread_cpu;
 use crate::geometry::{Camera, SurfaceTracer};
 use crate::neif::{Environment, EnvironmentTransform, MaterialEdit, SurfaceField};
 
 /// The resolution divisors of the passes, coarsest first; nothing is ever coarser than a quarter.
 pub const SCALES: [u32; 3] = [4, 2, 1];
+
+/// How good a pass is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PassKind {
+    /// Resolution divisor per axis, one of [`SCALES`].
+    pub scale: u32,
+    /// Whether the object gets several paths a pixel, as in [`super::render`].
+    pub is_fine: bool,
+}
+
+impl PassKind {
+    /// The last pass: what [`super::render`] makes.
+    pub const FINE: Self = Self {
+        scale: 1,
+        is_fine: true,
+    };
+
+    /// One path a pixel at the given resolution divisor.
+    pub fn plain(scale: u32) -> Self {
+        Self {
+            scale,
+            is_fine: false,
+        }
+    }
+}
 
 /// A picture that is wanted.
 #[derive(Clone, Debug)]
@@ -139,7 +164,7 @@ struct Pass {
     bands: Vec<Band>,
 }
 
-/// The three passes of a picture and what they still know.
+/// The passes of a picture and what they still know; the last two share a resolution and what is behind the object.
 #[derive(Debug, Default)]
 pub struct Progressive {
     passes: [Pass; 3],
@@ -149,19 +174,23 @@ pub struct Progressive {
 }
 
 impl Progressive {
-    /// Brings the pass at `scale` (one of [`SCALES`]) up to date; `None` when `cancel` was set
+    /// Brings a pass up to date; `None` when `cancel` was set
     /// before it was done, which costs at most a band per thread.
     ///
     /// # Panics
-    /// When `scale` is not one of [`SCALES`].
+    /// When its scale is not one of [`SCALES`].
     pub fn pass(
         &mut self,
         request: &PreviewScene,
-        scale: u32,
+        kind: PassKind,
         cancel: &AtomicBool,
     ) -> Option<PassOutput> {
-        let camera = scaled(&request.camera, scale);
-        let (output, seconds) = self.passes[index_of(scale)].run(request, camera, cancel);
+        let camera = scaled(&request.camera, kind.scale);
+        let pass = &mut self.passes[index_of(kind.scale)];
+        let (output, seconds) = pass.run(request, camera, kind.is_fine, cancel);
+        if kind.is_fine {
+            return (!cancel.load(Ordering::Relaxed)).then_some(output);
+        }
         let learn = |cost: &mut Option<f64>, secs: f64, n: usize| {
             // A few pixels say more about the clock than about the work.
             if n >= 256 {
@@ -178,7 +207,7 @@ impl Progressive {
         if cancel.load(Ordering::Relaxed) {
             return None;
         }
-        self.coverage = self.passes[index_of(scale)].coverage();
+        self.coverage = self.passes[index_of(kind.scale)].coverage();
         Some(output)
     }
 
@@ -210,24 +239,6 @@ impl Progressive {
     }
 }
 
-/// Processor time that the calling thread has used.
-#[cfg(unix)]
-fn thread_cpu() -> Duration {
-    let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
-    Duration::new(
-        u64::try_from(time.tv_sec).unwrap_or(0),
-        u32::try_from(time.tv_nsec).unwrap_or(0),
-    )
-}
-
-/// Elsewhere the time that has passed must do.
-#[cfg(not(unix))]
-fn thread_cpu() -> Duration {
-    static START: std::sync::LazyLock<std::time::Instant> =
-        std::sync::LazyLock::new(std::time::Instant::now);
-    START.elapsed()
-}
-
 fn index_of(scale: u32) -> usize {
     SCALES
         .iter()
@@ -252,12 +263,14 @@ impl Pass {
         &mut self,
         request: &PreviewScene,
         camera: Camera,
+        is_fine: bool,
         cancel: &AtomicBool,
     ) -> (PassOutput, [f64; 3]) {
         self.invalidate(Causes::of(request, camera));
         let work = Work {
             request,
             camera,
+            is_fine,
             versions: self.versions,
         };
         let (width, height) = (camera.width, camera.height);
@@ -309,15 +322,10 @@ impl Pass {
             let n = f64::from(
                 band.rows.len() as u32 * self.causes.as_ref().map_or(0, |c| c.camera.width),
             );
-            let geometry = band.versions.geometry != self.versions.geometry;
-            let is_stale = [
-                geometry,
-                layer.shows_background()
-                    && (geometry || band.versions.background != self.versions.background),
-                layer.shows_object() && (geometry || band.versions.object != self.versions.object),
-            ];
-            for (sum, is_stale) in stale.iter_mut().zip(is_stale) {
-                *sum += if is_stale { n } else { 0.0 };
+            let is_shown = [true, layer.shows_background(), layer.shows_object()];
+            let is_stale = band.is_stale(self.versions);
+            for (sum, (stale, shown)) in stale.iter_mut().zip(is_stale.into_iter().zip(is_shown)) {
+                *sum += if stale && shown { n } else { 0.0 };
             }
         }
         stale
@@ -325,7 +333,7 @@ impl Pass {
 
     /// Mean coverage by the object.
     fn coverage(&self) -> f64 {
-        let all = || self.bands.iter().flat_map(|band| band.gbuffer.coverage());
+        let all = || self.bands.iter().flat_map(Band::coverage);
         all().map(|coverage| f64::from(*coverage)).sum::<f64>() / all().count().max(1) as f64
     }
 
@@ -353,7 +361,8 @@ impl Pass {
 
 #[cfg(test)]
 mod tests {
-    use super::super::picture::render;
+    use super::super::gbuffer::PathOptions;
+    use super::super::picture::render_with;
     use super::super::test_scene::{camera, environment, object, scene};
     use super::*;
     use crate::neif::RoughnessEdit;
@@ -371,7 +380,7 @@ mod tests {
 
     fn pass(progressive: &mut Progressive, request: &PreviewScene, scale: u32) -> PassOutput {
         progressive
-            .pass(request, scale, &AtomicBool::new(false))
+            .pass(request, PassKind::plain(scale), &AtomicBool::new(false))
             .expect("not cancelled")
     }
 
@@ -381,18 +390,19 @@ mod tests {
         pass(&mut progressive, &request, 1);
         change(&mut request);
         let output = pass(&mut progressive, &request, 1);
-        assert_same_as_render(&output, &request);
+        assert_same_as_render(&output, &request, PathOptions::PLAIN);
         output.recomputed
     }
 
-    fn assert_same_as_render(output: &PassOutput, request: &PreviewScene) {
+    fn assert_same_as_render(output: &PassOutput, request: &PreviewScene, options: PathOptions) {
         let camera = Camera {
             ..request.camera.resized(output.width, output.height)
         };
-        let full = render(
+        let full = render_with(
             &request.scene,
             &camera,
             request.layer,
+            options,
             &AtomicBool::new(false),
             &|_| (),
         )
@@ -415,7 +425,7 @@ mod tests {
     fn the_first_picture_computes_everything_once() {
         let (mut progressive, request) = (Progressive::default(), request());
         let output = pass(&mut progressive, &request, 1);
-        assert_same_as_render(&output, &request);
+        assert_same_as_render(&output, &request, PathOptions::PLAIN);
         let done = output.recomputed;
         assert_eq!(done.traced, n_pixels());
         assert!(done.object > 100 && done.background > 100, "{done:?}");
@@ -516,11 +526,15 @@ mod tests {
         let (mut progressive, request) = (Progressive::default(), request());
         assert!(
             progressive
-                .pass(&request, 1, &AtomicBool::new(true))
+                .pass(&request, PassKind::plain(1), &AtomicBool::new(true))
                 .is_none(),
             "cancelled before it began"
         );
-        assert_same_as_render(&pass(&mut progressive, &request, 1), &request);
+        assert_same_as_render(
+            &pass(&mut progressive, &request, 1),
+            &request,
+            PathOptions::PLAIN,
+        );
     }
 
     #[test]
@@ -529,8 +543,30 @@ mod tests {
         for (scale, size) in [(4, (15, 11)), (2, (30, 22)), (1, SIZE)] {
             let output = pass(&mut progressive, &request, scale);
             assert_eq!((output.width, output.height), size);
-            assert_same_as_render(&output, &request);
+            assert_same_as_render(&output, &request, PathOptions::PLAIN);
         }
+    }
+
+    #[test]
+    fn the_fine_pass_is_the_offline_picture_and_leaves_the_surroundings() {
+        let (mut progressive, mut request) = (Progressive::default(), request());
+        let plain = pass(&mut progressive, &request, 1);
+        let fine = |progressive: &mut Progressive, request: &PreviewScene| {
+            progressive
+                .pass(request, PassKind::FINE, &AtomicBool::new(false))
+                .expect("not cancelled")
+        };
+        let output = fine(&mut progressive, &request);
+        assert_same_as_render(&output, &request, PathOptions::FINE);
+        assert_ne!(output.pixels, plain.pixels, "several paths must show");
+        assert_eq!(output.recomputed.background, 0, "known from the plain pass");
+        request.scene.edit.tint_scale = 0.5;
+        let plain = pass(&mut progressive, &request, 1).recomputed;
+        let done = fine(&mut progressive, &request).recomputed;
+        assert!(
+            plain.traced == 0 && done.traced == 0 && done.object > 0,
+            "{plain:?} {done:?}"
+        );
     }
 
     #[test]

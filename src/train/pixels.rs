@@ -201,7 +201,8 @@ fn collect_view(
         (None, Some(tracer)) => {
             let options = PathOptions {
                 max_vertices: 1,
-                has_subpixels: false,
+                smooth: 1,
+                torn: 1,
             };
             let rows = 0..view.photo.height();
             let gbuffer = GBuffer::trace_some(tracer, &view.camera, rows, options, |_| true);

@@ -39,7 +39,8 @@ impl Prepared {
             n_blurred: config.preconvolved_levels,
             paths: PathOptions {
                 max_vertices: config.bounces + 1,
-                has_subpixels: config.subpixels,
+                smooth: 1,
+                torn: if config.subpixels { 2 } else { 1 },
             },
         };
         let (done, total) = (AtomicUsize::new(0), dataset.train.len().max(1) as f32);

@@ -10,7 +10,9 @@ use rayon::prelude::*;
 
 use crate::data::{Dataset, View};
 use crate::neif::ObjectModel;
-use crate::render::{GBuffer, Layer, Scene, ShadeScratch, compose, shade_background, shade_object};
+use crate::render::{
+    GBuffer, Layer, PathOptions, Scene, ShadeScratch, compose, shade_background, shade_object,
+};
 use crate::train::events::Validation;
 use crate::train::metrics::SquaredError;
 use crate::train::plan::Plan;
@@ -62,7 +64,7 @@ impl Validator {
                 Row {
                     view,
                     pixels: (y * camera.width..(y + 1) * camera.width).collect(),
-                    gbuffer: GBuffer::trace(tracer, camera, y..y + 1),
+                    gbuffer: GBuffer::trace(tracer, camera, y..y + 1, PathOptions::FINE),
                 }
             })
             .collect();

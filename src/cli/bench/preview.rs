@@ -8,7 +8,7 @@ use glam::Vec3;
 use neif::data::Splits;
 use neif::neif::RoughnessEdit;
 use neif::render::Layer;
-use neif::render::progressive::{PreviewScene, Progressive, SCALES};
+use neif::render::progressive::{PassKind, PreviewScene, Progressive, SCALES};
 use serde_json::json;
 
 use super::trial::{Length, load, on_threads, train};
@@ -127,12 +127,12 @@ fn measure(request: &PreviewScene) -> Vec<Row> {
         for scale in SCALES {
             let mut progressive = Progressive::default();
             let mut request = request.clone();
-            progressive.pass(&request, scale, &never);
+            progressive.pass(&request, PassKind::plain(scale), &never);
             let mut millis: Vec<f64> = (0..REPEATS)
                 .map(|i| {
                     (change.apply)(&mut request, i);
                     let start = Instant::now();
-                    progressive.pass(&request, scale, &never);
+                    progressive.pass(&request, PassKind::plain(scale), &never);
                     start.elapsed().as_secs_f64() * 1e3
                 })
                 .collect();
