@@ -11,16 +11,19 @@ use glam::Vec3;
 const LINEAR_KNEE: f32 = 0.003_130_8;
 /// The same point, sRGB-encoded.
 const SRGB_KNEE: f32 = 0.040_45;
+/// Smallest linear value whose encoded one is still a finite `f32`.
+const LINEAR_MIN: f32 = -2.6e37;
 /// Largest encoded magnitude whose linear value is still a finite `f32`.
 const SRGB_LIMIT: f32 = 1e16;
 
 /// The sRGB-encoded value of a linear one (both nominally 0..1, any finite value accepted).
 ///
-/// `12.92 x` up to 0.0031308, then `1.055 x^(1/2.4) - 0.055` (IEC 61966-2-1).
+/// `12.92 x` up to 0.0031308, then `1.055 x^(1/2.4) - 0.055` (IEC 61966-2-1). Values below -2.6e37 are clamped there:
+/// their encoded value would overflow. NaN stays NaN.
 #[inline]
 pub fn srgb_from_linear(linear: f32) -> f32 {
     if linear <= LINEAR_KNEE {
-        12.92 * linear
+        12.92 * linear.max(LINEAR_MIN)
     } else {
         1.055 * linear.powf(1.0 / 2.4) - 0.055
     }
@@ -84,6 +87,35 @@ pub fn exposure_gain(ev: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
+
+    /// Any finite float: half of them over all exponents, half of them in `[-4, 4]`.
+    fn finite() -> impl Strategy<Value = f32> {
+        use proptest::num::f32::{NORMAL, SUBNORMAL, ZERO};
+        prop_oneof![NORMAL | SUBNORMAL | ZERO, -4.0_f32..4.0]
+    }
+
+    proptest! {
+        #[test]
+        fn both_curves_are_finite_and_grow(a in finite(), b in finite()) {
+            for curve in [srgb_from_linear, linear_from_srgb] {
+                let (low, high) = (curve(a.min(b)), curve(a.max(b)));
+                prop_assert!(low.is_finite() && high.is_finite(), "{low} and {high}");
+                // The standard's two pieces meet to seven digits.
+                prop_assert!(low <= high + 1e-6 * high.abs(), "{low} above {high}");
+                prop_assert!(curve(f32::NAN).is_nan());
+            }
+            prop_assert!(srgb_slope(a) >= 0.0 && srgb_slope(a).is_finite());
+        }
+
+        #[test]
+        fn decoding_undoes_encoding_over_all_exponents(x in finite()) {
+            // Beyond these the encoded value is clamped.
+            let linear = x.clamp(-1e14, 1e38);
+            let back = linear_from_srgb(srgb_from_linear(linear));
+            prop_assert!((back - linear).abs() <= 1e-5 * linear.abs(), "{back}");
+        }
+    }
 
     #[test]
     fn encoding_and_decoding_are_inverse() {

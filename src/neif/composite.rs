@@ -8,6 +8,9 @@ pub const WIDTH: usize = 16;
 /// Largest logarithm of the density, per field unit: `e^15` is opaque over a ten-thousandth of a cell.
 const LOG_DENSITY_MAX: f32 = 15.0;
 
+/// Optical depth from which a sample is opaque: `e^-20` of what is behind shows through.
+const OPAQUE_DEPTH: f32 = 20.0;
+
 /// What compositing keeps for its backward pass, and its result.
 #[derive(Clone, Debug, Default)]
 pub struct CompositeBuffers {
@@ -130,6 +133,8 @@ fn sum_features_body<const FMA: bool>(
             }
         }
         let opacity: f32 = ray_weights.iter().sum();
+        // Rounding may take the sum a little above 1; `min` would hide NaN.
+        let opacity = if opacity > 1.0 { 1.0 } else { opacity };
         out[..WIDTH - 1].copy_from_slice(&sum[1..]);
         out[WIDTH - 1] = opacity;
     }
@@ -167,8 +172,9 @@ fn backward_body<const FMA: bool>(kept: Kept<'_>, d_features: &[f32], d_rows: &m
             behind = fma::<FMA>(d_weight, weight, behind);
             transmittance_after += weight;
             let mut d_row = d.map(|v| v * weight);
-            // The clamp is flat beyond its end.
-            d_row[0] = if rows[i][0] < LOG_DENSITY_MAX {
+            // The clamp is flat beyond its end, and an opaque sample's own density is no longer seen: there the rounding
+            // error of the transmittance (1e-7) times a depth of up to 1e6 would be a gradient of pure noise.
+            d_row[0] = if rows[i][0] < LOG_DENSITY_MAX && kept.depths[i] < OPAQUE_DEPTH {
                 d_depth * kept.depths[i]
             } else {
                 0.0

@@ -10,14 +10,17 @@ pub struct Display {
 }
 
 impl Display {
-    /// Display value of a linear one, not clipped above.
+    /// Display value of a linear one: not clipped above, as far as floats go; below zero the curve is odd.
     pub fn value(&self, linear: f32) -> f32 {
         let srgb = srgb_from_linear(linear);
         // The power costs as much as the curve and is often 1.
         if self.gamma == 1.0 {
             srgb
         } else {
-            srgb.powf(self.gamma)
+            // A negative value has no power, and radiance of 1e30 none that a float holds; NaN stays NaN.
+            let shown = srgb.abs().powf(self.gamma);
+            let shown = if shown > f32::MAX { f32::MAX } else { shown };
+            shown.copysign(srgb)
         }
     }
 }

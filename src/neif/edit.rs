@@ -101,6 +101,11 @@ impl Default for EnvironmentTransform {
     }
 }
 
+/// Largest exposure either way, stops, and the gain of as many: more than any two lights differ by. An infinite gain
+/// would make a black surface NaN.
+const LARGEST_EXPOSURE: f32 = 60.0;
+const LARGEST_GAIN: f32 = 1.2e18;
+
 /// [`EnvironmentTransform`] made ready for many rays.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EnvironmentFromWorld {
@@ -117,12 +122,13 @@ impl EnvironmentTransform {
         let [x, y, z] = self.rotate_deg.to_array().map(f32::to_radians);
         // glam's ZYX order with (z, y, x) is R = Rz·Ry·Rx: X is applied first.
         let world_from_environment = Quat::from_euler(EulerRot::ZYX, z, y, x);
+        let exposure = self.exposure_ev.clamp(-LARGEST_EXPOSURE, LARGEST_EXPOSURE);
         EnvironmentFromWorld {
             rotation: world_from_environment.inverse(),
             translate: self.translate,
             // A zero scale would put every point at infinity.
             inverse_scale: 1.0 / self.scale.abs().max(1e-6),
-            gain: self.white_balance * self.exposure_ev.exp2(),
+            gain: (self.white_balance * exposure.exp2()).min(Vec3::splat(LARGEST_GAIN)),
         }
     }
 }

@@ -289,17 +289,14 @@ impl Corners {
 
 /// `d loss / d footprint` of each sample, from the weighted features and their gradients (`[n][n_levels * 4]`).
 ///
-/// With `w = (1 + k²)^(-1/2)`, `dw/dσ = -w (1 - w²)/σ`, so the raw features need not be kept.
+/// With `w = (1 + (aσ)²)^(-1/2)`, `dw/dσ = -(a w)² σ w`, so the raw features need not be kept. (`(1 - w²)/σ` in place of
+/// `(a w)² σ` is nothing but rounding below a footprint of a thousandth of a cell.)
 pub fn footprint_gradient(
     levels: &[Level],
     footprint: f32,
     features: &[f32],
     d_features: &[f32],
 ) -> f32 {
-    // Below this the weight is 1 to the last bit and the quotient would be 0/0.
-    if footprint < 1e-9 {
-        return 0.0;
-    }
     let rows = features
         .chunks_exact(FEATURES)
         .zip(d_features.chunks_exact(FEATURES));
@@ -307,12 +304,12 @@ pub fn footprint_gradient(
         .iter()
         .zip(rows)
         .map(|(level, (feature, d_feature))| {
-            let w = level.weight(footprint);
+            let slope = FOOTPRINT_SLOPE * level.resolution as f32 * level.weight(footprint);
             let dot: f32 = feature.iter().zip(d_feature).map(|(a, b)| a * b).sum();
-            (1.0 - w * w) * dot
+            slope * slope * dot
         })
         .sum();
-    -sum / footprint
+    -sum * footprint
 }
 
 #[cfg(test)]

@@ -6,8 +6,8 @@
 const KAPPA_ALPHA2: f32 = 0.35;
 /// Sharpest lobe; beyond it single precision cannot tell the lobe from a ray.
 const KAPPA_MAX: f32 = 1e6;
-/// Below this concentration the closed form of [`mean_length`] cancels.
-const KAPPA_SERIES: f32 = 0.05;
+/// Below this concentration the closed form of [`mean_length`] cancels: three terms of its series are exact.
+const KAPPA_SERIES: f32 = 0.2;
 
 /// Concentration `kappa = 0.35 / r⁴`, clamped to `[0.35, 1e6]`; `roughness` is clamped to `[0, 1]`.
 pub fn kappa_from_roughness(roughness: f32) -> f32 {
@@ -15,10 +15,11 @@ pub fn kappa_from_roughness(roughness: f32) -> f32 {
     (KAPPA_ALPHA2 / (alpha * alpha)).min(KAPPA_MAX)
 }
 
-/// Length of the mean direction, `A(kappa) = coth kappa - 1/kappa`, in `(0, 1)`.
+/// Length of the mean direction, `A(kappa) = coth kappa - 1/kappa`, in `[0, 1]`.
 pub fn mean_length(kappa: f32) -> f32 {
     if kappa < KAPPA_SERIES {
-        kappa / 3.0
+        let k2 = kappa * kappa;
+        kappa * (1.0 / 3.0 - k2 * (1.0 / 45.0 - k2 * (2.0 / 945.0)))
     } else if kappa > 20.0 {
         // coth is 1 to the last bit.
         1.0 - 1.0 / kappa
@@ -66,8 +67,8 @@ impl Lobe {
 /// `d(A/kappa)/d kappa = (A' - A/kappa)/kappa` with `A' = 1 - A² - 2A/kappa`.
 fn d_variance_d_kappa(kappa: f32, a: f32) -> f32 {
     if kappa < KAPPA_SERIES {
-        // A = k/3 - k³/45: the bracket cancels to -2k²/45.
-        return -2.0 * kappa / 45.0;
+        // A/k = 1/3 - k²/45 + 2k⁴/945.
+        return kappa * (8.0 / 945.0 * kappa * kappa - 2.0 / 45.0);
     }
     // For large kappa A' = 1/kappa² up to exponentially small terms; the general form cancels there.
     let d_a = if kappa > 20.0 {

@@ -14,6 +14,8 @@ pub mod material;
 pub mod mlp;
 pub mod object;
 pub mod paper;
+#[cfg(test)]
+mod properties;
 pub mod proposal;
 pub mod radiance_field;
 pub mod samples;

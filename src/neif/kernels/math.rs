@@ -60,9 +60,11 @@ pub fn cbrt(x: f32) -> f32 {
     y
 }
 
-/// `1 / (1 + e^-x)`, in `(0, 1)`.
+/// `1 / (1 + e^-x)`, in `[0, 1]`; NaN stays NaN.
 pub fn sigmoid(x: f32) -> f32 {
-    1.0 / (1.0 + exp::<false>(-x))
+    let y = 1.0 / (1.0 + exp::<false>(-x));
+    // `exp` maps NaN to its lower end: a broken network would look like a white, rough surface.
+    if x.is_nan() { x } else { y }
 }
 
 /// `ln(1 + e^x)`, positive, without overflow.
