@@ -94,14 +94,10 @@ pub(super) fn decode(path: &Path) -> Result<Decoded, DataError> {
             height,
             pixels: picture.to_rgb16().pixels().map(|p| p.0).collect(),
         },
-        _ => Photo::Ldr {
+        _ => Photo::Rgb8 {
             width,
             height,
-            pixels: picture
-                .to_rgb8()
-                .pixels()
-                .map(|p| p.0.map(|c| u16::from(c) * 257))
-                .collect(),
+            pixels: picture.to_rgb8().pixels().map(|p| p.0).collect(),
         },
     };
     Ok(Decoded { photo, alpha })

@@ -5,7 +5,16 @@ use crate::color::{linear_from_srgb, srgb_from_linear};
 /// A picture, row-major from the top left; index `i = y * width + x`.
 #[derive(Clone, Debug)]
 pub enum Photo {
-    /// From PNG or JPEG: sRGB-encoded, `0..=65535` for 0..1 (8-bit codes times 257).
+    /// From PNG or JPEG of 8 bits a colour: sRGB-encoded, `0..=255` for 0..1.
+    Rgb8 {
+        /// Columns.
+        width: u32,
+        /// Rows.
+        height: u32,
+        /// `[height * width]` RGB.
+        pixels: Vec<[u8; 3]>,
+    },
+    /// From PNG of 16 bits a colour: sRGB-encoded, `0..=65535` for 0..1.
     Ldr {
         /// Columns.
         width: u32,
@@ -29,14 +38,16 @@ impl Photo {
     /// Columns.
     pub fn width(&self) -> u32 {
         match self {
-            Self::Ldr { width, .. } | Self::Hdr { width, .. } => *width,
+            Self::Rgb8 { width, .. } | Self::Ldr { width, .. } | Self::Hdr { width, .. } => *width,
         }
     }
 
     /// Rows.
     pub fn height(&self) -> u32 {
         match self {
-            Self::Ldr { height, .. } | Self::Hdr { height, .. } => *height,
+            Self::Rgb8 { height, .. } | Self::Ldr { height, .. } | Self::Hdr { height, .. } => {
+                *height
+            }
         }
     }
 
@@ -49,6 +60,7 @@ impl Photo {
     #[inline]
     pub fn srgb(&self, i: usize) -> [f32; 3] {
         match self {
+            Self::Rgb8 { pixels, .. } => pixels[i].map(|c| f32::from(c) / 255.0),
             Self::Ldr { pixels, .. } => pixels[i].map(|c| f32::from(c) / 65535.0),
             Self::Hdr { pixels, .. } => pixels[i].map(srgb_from_linear),
         }
@@ -58,7 +70,7 @@ impl Photo {
     #[inline]
     pub fn linear(&self, i: usize) -> [f32; 3] {
         match self {
-            Self::Ldr { pixels, .. } => pixels[i].map(|c| linear_from_srgb(f32::from(c) / 65535.0)),
+            Self::Rgb8 { .. } | Self::Ldr { .. } => self.srgb(i).map(linear_from_srgb),
             Self::Hdr { pixels, .. } => pixels[i],
         }
     }
@@ -105,16 +117,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn eight_bit_codes_survive_the_wider_storage() {
-        let pixels = (0..=255_u16).map(|c| [c * 257; 3]).collect();
-        let photo = Photo::Ldr {
+    fn eight_bit_codes_are_the_same_in_either_storage() {
+        let narrow = Photo::Rgb8 {
             width: 256,
             height: 1,
-            pixels,
+            pixels: (0..=u8::MAX).map(|c| [c; 3]).collect(),
+        };
+        let wide = Photo::Ldr {
+            width: 256,
+            height: 1,
+            pixels: (0..=255_u16).map(|c| [c * 257; 3]).collect(),
         };
         for i in 0..256 {
-            let [r, ..] = photo.srgb(i);
+            let [r, ..] = narrow.srgb(i);
             assert!((r - i as f32 / 255.0).abs() < 1e-6, "code {i} became {r}");
+            assert_eq!(narrow.srgb(i), wide.srgb(i), "code {i}");
         }
     }
 

@@ -1,4 +1,4 @@
-//! Rays against a mesh: nearest hit and occlusion, over obvhs' compressed eight-wide BVH.
+//! Rays against a mesh: nearest hit and occlusion, over an eight-wide hierarchy.
 //!
 //! The hierarchy is built over the mesh moved and scaled to the unit ball, so that its fixed
 //! epsilons mean the same for scenes of 1e-3 and 1e4 units. Triangles are tested by the
@@ -10,11 +10,11 @@ use std::time::Duration;
 
 use glam::{Vec3, Vec3A};
 use obvhs::BvhBuildParams;
-use obvhs::cwbvh::CwBvh;
 use obvhs::cwbvh::builder::build_cwbvh;
-use obvhs::ray::{INVALID_ID, Ray as BvhRay, RayHit};
+use obvhs::ray::Ray as BvhRay;
 use obvhs::triangle::Triangle;
 
+use super::wide_bvh::{Slabs, Walk, WideBvh};
 use super::{Mesh, Ray};
 
 /// A point where a ray meets the mesh.
@@ -40,7 +40,7 @@ pub struct Hit {
 /// Traces rays against one mesh. Built once; shared between threads by reference.
 pub struct SurfaceTracer {
     mesh: Arc<Mesh>,
-    bvh: CwBvh,
+    bvh: WideBvh,
     /// Corners in ball space, in the order of the BVH's leaves.
     leaves: Vec<[Vec3A; 3]>,
     /// Triangle index of each leaf.
@@ -79,15 +79,15 @@ impl SurfaceTracer {
             BvhBuildParams::medium_build(),
             &mut Duration::default(),
         );
-        let triangle_of_leaf = bvh.primitive_indices.clone();
         Self {
-            leaves: triangle_of_leaf
+            leaves: bvh
+                .primitive_indices
                 .iter()
                 .map(|i| corners[*i as usize])
                 .collect(),
             mesh,
-            bvh,
-            triangle_of_leaf,
+            bvh: WideBvh::new(&bvh),
+            triangle_of_leaf: bvh.primitive_indices,
             center,
             radius,
         }
@@ -106,33 +106,66 @@ impl SurfaceTracer {
     /// The nearest hit with `t_min < t < t_max` (scene units), from either side of the surface.
     pub fn intersect(&self, ray: &Ray, t_min: f32, t_max: f32) -> Option<Hit> {
         let ray_ball = self.ball_ray(ray, t_min, t_max)?;
-        let mut nearest = RayHit::none();
-        self.bvh.ray_traverse(ray_ball, &mut nearest, |ray, leaf| {
-            intersect_triangle(ray, &self.leaves[leaf]).map_or(f32::INFINITY, |hit| hit.t)
-        });
-        if nearest.primitive_id == INVALID_ID {
-            return None;
-        }
-        let leaf = nearest.primitive_id as usize;
-        let hit = intersect_triangle(&ray_ball, &self.leaves[leaf])?;
-        Some(self.hit(ray, self.triangle_of_leaf[leaf], &hit))
+        let mut nearest = None;
+        let slabs = Slabs::new(&ray_ball);
+        self.bvh
+            .walk_ray(0, &slabs, &mut { ray_ball }, |ray, leaf| {
+                if let Some(t) = self.leaf_distance(ray, leaf) {
+                    ray.tmax = t;
+                    nearest = Some(leaf);
+                }
+                Walk::On
+            });
+        self.hit_on_leaf(ray, &ray_ball, nearest?)
     }
 
     /// Whether anything lies on the ray with `t_min < t < t_max` (scene units).
     pub fn occluded(&self, ray: &Ray, t_min: f32, t_max: f32) -> bool {
-        self.ball_ray(ray, t_min, t_max).is_some_and(|ray_ball| {
-            !self.bvh.ray_traverse_miss(ray_ball, |ray, leaf| {
-                intersect_triangle(ray, &self.leaves[leaf]).map_or(f32::INFINITY, |hit| hit.t)
-            })
+        let Some(mut ray_ball) = self.ball_ray(ray, t_min, t_max) else {
+            return false;
+        };
+        let slabs = Slabs::new(&ray_ball);
+        // The walk is stopped by the first hit.
+        !self.bvh.walk_ray(0, &slabs, &mut ray_ball, |ray, leaf| {
+            match self.leaf_distance(ray, leaf) {
+                Some(_) => Walk::Stop,
+                None => Walk::On,
+            }
         })
     }
 
+    pub(super) fn bvh(&self) -> &WideBvh {
+        &self.bvh
+    }
+
+    /// Corners of a leaf's triangle, ball space.
+    pub(super) fn leaf(&self, leaf: usize) -> &[Vec3A; 3] {
+        &self.leaves[leaf]
+    }
+
+    pub(super) fn to_ball(&self, p_world: Vec3) -> Vec3A {
+        ((p_world - self.center) / self.radius).into()
+    }
+
     /// The ray in ball space; `None` when a number is not finite or the interval is empty.
-    fn ball_ray(&self, ray: &Ray, t_min: f32, t_max: f32) -> Option<BvhRay> {
-        let origin = (ray.origin - self.center) / self.radius;
+    pub(super) fn ball_ray(&self, ray: &Ray, t_min: f32, t_max: f32) -> Option<BvhRay> {
+        let origin = self.to_ball(ray.origin);
         let (t_min, t_max) = (t_min / self.radius, t_max / self.radius);
         let usable = origin.is_finite() && ray.direction.is_finite() && t_min < t_max;
-        usable.then(|| BvhRay::new(origin.into(), ray.direction.into(), t_min, t_max))
+        usable.then(|| BvhRay::new(origin, ray.direction.into(), t_min, t_max))
+    }
+
+    /// Where a ball-space ray meets the leaf's triangle before its end, if it does.
+    #[inline(always)]
+    pub(super) fn leaf_distance(&self, ray: &BvhRay, leaf: usize) -> Option<f32> {
+        let hit = intersect_triangle(ray, &self.leaves[leaf])?;
+        (hit.t < ray.tmax).then_some(hit.t)
+    }
+
+    /// The hit of a ray, also given in ball space, on the triangle of `leaf`.
+    pub(super) fn hit_on_leaf(&self, ray: &Ray, ray_ball: &BvhRay, leaf: usize) -> Option<Hit> {
+        let hit = intersect_triangle(ray_ball, &self.leaves[leaf])?;
+        Some(self.hit(ray, self.triangle_of_leaf[leaf], &hit))
     }
 
     fn hit(&self, ray: &Ray, triangle: u32, hit: &TriangleHit) -> Hit {

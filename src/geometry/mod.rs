@@ -5,16 +5,19 @@
 mod aabb;
 mod bvh;
 mod camera;
+mod fan;
 mod footprint;
 mod mesh;
 mod ray;
 mod sampling;
 #[cfg(test)]
 pub(crate) mod test_mesh;
+mod wide_bvh;
 
 pub use aabb::Aabb;
 pub use bvh::{Hit, SurfaceTracer};
 pub use camera::{Camera, Distortion};
+pub use fan::Fan;
 pub use footprint::SurfaceFootprint;
 pub use mesh::{Mesh, MeshError};
 pub use ray::Ray;

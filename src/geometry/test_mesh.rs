@@ -38,3 +38,15 @@ pub(crate) fn ellipsoid(center: Vec3, radii: Vec3, n: u32) -> Mesh {
     }
     Mesh::new(positions, Some(normals), triangles).unwrap()
 }
+
+/// Both meshes as one.
+pub(crate) fn together(a: &Mesh, b: &Mesh) -> Mesh {
+    let n = a.positions.len() as u32;
+    let triangles = b.triangles.iter().map(|corners| corners.map(|i| i + n));
+    Mesh::new(
+        [a.positions.as_slice(), &b.positions].concat(),
+        Some([a.normals.as_slice(), &b.normals].concat()),
+        a.triangles.iter().copied().chain(triangles).collect(),
+    )
+    .unwrap()
+}

@@ -24,7 +24,7 @@ impl FieldFrame {
     }
 }
 
-/// A point in field coordinates contracted into `(-2, 2)³`, and the local scale of lengths there.
+/// A point in field coordinates contracted into `(-2, 2)³` (up to rounding), and the local scale of lengths there.
 ///
 /// `c(x) = x` inside, `(2 - 1/m) x/m` with `m = max |x_i|` outside; scale `(2m - 1)^(2/3) / m²` (the cube root of the
 /// Jacobian's determinant, the isotropic scale of Zip-NeRF).

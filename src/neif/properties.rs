@@ -122,9 +122,9 @@ proptest! {
     #[test]
     fn contraction_is_bounded_for_any_point(x in [finite(), finite(), finite()]) {
         let (c, scale) = contract(x);
-        prop_assert!(c.iter().all(|v| v.abs() <= 2.0), "{c:?}");
+        prop_assert!(c.iter().all(|v| v.abs() <= 2.0 + 4.0 * f32::EPSILON), "{c:?}");
         prop_assert!((0.0..=1.0).contains(&scale), "scale {scale}");
-        prop_assert!(unit_cube(c).iter().all(|v| (0.0..=1.0).contains(v)));
+        prop_assert!(unit_cube(c).iter().all(|v| (-f32::EPSILON..=1.0 + f32::EPSILON).contains(v)));
         for axis in 0..3 {
             prop_assert!(c[axis] * x[axis] >= 0.0, "the sign changed: {c:?}");
         }

@@ -2,10 +2,9 @@
 
 use std::ops::Range;
 
-use super::trace::{MAX_VERTICES, PathStore, trace_path, trace_pixel};
+use super::trace::{MAX_VERTICES, PathStore, PixelHit, Seen, trace_path, trace_pixel};
 use crate::geometry::{Camera, SurfaceTracer};
 use crate::neif::light_path::PathVertex;
-use crate::neif::shading::SurfacePoint;
 
 /// Sub-samples per axis of a silhouette pixel.
 const SUBSAMPLES: usize = 4;
@@ -141,7 +140,7 @@ impl GBuffer {
             let turn = ((self.first as usize + i) % 4096) as f32 * 2.399_963;
             for (k, point) in points.iter().enumerate() {
                 let turn = turn + k as f32;
-                let path = trace_path(tracer, *point, turn, &mut path, options.max_vertices);
+                let path = trace_path(tracer, point, turn, &mut path, options.max_vertices);
                 self.paths.push(path);
             }
             self.starts[i + 1] = self.paths.n_paths() as u32;
@@ -152,7 +151,7 @@ impl GBuffer {
 /// What the rays through the pixels' centres met, and one row more on each side.
 struct Centers {
     width: usize,
-    points: Vec<Option<SurfacePoint>>,
+    points: Vec<Option<Seen>>,
 }
 
 /// How a pixel compares with its four neighbours.
@@ -191,7 +190,7 @@ impl Centers {
         Self { width, points }
     }
 
-    fn at(&self, i: usize) -> Option<SurfacePoint> {
+    fn at(&self, i: usize) -> Option<Seen> {
         self.points[i + self.width]
     }
 
@@ -224,8 +223,8 @@ impl Centers {
 }
 
 /// Whether the mirror directions of two neighbouring pixels are so near that one ray stands for the pixel.
-fn hang_together(a: &SurfacePoint, b: &SurfacePoint) -> bool {
-    a.reflected().dot(b.reflected()) > LARGEST_TURN.cos()
+fn hang_together(a: &Seen, b: &Seen) -> bool {
+    a.point.reflected().dot(b.point.reflected()) > LARGEST_TURN.cos()
 }
 
 /// The points seen through the `n` by `n` equal squares of pixel `(x, y)`.
@@ -234,7 +233,7 @@ fn subsample(
     camera: &Camera,
     (x, y): (f32, f32),
     n: usize,
-    points: &mut Vec<SurfacePoint>,
+    points: &mut Vec<Seen>,
 ) {
     let side = 1.0 / n as f32;
     for k in 0..n * n {
@@ -254,7 +253,7 @@ fn subsample_edge(
     camera: &Camera,
     (x, y): (f32, f32),
     n: usize,
-    points: &mut Vec<SurfacePoint>,
+    points: &mut Vec<Seen>,
 ) -> f32 {
     let n_inside = SUBSAMPLES / n;
     let mut hits = Vec::with_capacity(n_inside * n_inside);
@@ -267,19 +266,17 @@ fn subsample_edge(
                 x + offset(square % n, k % n_inside) / SUBSAMPLES as f32,
                 y + offset(square / n, k / n_inside) / SUBSAMPLES as f32,
             );
-            let point = trace_pixel(tracer, camera, at, 1.0 / n as f32);
-            hits.extend(point.map(|point| (at.0, at.1, point)));
+            hits.extend(PixelHit::trace(tracer, camera, at).map(|hit| (at, hit)));
         }
-        let mean = |f: fn(&(f32, f32, SurfacePoint)) -> f32| {
+        let mean = |f: fn(&((f32, f32), PixelHit)) -> f32| {
             hits.iter().map(f).sum::<f32>() / hits.len().max(1) as f32
         };
-        let (u, v) = (mean(|h| h.0), mean(|h| h.1));
-        let distance = |h: &&(f32, f32, SurfacePoint)| (h.0 - u).powi(2) + (h.1 - v).powi(2);
-        points.extend(
-            hits.iter()
-                .min_by(|a, b| distance(a).total_cmp(&distance(b)))
-                .map(|hit| hit.2),
-        );
+        let (u, v) = (mean(|h| h.0.0), mean(|h| h.0.1));
+        let distance = |at: (f32, f32)| (at.0 - u).powi(2) + (at.1 - v).powi(2);
+        let nearest = hits
+            .iter()
+            .min_by(|a, b| distance(a.0).total_cmp(&distance(b.0)));
+        points.extend(nearest.map(|(at, hit)| hit.seen(tracer, camera, *at, 1.0 / n as f32)));
         n_hits += hits.len();
     }
     n_hits as f32 / (SUBSAMPLES * SUBSAMPLES) as f32

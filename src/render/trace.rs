@@ -4,7 +4,7 @@
 
 use glam::{Quat, Vec3};
 
-use crate::geometry::{Camera, Hit, Ray, SurfaceTracer, orthonormal_basis};
+use crate::geometry::{Camera, Fan, Hit, Ray, SurfaceTracer, orthonormal_basis};
 use crate::neif::light_path::{Blocked, PathVertex, RING_ANGLES, RING_RAYS};
 use crate::neif::shading::SurfacePoint;
 
@@ -39,29 +39,61 @@ impl PathStore {
         self.vertices.extend_from_slice(path);
         self.ends.push(self.vertices.len() as u32);
     }
+}
 
-    /// Adds all paths of another list.
-    pub fn append(&mut self, other: &Self) {
-        let base = self.vertices.len() as u32;
-        self.vertices.extend_from_slice(&other.vertices);
-        self.ends.extend(other.ends.iter().map(|end| base + end));
+/// A surface point with the side of the mesh's triangle that it lies on.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Seen {
+    /// The point.
+    pub point: SurfacePoint,
+    /// The triangle's unit normal, facing where the point is seen from.
+    pub face_normal: Vec3,
+}
+
+/// The ray through a point of a camera's picture and what it meets first.
+#[derive(Clone, Copy, Debug)]
+pub struct PixelHit {
+    ray: Ray,
+    hit: Hit,
+}
+
+impl PixelHit {
+    /// Traces the ray through `(x_px, y_px)`.
+    pub fn trace(
+        tracer: &SurfaceTracer,
+        camera: &Camera,
+        (x_px, y_px): (f32, f32),
+    ) -> Option<Self> {
+        let ray = camera.ray(x_px, y_px);
+        let hit = tracer.intersect(&ray, 0.0, f32::INFINITY)?;
+        Some(Self { ray, hit })
+    }
+
+    /// The point met by a ray through `(x_px, y_px)`; `size_px` is the side of the square whose beam is meant.
+    pub fn seen(
+        &self,
+        tracer: &SurfaceTracer,
+        camera: &Camera,
+        (x_px, y_px): (f32, f32),
+        size_px: f32,
+    ) -> Seen {
+        let neighbours = [
+            camera.ray(x_px + size_px, y_px),
+            camera.ray(x_px, y_px + size_px),
+        ];
+        seen(tracer, &self.hit, &self.ray, &neighbours)
     }
 }
 
-/// The first hit of the ray through `(x_px, y_px)`; `size_px` is the side of the square whose beam is meant.
+/// The first hit of the ray through `at_px`; `size_px` is the side of the square whose beam is meant.
 pub fn trace_pixel(
     tracer: &SurfaceTracer,
     camera: &Camera,
-    (x_px, y_px): (f32, f32),
+    at_px: (f32, f32),
     size_px: f32,
-) -> Option<SurfacePoint> {
-    let ray = camera.ray(x_px, y_px);
-    let hit = tracer.intersect(&ray, 0.0, f32::INFINITY)?;
-    let neighbours = [
-        camera.ray(x_px + size_px, y_px),
-        camera.ray(x_px, y_px + size_px),
-    ];
-    Some(surface_point(tracer, &hit, &ray, &neighbours))
+) -> Option<Seen> {
+    let hit = PixelHit::trace(tracer, camera, at_px)?;
+    Some(hit.seen(tracer, camera, at_px, size_px))
 }
 
 /// The path of mirror directions that starts at `first`, with at most `path.len()` vertices; returns how many it has.
@@ -69,43 +101,57 @@ pub fn trace_pixel(
 /// `turn` (radians) turns the rings of lobe rays, so that neighbouring pixels test different directions.
 pub fn trace_path<'a>(
     tracer: &SurfaceTracer,
-    first: SurfacePoint,
+    first: &Seen,
     turn: f32,
     path: &'a mut [PathVertex; MAX_VERTICES],
     max_vertices: usize,
 ) -> &'a [PathVertex] {
     path[0] = PathVertex {
-        point: first,
+        point: first.point,
         ..PathVertex::default()
     };
+    let mut face_normal = first.face_normal;
     let last = max_vertices.clamp(1, MAX_VERTICES) - 1;
     for k in 0..last {
-        let (blocked, next) = trace_lobe(tracer, &path[k].point, turn + k as f32);
+        let from = Seen {
+            point: path[k].point,
+            face_normal,
+        };
+        let fan = lobe_fan(tracer, &from);
+        if fan.is_free() {
+            return &path[..=k];
+        }
+        let (blocked, next) = trace_lobe(tracer, &fan, &from.point, turn + k as f32);
         path[k].blocked = blocked;
-        let Some(next) = next else {
+        let Some((next, next_face_normal)) = next else {
             return &path[..=k];
         };
-        path[k + 1] = next;
+        (path[k + 1], face_normal) = (next, next_face_normal);
     }
     &path[..=last]
 }
 
-/// The lobe's fan of rays: how many meet the object, and the first point met (the mirror ray's if it does).
+/// The cone that holds all rays of the lobe at a point.
+fn lobe_fan<'a>(tracer: &'a SurfaceTracer, from: &Seen) -> Fan<'a> {
+    let (point, axis) = (from.point.position, from.point.reflected());
+    tracer.fan(
+        point,
+        from.face_normal,
+        axis,
+        RING_ANGLES[RING_ANGLES.len() - 1],
+    )
+}
+
+/// The lobe's rays: how many meet the object, and the first point met (the mirror ray's if it does) with its
+/// triangle's normal.
 fn trace_lobe(
     tracer: &SurfaceTracer,
+    fan: &Fan<'_>,
     point: &SurfacePoint,
     turn: f32,
-) -> (Blocked, Option<PathVertex>) {
+) -> (Blocked, Option<(PathVertex, Vec3)>) {
     let axis = point.reflected();
-    let start = tracer.self_distance();
-    let mirror = tracer.intersect(
-        &Ray {
-            origin: point.position,
-            direction: axis,
-        },
-        start,
-        f32::INFINITY,
-    );
+    let mirror = fan.intersect(point.position, axis);
     let mut blocked = Blocked {
         core: if mirror.is_some() { 1.0 } else { 0.0 },
         rings: [0.0; 2],
@@ -124,13 +170,12 @@ fn trace_lobe(
                 continue;
             }
             counts[0] += 1;
-            let ray = Ray {
-                origin: point.position,
-                direction,
-            };
-            if let Some(hit) = tracer.intersect(&ray, start, f32::INFINITY) {
+            // Where it meets matters only if nothing was met before.
+            if met.is_some() {
+                counts[1] += u32::from(fan.occluded(point.position, direction));
+            } else if let Some(hit) = fan.intersect(point.position, direction) {
                 counts[1] += 1;
-                met = met.or_else(|| Some(next_vertex(tracer, point, direction, &hit)));
+                met = Some(next_vertex(tracer, point, direction, &hit));
             }
         }
         blocked.rings[ring] = if counts[0] > 0 {
@@ -147,7 +192,7 @@ fn next_vertex(
     from: &SurfacePoint,
     direction: Vec3,
     hit: &Hit,
-) -> PathVertex {
+) -> (PathVertex, Vec3) {
     // The beam widens as if it came from a point behind the mirror.
     let behind = (from.base / from.spread.max(1e-12)).min(1e3 * hit.t);
     let ray = Ray {
@@ -160,26 +205,26 @@ fn next_vertex(
         origin: ray.origin,
         direction: Quat::from_axis_angle(axis, angle) * direction,
     };
-    PathVertex {
-        point: surface_point(tracer, hit, &ray, &[turned(tangent), turned(bitangent)]),
+    let seen = seen(tracer, hit, &ray, &[turned(tangent), turned(bitangent)]);
+    let vertex = PathVertex {
+        point: seen.point,
         blocked: Blocked::default(),
         distance: hit.t,
         curvature: tracer.curvature(hit),
-    }
+    };
+    (vertex, seen.face_normal)
 }
 
-fn surface_point(
-    tracer: &SurfaceTracer,
-    hit: &Hit,
-    ray: &Ray,
-    neighbours: &[Ray; 2],
-) -> SurfacePoint {
+fn seen(tracer: &SurfaceTracer, hit: &Hit, ray: &Ray, neighbours: &[Ray; 2]) -> Seen {
     let footprint = tracer.footprint(hit, ray, &neighbours[0], &neighbours[1]);
-    SurfacePoint {
-        position: hit.position,
-        normal: hit.normal,
-        to_eye: -ray.direction,
-        base: footprint.position_per_px * PIXEL_STD,
-        spread: footprint.reflection_per_px * PIXEL_STD,
+    Seen {
+        point: SurfacePoint {
+            position: hit.position,
+            normal: hit.normal,
+            to_eye: -ray.direction,
+            base: footprint.position_per_px * PIXEL_STD,
+            spread: footprint.reflection_per_px * PIXEL_STD,
+        },
+        face_normal: hit.geometric_normal,
     }
 }

@@ -155,14 +155,12 @@ impl Chunk {
             let mut random = SlotRandom::new(context.config.seed, context.step, slot as u64);
             let pixel = context.pixels.draw_object(&mut random);
             let first = self.paths.len();
-            for path in context.pixels.paths_of(pixel) {
-                let start = self.vertices.len();
-                self.vertices.extend_from_slice(path);
-                self.paths.push(SlotPath {
-                    points: start..self.vertices.len(),
-                    lit: 0..0,
+            let paths = &mut self.paths;
+            context
+                .pixels
+                .unpack_paths(&pixel, &mut self.vertices, |points| {
+                    paths.push(SlotPath { points, lit: 0..0 });
                 });
-            }
             self.slots.push(ObjectSlot {
                 target: pixel.target,
                 smoothness: pixel.smoothness,

@@ -15,7 +15,9 @@ mod loss;
 pub mod lpips;
 mod meter;
 pub mod metrics;
+mod packed_path;
 pub mod paper;
+mod pixel_set;
 mod pixels;
 mod placement;
 pub mod plan;
@@ -28,6 +30,7 @@ pub mod run_log;
 pub mod session;
 mod session_thread;
 pub mod snapshot;
+mod srgb_codes;
 #[cfg(test)]
 mod test_scene;
 pub mod trainer;

@@ -1,47 +1,44 @@
 //! The store of training pixels: each traced once, drawn from ever after.
 
+use std::ops::Range;
+
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::preconvolution::BlurredView;
+use super::packed_path::PackedPaths;
+use super::preconvolution::{BlurredImage, blurred_images};
 use super::random::SlotRandom;
+use super::srgb_codes::SrgbCodes;
 use crate::data::{Dataset, View};
 use crate::geometry::{Camera, SurfaceTracer};
 use crate::neif::light_path::PathVertex;
 use crate::render::GBuffer;
 use crate::render::gbuffer::PathOptions;
-use crate::render::trace::PathStore;
 
 /// Coverage from which a pixel counts as all object; below its complement as all background.
 const SOLID: u8 = 250;
+/// Pixels traced at once: what is kept of them is smaller than what tracing needs.
+const BAND_PIXELS: usize = 1 << 15;
 
-/// A pixel that shows only the object.
+/// A drawn pixel that shows only the object.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ObjectPixel {
-    first_path: u32,
-    n_paths: u32,
+    view: usize,
+    index: usize,
     /// sRGB target in `[0, 1]`.
     pub target: [f32; 3],
     /// `exp(-|image gradient|)`: how far the material may be assumed smooth here (Eq. 8).
     pub smoothness: f32,
 }
 
-/// A pixel that shows only the surroundings: where it is.
-#[derive(Clone, Copy, Debug)]
-struct BackgroundPixel {
-    view: u32,
-    pixel: u32,
-}
-
 /// All training pixels.
 #[derive(Debug)]
 pub(super) struct PixelStore {
-    objects: Vec<ObjectPixel>,
-    paths: PathStore,
-    /// One pool a blur level, sharp first.
-    backgrounds: Vec<Vec<BackgroundPixel>>,
-    views: Vec<BlurredView>,
-    cameras: Vec<Camera>,
+    views: Vec<ViewPixels>,
+    /// Object pixels of the views before each view, and of all.
+    objects_before: Vec<usize>,
+    /// The same of background samples, one list a blur level, sharp first.
+    backgrounds_before: Vec<Vec<usize>>,
 }
 
 /// A drawn background pixel.
@@ -92,55 +89,51 @@ impl PixelStore {
                 on_view().then(|| collect_view(view, index as u32, tracer, &options, keep))
             })
             .collect();
-        let mut store = Self {
-            objects: Vec::new(),
-            paths: PathStore::default(),
-            backgrounds: vec![Vec::new(); options.n_blurred + 1],
-            views: Vec::new(),
-            cameras: dataset.train.iter().map(|v| v.camera).collect(),
-        };
-        for part in parts {
-            store.append(part?);
-        }
-        Some(store)
-    }
-
-    fn append(&mut self, part: ViewPixels) {
-        let base = self.paths.n_paths() as u32;
-        self.objects
-            .extend(part.objects.iter().map(|pixel| ObjectPixel {
-                first_path: base + pixel.first_path,
-                ..*pixel
-            }));
-        self.paths.append(&part.paths);
-        for (pool, pixels) in self.backgrounds.iter_mut().zip(part.backgrounds) {
-            pool.extend(pixels);
-        }
-        self.views.push(part.blurred);
+        let views = parts.into_iter().collect::<Option<Vec<_>>>()?;
+        let level_len =
+            |view: &ViewPixels, level| view.backgrounds.get(level).map_or(0, BlurredImage::len);
+        Some(Self {
+            objects_before: running_sums(views.iter().map(|view| view.smoothness.len())),
+            backgrounds_before: (0..=options.n_blurred)
+                .map(|level| running_sums(views.iter().map(|view| level_len(view, level))))
+                .collect(),
+            views,
+        })
     }
 
     /// Number of object pixels.
     pub(super) fn n_objects(&self) -> usize {
-        self.objects.len()
+        total(&self.objects_before)
     }
 
     /// Number of sharp background pixels.
     pub(super) fn n_backgrounds(&self) -> usize {
-        self.backgrounds[0].len()
+        total(&self.backgrounds_before[0])
     }
 
     /// A random object pixel.
-    pub(super) fn draw_object(&self, random: &mut SlotRandom) -> &ObjectPixel {
-        &self.objects[random.index(self.objects.len())]
+    pub(super) fn draw_object(&self, random: &mut SlotRandom) -> ObjectPixel {
+        let (view, index) = locate(&self.objects_before, random.index(self.n_objects()));
+        let pixels = &self.views[view];
+        ObjectPixel {
+            view,
+            index,
+            target: pixels.targets.srgb(index),
+            smoothness: f32::from(pixels.smoothness[index]) / f32::from(u8::MAX),
+        }
     }
 
-    /// The light paths of an object pixel, at least one, all of the same weight.
-    pub(super) fn paths_of(
+    /// Appends the vertices of an object pixel's light paths to `vertices`. The paths, at least one, have the same
+    /// weight; `on_path` is told where each lies.
+    pub(super) fn unpack_paths(
         &self,
         pixel: &ObjectPixel,
-    ) -> impl ExactSizeIterator<Item = &[PathVertex]> {
-        (pixel.first_path..pixel.first_path + pixel.n_paths)
-            .map(|path| self.paths.path(path as usize))
+        vertices: &mut Vec<PathVertex>,
+        on_path: impl FnMut(Range<usize>),
+    ) {
+        let view = &self.views[pixel.view];
+        let eye = view.camera.position();
+        view.paths.unpack(pixel.index, eye, vertices, on_path);
     }
 
     /// A random background pixel, from a blurred level with probability `blurred_share`.
@@ -150,35 +143,62 @@ impl PixelStore {
         blurred_share: f32,
     ) -> BackgroundSample {
         let mut level = 0;
-        if random.uniform() < blurred_share && self.backgrounds.len() > 1 {
-            level = 1 + random.index(self.backgrounds.len() - 1);
-            if self.backgrounds[level].is_empty() {
+        if random.uniform() < blurred_share && self.backgrounds_before.len() > 1 {
+            level = 1 + random.index(self.backgrounds_before.len() - 1);
+            if total(&self.backgrounds_before[level]) == 0 {
                 level = 0;
             }
         }
-        let pool = &self.backgrounds[level];
-        let at = pool[random.index(pool.len())];
-        let (camera, blurred) = (
-            &self.cameras[at.view as usize],
-            &self.views[at.view as usize].levels[level],
-        );
-        let (x, y) = blurred.position_px(at.pixel);
+        let before = &self.backgrounds_before[level];
+        let (view, index) = locate(before, random.index(total(before)));
+        let ViewPixels {
+            camera,
+            backgrounds,
+            ..
+        } = &self.views[view];
+        let blurred = &backgrounds[level];
+        let (x, y) = blurred.position_px(index);
         let ray = camera.ray(x, y);
-        let spread = camera.pixel_angle() * blurred.std_px();
         BackgroundSample {
             origin: ray.origin,
             direction: ray.direction,
-            spread,
-            target: blurred.srgb(at.pixel),
+            spread: camera.pixel_angle() * blurred.std_px(),
+            target: blurred.srgb(index),
         }
     }
 }
 
+/// Sums of the numbers before each, and of all.
+fn running_sums(lengths: impl Iterator<Item = usize>) -> Vec<usize> {
+    let mut sum = 0;
+    std::iter::once(0)
+        .chain(lengths.map(|n| {
+            sum += n;
+            sum
+        }))
+        .collect()
+}
+
+fn total(before: &[usize]) -> usize {
+    before.last().copied().unwrap_or_default()
+}
+
+/// The view of the `k`-th pixel of all, and its index there.
+fn locate(before: &[usize], k: usize) -> (usize, usize) {
+    let view = before.partition_point(|&n| n <= k) - 1;
+    (view, k - before[view])
+}
+
+/// The training pixels of one view.
+#[derive(Debug)]
 struct ViewPixels {
-    objects: Vec<ObjectPixel>,
-    paths: PathStore,
-    backgrounds: Vec<Vec<BackgroundPixel>>,
-    blurred: BlurredView,
+    camera: Camera,
+    /// Light paths, targets and `exp(-|image gradient|)` in 255ths of its object pixels.
+    paths: PackedPaths,
+    targets: SrgbCodes,
+    smoothness: Vec<u8>,
+    /// By blur level, sharp first.
+    backgrounds: Vec<BlurredImage>,
 }
 
 fn collect_view(
@@ -188,30 +208,14 @@ fn collect_view(
     options: &PixelOptions,
     keep: f32,
 ) -> ViewPixels {
-    let n = view.photo.width() as usize * view.photo.height() as usize;
-    let mut objects = Vec::new();
-    let mut paths = PathStore::default();
-    let mut is_background = vec![true; n];
-    match (&view.mask, tracer) {
-        (Some(mask), _) => {
-            for (is_background, coverage) in is_background.iter_mut().zip(&mask.coverage) {
-                *is_background = *coverage <= u8::MAX - SOLID;
-            }
-        }
-        (None, Some(tracer)) => {
-            let options = PathOptions {
-                max_vertices: 1,
-                smooth: 1,
-                torn: 1,
-            };
-            let rows = 0..view.photo.height();
-            let gbuffer = GBuffer::trace_some(tracer, &view.camera, rows, options, |_| true);
-            for (is_background, coverage) in is_background.iter_mut().zip(gbuffer.coverage()) {
-                *is_background = *coverage <= 0.0;
-            }
-        }
-        (None, None) => {}
-    }
+    let is_background = background_of(view, tracer);
+    let mut pixels = ViewPixels {
+        camera: view.camera,
+        paths: PackedPaths::default(),
+        targets: SrgbCodes::like(&view.photo),
+        smoothness: Vec::new(),
+        backgrounds: Vec::new(),
+    };
     if let Some(tracer) = tracer {
         let is_wanted = |i: u32| {
             let mut random = SlotRandom::new(options.seed ^ 0x5bd1, u64::from(index), u64::from(i));
@@ -221,42 +225,66 @@ fn collect_view(
             };
             is_solid && random.uniform() < keep
         };
-        let rows = 0..view.photo.height();
-        let gbuffer = GBuffer::trace_some(tracer, &view.camera, rows, options.paths, is_wanted);
-        for i in 0..n {
-            let first_path = paths.n_paths() as u32;
-            gbuffer.paths_at(i as u32).for_each(|path| paths.push(path));
-            let n_paths = paths.n_paths() as u32 - first_path;
-            if n_paths > 0 && gbuffer.coverage()[i] >= 1.0 {
-                objects.push(object_pixel(view, i, first_path, n_paths));
+        for rows in bands(&view.camera) {
+            let first = rows.start * view.camera.width;
+            let gbuffer = GBuffer::trace_some(tracer, &view.camera, rows, options.paths, is_wanted);
+            for (i, coverage) in (first..).zip(gbuffer.coverage()) {
+                if *coverage >= 1.0 && pixels.paths.push(gbuffer.paths_at(i)) {
+                    pixels.targets.extend([view.photo.srgb(i as usize)]);
+                    pixels.smoothness.push(smoothness(view, i as usize));
+                }
             }
         }
+        pixels.paths.shrink();
+        pixels.targets.shrink();
+        pixels.smoothness.shrink_to_fit();
     }
-    let blurred = BlurredView::new(&view.photo, &is_background, options.n_blurred);
-    let backgrounds = blurred.levels.iter().enumerate().map(|(level, image)| {
-        let mut random = SlotRandom::new(options.seed ^ 0x1b87, u64::from(index), level as u64);
-        let valid = image.valid_pixels();
-        valid
-            .filter(|_| random.uniform() < keep)
-            .map(|pixel| BackgroundPixel { view: index, pixel })
-            .collect()
-    });
-    ViewPixels {
-        objects,
-        paths,
-        backgrounds: backgrounds.collect(),
-        blurred,
+    let mut random: Vec<SlotRandom> = (0..=options.n_blurred as u64)
+        .map(|level| SlotRandom::new(options.seed ^ 0x1b87, u64::from(index), level))
+        .collect();
+    let keep = |level: usize| random[level].uniform() < keep;
+    pixels.backgrounds = blurred_images(&view.photo, &is_background, options.n_blurred, keep);
+    pixels
+}
+
+/// Rows that are traced at once.
+fn bands(camera: &Camera) -> impl Iterator<Item = Range<u32>> {
+    let (width, height) = (camera.width.max(1) as usize, camera.height);
+    let step = (BAND_PIXELS / width).max(1);
+    (0..height)
+        .step_by(step)
+        .map(move |y| y..(y + step as u32).min(height))
+}
+
+/// Which pixels of a view show only the surroundings, by its mask, or else by the mesh.
+fn background_of(view: &View, tracer: Option<&SurfaceTracer>) -> Vec<bool> {
+    match (&view.mask, tracer) {
+        (Some(mask), _) => mask
+            .coverage
+            .iter()
+            .map(|coverage| *coverage <= u8::MAX - SOLID)
+            .collect(),
+        (None, Some(tracer)) => {
+            let options = PathOptions {
+                max_vertices: 1,
+                smooth: 1,
+                torn: 1,
+            };
+            let trace = |rows| GBuffer::trace_some(tracer, &view.camera, rows, options, |_| true);
+            let is_background = |gbuffer: GBuffer| -> Vec<bool> {
+                gbuffer.coverage().iter().map(|c| *c <= 0.0).collect()
+            };
+            bands(&view.camera)
+                .flat_map(|rows| is_background(trace(rows)))
+                .collect()
+        }
+        (None, None) => vec![true; view.photo.n_pixels()],
     }
 }
 
-fn object_pixel(view: &View, i: usize, first_path: u32, n_paths: u32) -> ObjectPixel {
-    ObjectPixel {
-        first_path,
-        n_paths,
-        // Linear photos are cut where a display would cut them, as 8-bit ones were.
-        target: view.photo.srgb(i).map(|v| v.min(1.0)),
-        smoothness: (-image_gradient(view, i)).exp(),
-    }
+/// `exp(-|image gradient|)` at pixel `i`, in 255ths.
+fn smoothness(view: &View, i: usize) -> u8 {
+    ((-image_gradient(view, i)).exp() * f32::from(u8::MAX)).round() as u8
 }
 
 /// Length of the grey image's gradient at pixel `i`, central differences, per pixel.

@@ -4,97 +4,104 @@
 //! pixels. The paper prints a cone of `3 sigma r0`; matching the blurred pixel needs `r0 sqrt(1 + 12 sigma²)`, i.e. a
 //! variance of `sigma² + 1/12` pixels². Levels from 4 pixels on are stored at half the resolution each.
 
+use super::pixel_set::PixelSet;
+use super::srgb_codes::SrgbCodes;
 use crate::color::{linear_from_srgb, srgb_from_linear};
 use crate::data::Photo;
 
 /// Least share of background under the kernel for a blurred pixel to count.
 const MIN_WEIGHT: f32 = 0.25;
-/// sRGB codes; the last marks a pixel without background.
+/// Largest of the sRGB codes by which linear values are looked up.
 const CODE_MAX: f32 = 65534.0;
-const INVALID: u16 = u16::MAX;
 
-/// One photo's surroundings at all blur levels, sharp first.
-#[derive(Clone, Debug)]
-pub(super) struct BlurredView {
-    /// The levels.
-    pub levels: Vec<BlurredImage>,
-}
-
-/// One level: a grid of samples, every `stride` pixels, of the photo blurred by `sigma_px`.
+/// One level of one photo's surroundings: samples, every `stride` pixels, of the photo blurred by `sigma_px`.
 #[derive(Clone, Debug)]
 pub(super) struct BlurredImage {
     width: u32,
     stride: u32,
     sigma_px: f32,
-    pixels: Vec<[u16; 3]>,
+    /// The samples that hold background and were kept.
+    kept: PixelSet,
+    /// Their colours, in the same order.
+    colors: SrgbCodes,
 }
 
 /// Linear radiance times weight, and the weight.
 #[derive(Clone, Copy, Default)]
 struct Weighted([f32; 4]);
 
-impl BlurredView {
-    /// Blurs the pixels of `photo` that are background.
-    pub(super) fn new(photo: &Photo, is_background: &[bool], n_blurred: usize) -> Self {
-        let (mut width, mut height) = (photo.width(), photo.height());
-        let sharp = is_background.iter().enumerate().map(|(i, &b)| {
-            if b {
-                encode(photo.srgb(i))
-            } else {
-                [INVALID; 3]
-            }
-        });
-        let mut levels = vec![BlurredImage {
-            width,
-            stride: 1,
-            sigma_px: 0.0,
-            pixels: sharp.collect(),
-        }];
-        if n_blurred == 0 {
-            return Self { levels };
-        }
-        let linear = linear_by_code();
-        let mut image: Vec<Weighted> = levels[0]
-            .pixels
-            .iter()
-            .map(|code| weigh(*code, &linear))
-            .collect();
-        let (mut stride, mut sigma_px) = (1, 0.0_f32);
-        for level in 1..=n_blurred {
-            let next = (1 << (level - 1)) as f32;
-            if level > 2 {
-                image = halve(&image, width, height);
-                (width, height, stride) = (width / 2, height / 2, stride * 2);
-            }
-            if width < 4 || height < 4 {
-                break;
-            }
-            let step = (next * next - sigma_px * sigma_px).sqrt() / stride as f32;
-            image = blur(&image, width, height, step);
-            sigma_px = next;
-            levels.push(BlurredImage {
-                width,
-                stride,
-                sigma_px,
-                pixels: image.iter().map(unweigh).collect(),
-            });
-        }
-        Self { levels }
+/// The pixels of `photo` that are background, sharp and at up to `n_blurred` levels of blur. `keep(level)` is asked
+/// for each sample that holds background, in order.
+pub(super) fn blurred_images(
+    photo: &Photo,
+    is_background: &[bool],
+    n_blurred: usize,
+    mut keep: impl FnMut(usize) -> bool,
+) -> Vec<BlurredImage> {
+    let (mut width, mut height) = (photo.width(), photo.height());
+    let sharp = |i: usize| is_background[i].then(|| photo.srgb(i));
+    let mut image = BlurredImage {
+        width,
+        stride: 1,
+        sigma_px: 0.0,
+        kept: PixelSet::default(),
+        colors: SrgbCodes::like(photo),
+    };
+    let mut levels = vec![image.filled(is_background.len(), sharp, || keep(0))];
+    if n_blurred == 0 {
+        return levels;
     }
+    let linear = linear_by_code();
+    let mut weighted: Vec<Weighted> = (0..is_background.len())
+        .map(|i| sharp(i).map_or_else(Weighted::default, |srgb| weigh(encode(srgb), &linear)))
+        .collect();
+    for level in 1..=n_blurred {
+        let next = (1 << (level - 1)) as f32;
+        if level > 2 {
+            weighted = halve(&weighted, width, height);
+            (width, height, image.stride) = (width / 2, height / 2, image.stride * 2);
+        }
+        if width < 4 || height < 4 {
+            break;
+        }
+        let step = (next * next - image.sigma_px * image.sigma_px).sqrt() / image.stride as f32;
+        weighted = blur(&weighted, width, height, step);
+        (image.width, image.sigma_px) = (width, next);
+        levels.push(image.filled(weighted.len(), |i| unweigh(&weighted[i]), || keep(level)));
+    }
+    levels
 }
 
 impl BlurredImage {
-    /// Samples that hold background.
-    pub(super) fn valid_pixels(&self) -> impl Iterator<Item = u32> + '_ {
-        self.pixels
-            .iter()
-            .enumerate()
-            .filter(|(_, p)| p[0] != INVALID)
-            .map(|(i, _)| i as u32)
+    /// This level with those of `n` samples that have a colour and are to be kept.
+    fn filled(
+        &self,
+        n: usize,
+        srgb: impl Fn(usize) -> Option<[f32; 3]>,
+        mut keep: impl FnMut() -> bool,
+    ) -> Self {
+        let mut colors = self.colors.clone();
+        let kept = PixelSet::new(n, |i| {
+            let color = srgb(i).filter(|_| keep());
+            colors.extend(color);
+            color.is_some()
+        });
+        colors.shrink();
+        Self {
+            kept,
+            colors,
+            ..*self
+        }
     }
 
-    /// Centre of a sample in pixels of the photo.
-    pub(super) fn position_px(&self, sample: u32) -> (f32, f32) {
+    /// Number of samples kept.
+    pub(super) fn len(&self) -> usize {
+        self.kept.len()
+    }
+
+    /// Centre of the `k`-th sample in pixels of the photo.
+    pub(super) fn position_px(&self, k: usize) -> (f32, f32) {
+        let sample = self.kept.nth(k);
         let (x, y) = (sample % self.width, sample / self.width);
         (
             (x as f32 + 0.5) * self.stride as f32,
@@ -107,14 +114,14 @@ impl BlurredImage {
         (self.sigma_px * self.sigma_px + 1.0 / 12.0).sqrt()
     }
 
-    /// The sample, sRGB in `[0, 1]`.
-    pub(super) fn srgb(&self, sample: u32) -> [f32; 3] {
-        self.pixels[sample as usize].map(|code| f32::from(code) / CODE_MAX)
+    /// The `k`-th sample, sRGB in `[0, 1]`.
+    pub(super) fn srgb(&self, k: usize) -> [f32; 3] {
+        self.colors.srgb(k)
     }
 }
 
 fn encode(srgb: [f32; 3]) -> [u16; 3] {
-    srgb.map(|v| (v.clamp(0.0, 1.0) * CODE_MAX).round() as u16)
+    srgb.map(|v| (v.clamp(0.0, 1.0) * CODE_MAX + 0.5) as u16)
 }
 
 /// Linear value of every 16th code: the photos have 8 bits, and 4096 steps are finer.
@@ -125,20 +132,14 @@ fn linear_by_code() -> Vec<f32> {
 }
 
 fn weigh(code: [u16; 3], linear: &[f32]) -> Weighted {
-    if code[0] == INVALID {
-        return Weighted::default();
-    }
     let [r, g, b] = code.map(|c| linear[usize::from(c).div_ceil(16)]);
     Weighted([r, g, b, 1.0])
 }
 
-fn unweigh(w: &Weighted) -> [u16; 3] {
+/// The colour, sRGB, where there is enough background.
+fn unweigh(w: &Weighted) -> Option<[f32; 3]> {
     let [r, g, b, weight] = w.0;
-    if weight < MIN_WEIGHT {
-        [INVALID; 3]
-    } else {
-        encode([r, g, b].map(|v| srgb_from_linear(v / weight)))
-    }
+    (weight >= MIN_WEIGHT).then(|| [r, g, b].map(|v| srgb_from_linear(v / weight)))
 }
 
 /// Averages of 2 x 2 samples; an odd last row or column is dropped.

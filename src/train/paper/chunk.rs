@@ -160,8 +160,13 @@ impl Chunk {
         for (index, slot) in objects.enumerate() {
             let random = |slot| SlotRandom::new(context.config.seed, context.step, slot);
             let pixel = context.pixels.draw_object(&mut random(slot as u64));
-            let mut paths = context.pixels.paths_of(pixel);
-            let vertex = paths.next().expect("every pixel of the store has a path")[0];
+            let first = self.vertices.len();
+            context
+                .pixels
+                .unpack_paths(&pixel, &mut self.vertices, |_| ());
+            // The mirror image is not followed further, nor by quarters.
+            self.vertices.truncate(first + 1);
+            let vertex = self.vertices[first];
             self.slots.push(ObjectSlot {
                 target: pixel.target,
                 smoothness: pixel.smoothness,
@@ -172,7 +177,6 @@ impl Chunk {
             let offset = (tangent * phi.cos() + bitangent * phi.sin()) * (SMOOTHNESS_STEP * side);
             self.points.push(vertex.point.position);
             beside.push(vertex.point.position + offset);
-            self.vertices.push(vertex);
         }
         self.points.extend(beside);
     }
