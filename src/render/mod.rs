@@ -2,6 +2,7 @@
 
 mod band;
 pub mod gbuffer;
+pub mod neilf;
 pub mod panorama;
 pub mod picture;
 pub mod preview;
@@ -14,6 +15,7 @@ pub(crate) mod test_scene;
 pub mod trace;
 
 pub use gbuffer::GBuffer;
+pub use neilf::render_neilf;
 pub use panorama::panorama;
 pub use picture::{Picture, render};
 pub use preview::{Passes, Preview, PreviewFrame};

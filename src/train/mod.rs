@@ -15,6 +15,7 @@ mod loss;
 pub mod lpips;
 mod meter;
 pub mod metrics;
+pub mod neilf;
 pub mod paper;
 mod pixels;
 mod placement;
