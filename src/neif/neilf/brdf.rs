@@ -36,6 +36,17 @@ pub fn hemisphere(n: usize) -> Vec<Vec3> {
     directions
 }
 
+/// A point and the directions that its light is summed over.
+#[derive(Clone, Copy, Debug)]
+pub struct Sum<'a> {
+    /// The point.
+    pub point: &'a SurfacePoint,
+    /// Unit directions towards the light, above the surface.
+    pub directions: &'a [Vec3],
+    /// How many directions the hemisphere was cut into.
+    pub n_lattice: usize,
+}
+
 /// What the light from one direction is multiplied with, and its slope.
 struct DisneyTerms {
     /// `2 π / n · n·l`.
@@ -82,32 +93,25 @@ impl Brdf {
         }
     }
 
-    /// Writes `R_i` of each direction and returns `c`; `n_lattice` is how many directions the hemisphere was cut into.
-    pub fn forward(
-        self,
-        surface: &Surface,
-        point: &SurfacePoint,
-        directions: &[Vec3],
-        n_lattice: usize,
-        responses: &mut [Vec3],
-    ) -> Vec3 {
+    /// Writes `R_i` of each direction and returns `c`.
+    pub fn forward(self, surface: &Surface, sum: Sum<'_>, responses: &mut [Vec3]) -> Vec3 {
         match self {
             Self::Disney => {
                 let (base, metallic) = (surface.tint, metallic(surface));
                 let f0 = f0(base, metallic);
                 let diffuse = base * ((1.0 - metallic) / PI);
-                for (response, direction) in responses.iter_mut().zip(directions) {
-                    let t = disney_terms(surface.roughness, point, *direction, n_lattice);
+                for (response, direction) in responses.iter_mut().zip(sum.directions) {
+                    let t = disney_terms(surface.roughness, sum, *direction);
                     let fresnel = f0 + (Vec3::ONE - f0) * t.schlick;
                     *response = (diffuse + fresnel * t.glossy.0) * t.measure;
                 }
                 Vec3::ZERO
             }
             Self::Lobe => {
-                let cos = point.n_dot_v();
+                let cos = sum.point.n_dot_v();
                 let fresnel = fresnel(surface.tint, cos);
                 let kappa = Lobe::from_roughness(surface.roughness).kappa;
-                lobe_weights(point, directions, kappa, |i, weight, _| {
+                lobe_weights(sum, kappa, |i, weight, _| {
                     responses[i] = fresnel * weight;
                 });
                 outgoing(surface, cos, Vec3::ONE, Vec3::ZERO)
@@ -119,28 +123,24 @@ impl Brdf {
     pub fn backward(
         self,
         surface: &Surface,
-        point: &SurfacePoint,
-        directions: &[Vec3],
-        n_lattice: usize,
+        sum: Sum<'_>,
         radiance: &[Vec3],
         d_out: Vec3,
         d_surface: &mut Surface,
     ) {
         match self {
             Self::Disney => {
-                disney_backward(
-                    surface, point, directions, n_lattice, radiance, d_out, d_surface,
-                );
+                disney_backward(surface, sum, radiance, d_out, d_surface);
             }
             Self::Lobe => {
                 let lobe = Lobe::from_roughness(surface.roughness);
                 let (mut light, mut slope, mut mean_slope) = (Vec3::ZERO, Vec3::ZERO, 0.0);
-                lobe_weights(point, directions, lobe.kappa, |i, weight, d_log| {
+                lobe_weights(sum, lobe.kappa, |i, weight, d_log| {
                     light += radiance[i] * weight;
                     slope += radiance[i] * (weight * d_log);
                     mean_slope += weight * d_log;
                 });
-                let cos = point.n_dot_v();
+                let cos = sum.point.n_dot_v();
                 let d_light = outgoing_backward(surface, cos, light, d_out, d_surface);
                 // The weights sum to one, so what all of them gain is taken off again.
                 d_surface.roughness += d_light.dot(slope - light * mean_slope) * lobe.d_kappa;
@@ -165,30 +165,21 @@ fn nearest(directions: &[Vec3], axis: Vec3) -> f32 {
 
 /// Calls `each(i, w_i, d ln w̃_i / d kappa)` with `w_i = w̃_i / Σ w̃`, `w̃_i = e^(kappa (l_i·l_r - 1))`: the lobe's share of
 /// each direction. As the shares sum to one, a lobe narrower than the lattice is the nearest direction.
-fn lobe_weights(
-    point: &SurfacePoint,
-    directions: &[Vec3],
-    kappa: f32,
-    mut each: impl FnMut(usize, f32, f32),
-) {
-    let axis = point.reflected();
+fn lobe_weights(sum: Sum<'_>, kappa: f32, mut each: impl FnMut(usize, f32, f32)) {
+    let (axis, directions) = (sum.point.reflected(), sum.directions);
     // Counted from the nearest direction: e^(kappa (cos - 1)) of a mirror would be 0 for all of them.
     let nearest = nearest(directions, axis);
     let exponents = || directions.iter().map(|d| d.dot(axis) - nearest);
-    let sum: f32 = exponents().map(|e| (kappa * e).exp()).sum();
+    let total: f32 = exponents().map(|e| (kappa * e).exp()).sum();
     for (i, e) in exponents().enumerate() {
-        each(i, (kappa * e).exp() / sum, e);
+        each(i, (kappa * e).exp() / total, e);
     }
 }
 
 /// Distribution `D = e^(2 (h·n - 1) / r²) / (π r²)` and Smith–Schlick visibility `V = Π 1 / (2 (c (1 - k) + k))` over both
 /// cosines, `k = (1 + r)² / 8` (Sec. 3.2 of arXiv:2203.07182).
-fn disney_terms(
-    roughness: f32,
-    point: &SurfacePoint,
-    direction: Vec3,
-    n_lattice: usize,
-) -> DisneyTerms {
+fn disney_terms(roughness: f32, sum: Sum<'_>, direction: Vec3) -> DisneyTerms {
+    let point = sum.point;
     let half = (direction + point.to_eye).normalize_or_zero();
     let cos = |v: Vec3| point.normal.dot(v).max(0.0);
     let (n_dot_h, h_dot_v) = (cos(half), half.dot(point.to_eye).max(0.0));
@@ -202,7 +193,7 @@ fn disney_terms(
         -2.0 * d_k * (v_light * (1.0 - cos(direction)) + v_eye * (1.0 - cos(point.to_eye)));
     let glossy = distribution * v_light * v_eye;
     DisneyTerms {
-        measure: TAU / n_lattice as f32 * cos(direction),
+        measure: TAU / sum.n_lattice as f32 * cos(direction),
         glossy: (glossy, glossy * (d_log_distribution + d_log_visibility)),
         schlick: schlick(h_dot_v),
     }
@@ -210,9 +201,7 @@ fn disney_terms(
 
 fn disney_backward(
     surface: &Surface,
-    point: &SurfacePoint,
-    directions: &[Vec3],
-    n_lattice: usize,
+    sum: Sum<'_>,
     radiance: &[Vec3],
     d_out: Vec3,
     d_surface: &mut Surface,
@@ -220,8 +209,8 @@ fn disney_backward(
     let (base, metallic) = (surface.tint, metallic(surface));
     let f0 = f0(base, metallic);
     let (mut d_diffuse, mut d_f0, mut d_roughness) = (Vec3::ZERO, Vec3::ZERO, 0.0);
-    for (direction, radiance) in directions.iter().zip(radiance) {
-        let t = disney_terms(surface.roughness, point, *direction, n_lattice);
+    for (direction, radiance) in sum.directions.iter().zip(radiance) {
+        let t = disney_terms(surface.roughness, sum, *direction);
         let d_response = *radiance * d_out * t.measure;
         d_diffuse += d_response;
         d_f0 += d_response * (t.glossy.0 * (1.0 - t.schlick));
@@ -239,13 +228,14 @@ fn disney_backward(
 mod tests {
     use super::*;
 
-    fn point() -> SurfacePoint {
-        SurfacePoint {
-            normal: Vec3::new(0.1, -0.3, 0.9).normalize_or_zero(),
-            to_eye: Vec3::new(0.5, 0.2, 0.7).normalize_or_zero(),
-            ..SurfacePoint::default()
-        }
-    }
+    /// Unit normal and eye direction, none of them along an axis.
+    const POINT: SurfacePoint = SurfacePoint {
+        position: Vec3::ZERO,
+        normal: Vec3::new(0.104_828_5, -0.314_485_5, 0.943_456_4),
+        to_eye: Vec3::new(0.566_138_5, 0.226_455_4, 0.792_593_9),
+        base: 0.0,
+        spread: 0.0,
+    };
 
     const SURFACE: Surface = Surface {
         diffuse: Vec3::new(0.6, 0.3, 0.2),
@@ -258,9 +248,17 @@ mod tests {
         Vec3::new(1.0 + d.x, 1.2 + d.y * d.z, 1.5 - d.z) * 0.8
     }
 
+    fn sum_over(directions: &[Vec3], n_lattice: usize) -> Sum<'_> {
+        Sum {
+            point: &POINT,
+            directions,
+            n_lattice,
+        }
+    }
+
     fn radiance_out(brdf: Brdf, surface: &Surface, directions: &[Vec3], n: usize) -> Vec3 {
         let mut responses = vec![Vec3::ZERO; directions.len()];
-        let constant = brdf.forward(surface, &point(), directions, n, &mut responses);
+        let constant = brdf.forward(surface, sum_over(directions, n), &mut responses);
         let terms = responses.iter().zip(directions);
         constant + terms.map(|(r, d)| *r * light(*d)).sum::<Vec3>()
     }
@@ -270,15 +268,13 @@ mod tests {
         for brdf in [Brdf::Disney, Brdf::Lobe] {
             let lattice = hemisphere(64);
             let mut directions = Vec::new();
-            brdf.directions(&SURFACE, &point(), &lattice, 0.7, &mut directions);
+            brdf.directions(&SURFACE, &POINT, &lattice, 0.7, &mut directions);
             let radiance: Vec<Vec3> = directions.iter().map(|d| light(*d)).collect();
             let d_out = Vec3::new(0.7, -0.4, 1.2);
             let mut d = Surface::default();
             brdf.backward(
                 &SURFACE,
-                &point(),
-                &directions,
-                64,
+                sum_over(&directions, 64),
                 &radiance,
                 d_out,
                 &mut d,
@@ -310,11 +306,11 @@ mod tests {
         let lattice = hemisphere(256);
         let all: Vec<Vec3> = {
             let mut all = Vec::new();
-            Brdf::Disney.directions(&SURFACE, &point(), &lattice, 0.2, &mut all);
+            Brdf::Disney.directions(&SURFACE, &POINT, &lattice, 0.2, &mut all);
             all
         };
         let mut few = Vec::new();
-        Brdf::Lobe.directions(&SURFACE, &point(), &lattice, 0.2, &mut few);
+        Brdf::Lobe.directions(&SURFACE, &POINT, &lattice, 0.2, &mut few);
         assert!(few.len() < all.len() / 3, "{} are kept", few.len());
         let error = radiance_out(Brdf::Lobe, &SURFACE, &few, 256)
             - radiance_out(Brdf::Lobe, &SURFACE, &all, 256);
@@ -324,11 +320,11 @@ mod tests {
     #[test]
     fn directions_are_unit_and_above_the_surface() {
         let mut directions = Vec::new();
-        Brdf::Disney.directions(&SURFACE, &point(), &hemisphere(100), 1.0, &mut directions);
+        Brdf::Disney.directions(&SURFACE, &POINT, &hemisphere(100), 1.0, &mut directions);
         assert_eq!(directions.len(), 100);
         for d in directions {
             assert!(
-                (d.length() - 1.0).abs() < 1e-5 && d.dot(point().normal) > 0.0,
+                (d.length() - 1.0).abs() < 1e-5 && d.dot(POINT.normal) > 0.0,
                 "{d:?}"
             );
         }
@@ -342,10 +338,10 @@ mod tests {
             roughness: 0.0,
         };
         let mut directions = Vec::new();
-        Brdf::Lobe.directions(&mirror, &point(), &hemisphere(32), 0.0, &mut directions);
+        Brdf::Lobe.directions(&mirror, &POINT, &hemisphere(32), 0.0, &mut directions);
         assert_eq!(directions.len(), 1, "the nearest direction alone");
         let mut responses = vec![Vec3::ZERO; 1];
-        let constant = Brdf::Lobe.forward(&mirror, &point(), &directions, 32, &mut responses);
+        let constant = Brdf::Lobe.forward(&mirror, sum_over(&directions, 32), &mut responses);
         assert_eq!((constant, responses[0]), (Vec3::ZERO, Vec3::ONE));
     }
 
@@ -358,9 +354,9 @@ mod tests {
         };
         let mut directions = Vec::new();
         let n = 2000;
-        Brdf::Disney.directions(&white, &point(), &hemisphere(n), 0.0, &mut directions);
+        Brdf::Disney.directions(&white, &POINT, &hemisphere(n), 0.0, &mut directions);
         let mut responses = vec![Vec3::ZERO; n];
-        Brdf::Disney.forward(&white, &point(), &directions, n, &mut responses);
+        Brdf::Disney.forward(&white, sum_over(&directions, n), &mut responses);
         let out: Vec3 = responses.iter().sum();
         // The Lambertian part alone gives 1; the 4 % of the dielectric's lobe come on top, as in `NeILF`.
         assert!((0.98..1.08).contains(&out.x), "{out:?}");

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
+use super::brdf::Sum;
 use super::light::LightBatch;
 use super::{Brdf, IncidentLight};
 use crate::geometry::SurfaceTracer;
@@ -63,9 +64,12 @@ impl NeilfModel {
                 .responses
                 .resize(first + directions.len(), Vec3::ZERO);
             let responses = &mut scratch.responses[first..];
-            let constant = self
-                .brdf
-                .forward(surface, point, directions, lattice.len(), responses);
+            let sum = Sum {
+                point,
+                directions,
+                n_lattice: lattice.len(),
+            };
+            let constant = self.brdf.forward(surface, sum, responses);
             scratch.constants.push(constant);
             self.light
                 .push(&mut scratch.light, point.position, directions);

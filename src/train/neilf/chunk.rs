@@ -11,7 +11,7 @@ use crate::neif::material::{Material, MaterialBatch, Surface};
 use crate::neif::mlp::Transposed;
 use crate::neif::neilf::Brdf;
 use crate::neif::neilf::IncidentLight;
-use crate::neif::neilf::brdf::metallic;
+use crate::neif::neilf::brdf::{Sum, metallic};
 use crate::neif::neilf::light::LightBatch;
 use crate::neif::shading::SurfacePoint;
 use crate::train::chunk::{N_CHUNKS, SMOOTHNESS_STEP};
@@ -156,9 +156,12 @@ impl Chunk {
             );
             self.responses.resize(self.directions.len(), Vec3::ZERO);
             let directions = &self.directions[first..];
-            let responses = &mut self.responses[first..];
-            slot.constant =
-                brdf.forward(surface, &slot.point, directions, lattice.len(), responses);
+            let sum = Sum {
+                point: &slot.point,
+                directions,
+                n_lattice: lattice.len(),
+            };
+            slot.constant = brdf.forward(surface, sum, &mut self.responses[first..]);
             context
                 .light
                 .push(&mut self.light, slot.point.position, directions);
@@ -201,9 +204,11 @@ impl Chunk {
         }
         context.neilf.brdf.backward(
             &self.material.surfaces[index],
-            &slot.point,
-            &self.directions[rows.clone()],
-            context.lattice.len(),
+            Sum {
+                point: &slot.point,
+                directions: &self.directions[rows.clone()],
+                n_lattice: context.lattice.len(),
+            },
             &radiance[rows],
             d_out,
             &mut self.material.d_surfaces[index],
