@@ -12,6 +12,7 @@ pub mod light_path;
 pub mod lobe;
 pub mod material;
 pub mod mlp;
+pub mod neilf;
 pub mod object;
 pub mod paper;
 #[cfg(test)]

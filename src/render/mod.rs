@@ -2,6 +2,7 @@
 
 mod band;
 pub mod gbuffer;
+pub mod neilf;
 pub mod panorama;
 pub mod picture;
 pub mod preview;
@@ -15,6 +16,7 @@ mod thread_clock;
 pub mod trace;
 
 pub use gbuffer::{GBuffer, PathOptions};
+pub use neilf::render_neilf;
 pub use panorama::panorama;
 pub use picture::{Picture, render, render_with};
 pub use preview::{Passes, Preview, PreviewFrame};

@@ -14,10 +14,11 @@ use serde::{Deserialize, Serialize};
 use crate::color::srgb_from_linear;
 use crate::data::{DataError, RelightApply, View, read_exr_linear};
 use crate::geometry::Camera;
+use crate::neif::neilf::NeilfModel;
 use crate::neif::{Environment, EnvironmentTransform, MaterialEdit, RoughnessEdit};
-use crate::render::{Layer, Picture, Scene, compose, panorama, render};
+use crate::render::{Layer, Picture, Scene, compose, panorama, render, render_neilf};
 use crate::train::lpips::Lpips;
-use crate::train::metrics::{ImageMetrics, SquaredError, compare, mean};
+use crate::train::metrics::{ImageMetrics, SquaredError, compare, compare_object, mean};
 
 /// Quality of one view.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -75,6 +76,33 @@ pub fn evaluate_views(
         let name = view.name.clone();
         results.push(ViewMetrics { name, metrics });
         on_view(index, view, &picture);
+    }
+    Some(results)
+}
+
+/// Renders each view with a model that knows nothing of the surroundings, and measures what it explains: the object
+/// and masked scopes. The other measures, which take in the surroundings, stay `None`. `None` when cancelled.
+pub fn evaluate_object(
+    model: &NeilfModel,
+    views: &[View],
+    cancel: &AtomicBool,
+) -> Option<Vec<ViewMetrics>> {
+    let mut results = Vec::with_capacity(views.len());
+    for view in views {
+        let picture = render_neilf(model, &view.camera, cancel)?;
+        let truth: Vec<[f32; 3]> = (0..picture.pixels.len())
+            .map(|i| view.photo.srgb(i))
+            .collect();
+        let metrics = view
+            .mask
+            .as_ref()
+            .map(|mask| {
+                let mask: Vec<f32> = (0..truth.len()).map(|i| mask.share(i)).collect();
+                compare_object(&picture.pixels, &truth, &mask)
+            })
+            .unwrap_or_default();
+        let name = view.name.clone();
+        results.push(ViewMetrics { name, metrics });
     }
     Some(results)
 }

@@ -66,18 +66,32 @@ pub fn compare(
         ..ImageMetrics::default()
     };
     if let Some(mask) = mask {
-        assert_eq!(mask.len(), truth.len(), "mask and image must have one size");
-        let object = squared_error(render, truth, |i| mask[i] > MASK_THRESHOLD);
+        let object = compare_object(render, truth, mask);
         let background = squared_error(render, truth, |i| mask[i] < MASK_THRESHOLD);
-        metrics.psnr_object = object.psnr();
+        metrics.psnr_object = object.psnr_object;
         metrics.psnr_background = background.psnr();
-        metrics.psnr_masked = SquaredError {
-            sum: object.sum,
-            count: truth.len(),
-        }
-        .psnr();
+        metrics.psnr_masked = object.psnr_masked;
     }
     metrics
+}
+
+/// The part of [`compare`] that looks at the object alone: the object and masked scopes.
+///
+/// # Panics
+/// When the lengths do not agree: a bug of the caller.
+pub fn compare_object(render: &[[f32; 3]], truth: &[[f32; 3]], mask: &[f32]) -> ImageMetrics {
+    assert_eq!(render.len(), truth.len(), "images must have one size");
+    assert_eq!(mask.len(), truth.len(), "mask and image must have one size");
+    let object = squared_error(render, truth, |i| mask[i] > MASK_THRESHOLD);
+    let masked = SquaredError {
+        sum: object.sum,
+        count: truth.len(),
+    };
+    ImageMetrics {
+        psnr_object: object.psnr(),
+        psnr_masked: masked.psnr(),
+        ..ImageMetrics::default()
+    }
 }
 
 /// The mean of each measure over the views that have it.

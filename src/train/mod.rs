@@ -15,6 +15,7 @@ mod loss;
 pub mod lpips;
 mod meter;
 pub mod metrics;
+pub mod neilf;
 mod packed_path;
 pub mod paper;
 mod pixel_set;

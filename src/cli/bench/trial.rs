@@ -3,10 +3,12 @@
 use std::{path::Path, time::Instant};
 
 use neif::data::{Dataset, LoadOptions, Splits, View};
+use neif::neif::neilf::NeilfModel;
 use neif::train::config::TrainConfig;
-use neif::train::eval::{evaluate_views, mean_of_views};
+use neif::train::eval::{evaluate_object, evaluate_views, mean_of_views};
 use neif::train::lpips::Lpips;
 use neif::train::metrics::ImageMetrics;
+use neif::train::neilf::{NeilfConfig, NeilfTrainer};
 use neif::train::{AnyTrainer, Snapshot};
 
 use crate::cli::failure::{Failure, OrUnusable as _};
@@ -75,23 +77,12 @@ pub(super) fn train(
     let cancel = interrupt::install()?;
     let begin = Instant::now();
     let mut trainer = AnyTrainer::new(config, dataset, cancel, &|_| ()).or_unusable()?;
-    let setup_secs = begin.elapsed().as_secs_f64();
     let (start, cpu_start) = (Instant::now(), process_cpu_secs());
     let mut rays = 0;
-    loop {
-        let done = match length {
-            Length::Seconds(secs) => start.elapsed().as_secs_f64() / (secs - setup_secs).max(1e-3),
-            Length::Steps(steps) => trainer.steps() as f64 / steps.max(1) as f64,
-        };
-        if done >= 1.0 {
-            break;
-        }
-        if interrupt::requested() {
-            return Err(Failure::Interrupted);
-        }
-        rays += u64::from(trainer.step(done as f32).rays);
-        on_step(done as f32);
-    }
+    take_steps(length, begin, &mut |done| {
+        rays += u64::from(trainer.step(done).rays);
+        on_step(done);
+    })?;
     Ok(Trial {
         steps: trainer.steps(),
         skipped: trainer.skipped_steps(),
@@ -100,6 +91,45 @@ pub(super) fn train(
         rays,
         snapshot: trainer.snapshot(),
     })
+}
+
+/// The same for a baseline: the trained model alone.
+pub(super) fn train_neilf(
+    config: &TrainConfig,
+    neilf: &NeilfConfig,
+    dataset: &Dataset,
+    length: Length,
+    on_step: &mut dyn FnMut(f32),
+) -> Result<NeilfModel, Failure> {
+    let cancel = interrupt::install()?;
+    let begin = Instant::now();
+    let mut trainer = NeilfTrainer::new(config, neilf, dataset, cancel).or_unusable()?;
+    take_steps(length, begin, &mut |done| {
+        trainer.step(done);
+        on_step(done);
+    })?;
+    Ok(trainer.model())
+}
+
+/// Calls `step` with the share that is done, from the end of the setup that began at `begin` until the length is over.
+fn take_steps(length: Length, begin: Instant, step: &mut dyn FnMut(f32)) -> Result<(), Failure> {
+    let setup_secs = begin.elapsed().as_secs_f64();
+    let start = Instant::now();
+    let mut steps = 0;
+    loop {
+        let done = match length {
+            Length::Seconds(secs) => start.elapsed().as_secs_f64() / (secs - setup_secs).max(1e-3),
+            Length::Steps(n) => steps as f64 / n.max(1) as f64,
+        };
+        if done >= 1.0 {
+            return Ok(());
+        }
+        if interrupt::requested() {
+            return Err(Failure::Interrupted);
+        }
+        step(done as f32);
+        steps += 1;
+    }
 }
 
 /// Mean quality of the rendered views.
@@ -111,6 +141,15 @@ pub(super) fn measure(
     let cancel = interrupt::install()?;
     let scene = snapshot.scene();
     let results = evaluate_views(&scene, views, lpips, cancel, &mut |_, _, _| ());
+    results
+        .map(|results| mean_of_views(&results))
+        .ok_or(Failure::Interrupted)
+}
+
+/// The same for a baseline: what it explains of the views.
+pub(super) fn measure_neilf(model: &NeilfModel, views: &[View]) -> Result<ImageMetrics, Failure> {
+    let cancel = interrupt::install()?;
+    let results = evaluate_object(model, views, cancel);
     results
         .map(|results| mean_of_views(&results))
         .ok_or(Failure::Interrupted)

@@ -1,0 +1,155 @@
+//! The baselines as a whole, small: they learn, their gradients are right, and they repeat themselves bit for bit.
+
+use std::sync::atomic::AtomicBool;
+
+use super::{NeilfConfig, NeilfTrainer};
+use crate::neif::neilf::Brdf;
+use crate::train::config::TrainConfig;
+use crate::train::eval::evaluate_object;
+use crate::train::test_scene::sphere_in_a_box;
+
+const BOTH: [Brdf; 2] = [Brdf::Disney, Brdf::Lobe];
+
+fn config(brdf: Brdf) -> NeilfConfig {
+    let mut config = NeilfConfig {
+        pixels: 32,
+        directions: 48,
+        render_directions: 64,
+        ..NeilfConfig::new(brdf)
+    };
+    config.light.width = 32;
+    for grid in [&mut config.light.directions, &mut config.light.positions] {
+        grid.n_levels = 4;
+        grid.finest = 16;
+        grid.log2_table_size = 10;
+    }
+    config
+}
+
+fn trainer(config: &NeilfConfig, seed: u64) -> NeilfTrainer {
+    let dataset = sphere_in_a_box(10, 32);
+    let common = TrainConfig {
+        seed,
+        ..TrainConfig::default()
+    };
+    NeilfTrainer::new(&common, config, &dataset, &AtomicBool::new(false)).unwrap()
+}
+
+/// Takes `n` steps of a plan of that length.
+fn train(trainer: &mut NeilfTrainer, n: u64) {
+    for step in 0..n {
+        trainer.step(step as f32 / n as f32);
+    }
+}
+
+#[test]
+fn training_explains_unseen_views_of_the_object() {
+    for brdf in BOTH {
+        let mut trainer = trainer(&config(brdf), 0);
+        train(&mut trainer, 300);
+        let views = sphere_in_a_box(10, 32).val;
+        let results = evaluate_object(&trainer.model(), &views, &AtomicBool::new(false)).unwrap();
+        for view in results {
+            let psnr = view.metrics.psnr_object.unwrap();
+            assert!(psnr > 17.0, "{brdf:?}, {}: {psnr} dB", view.name);
+            assert_eq!(
+                (
+                    view.metrics.psnr,
+                    view.metrics.psnr_background,
+                    view.metrics.ssim
+                ),
+                (None, None, None),
+                "no figure for what the model does not explain"
+            );
+        }
+    }
+}
+
+#[test]
+fn gradients_agree_with_finite_differences() {
+    for brdf in BOTH {
+        let mut trainer = trainer(&config(brdf), 1);
+        train(&mut trainer, 60);
+        let (_, gradients) = trainer.loss_and_gradients();
+        for (in_light, gradient) in [true, false].into_iter().zip(gradients) {
+            let mut order: Vec<usize> = (0..gradient.len()).collect();
+            order.sort_by(|&a, &b| gradient[b].abs().total_cmp(&gradient[a].abs()));
+            let (mut dot, mut analytic2, mut numeric2) = (0.0, 0.0, 0.0);
+            for i in order.into_iter().step_by(4).take(40) {
+                let mut loss = |by: f32| {
+                    shift(&mut trainer, in_light, i, by);
+                    let loss = trainer.loss_and_gradients().0;
+                    shift(&mut trainer, in_light, i, -by);
+                    loss
+                };
+                let numeric = (loss(5e-4) - loss(-5e-4)) / 1e-3;
+                let analytic = f64::from(gradient[i]);
+                dot += analytic * numeric;
+                analytic2 += analytic * analytic;
+                numeric2 += numeric * numeric;
+            }
+            let (cosine, ratio) = (
+                dot / (analytic2 * numeric2).sqrt(),
+                (analytic2 / numeric2).sqrt(),
+            );
+            // Directions enter and leave a lobe at a thousandth of its weight, which no gradient knows of.
+            assert!(
+                cosine > 0.995 && (0.97..1.03).contains(&ratio),
+                "{brdf:?}, light {in_light}: cosine {cosine}, length ratio {ratio}"
+            );
+        }
+    }
+}
+
+fn shift(trainer: &mut NeilfTrainer, in_light: bool, i: usize, by: f32) {
+    if in_light {
+        trainer.light.value.params[i] += by;
+    } else {
+        trainer.material.value.params[i] += by;
+    }
+    trainer.transpose();
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bits_on_any_number_of_threads() {
+    for brdf in BOTH {
+        let run = |threads: usize, seed: u64| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+            pool.unwrap().install(|| {
+                let mut trainer = trainer(&config(brdf), seed);
+                train(&mut trainer, 10);
+                let model = trainer.model();
+                (
+                    model.light.params,
+                    model.material.params,
+                    model.display.gamma,
+                )
+            })
+        };
+        let reference = run(1, 1);
+        assert!(run(3, 1) == reference, "three threads must give the same");
+        assert!(run(1, 2) != reference, "another seed, another result");
+    }
+}
+
+#[test]
+fn a_step_with_numbers_that_are_not_finite_is_skipped() {
+    let mut trainer = trainer(&config(Brdf::Lobe), 0);
+    train(&mut trainer, 3);
+    let kept = std::mem::replace(&mut trainer.light.value.params[3], f32::NAN);
+    let before = trainer.light.value.params[100];
+    assert!(trainer.step(0.1).skipped, "a NaN weight must be noticed");
+    assert_eq!(trainer.light.value.params[100], before, "nothing learned");
+    trainer.light.value.params[3] = kept;
+    assert!(!trainer.step(0.1).skipped, "training goes on");
+    assert_eq!(trainer.skipped_steps(), 1);
+}
+
+#[test]
+fn a_capture_without_object_is_refused() {
+    let mut dataset = sphere_in_a_box(5, 16);
+    dataset.mesh = None;
+    let neilf = config(Brdf::Disney);
+    let common = TrainConfig::default();
+    assert!(NeilfTrainer::new(&common, &neilf, &dataset, &AtomicBool::new(false)).is_err());
+}
