@@ -8,7 +8,7 @@ use std::{
 use glam::Vec3;
 use neif::color::srgb_from_linear;
 use neif::data::{ExrSample, write_exr, write_png_srgb};
-use neif::neif::EnvironmentTransform;
+use neif::neif::{EnvironmentTransform, Storage};
 use neif::render::{Picture, panorama as render_panorama};
 use neif::train::session::SessionOptions;
 
@@ -45,6 +45,9 @@ pub(crate) struct EnvTrainArgs {
     /// Worker threads; 0 is one for each core
     #[arg(long, value_name = "N", default_value_t = 0)]
     threads: usize,
+    /// Store the trained grid in 16 bits: a smaller file
+    #[arg(long)]
+    half: bool,
     /// Write events as lines of JSON
     #[arg(long)]
     json: bool,
@@ -75,7 +78,12 @@ pub(crate) fn train(args: &EnvTrainArgs, started: Instant) -> Result<(), Failure
         ..SessionOptions::new(&args.images, config, args.budget.or_default())
     };
     let outcome = training::train(options, args.json)?;
-    outcome.snapshot.environment.save(&target)?;
+    let storage = if args.half {
+        Storage::F16
+    } else {
+        Storage::F32
+    };
+    outcome.snapshot.environment.save(&target, storage)?;
     if !args.json {
         let psnr = outcome
             .validation

@@ -8,6 +8,7 @@ use std::{
 use anyhow::Context as _;
 use glam::Vec3;
 use neif::data::MeshPlacement;
+use neif::neif::Storage;
 use neif::train::config::TrainConfig;
 use neif::train::plan::Budget;
 use neif::train::run_folder::RunFolder;
@@ -45,6 +46,7 @@ impl BudgetArgs {
 
 /// Arguments of `neif train`.
 #[derive(Debug, clap::Args)]
+#[expect(clippy::struct_excessive_bools, reason = "flags as they are typed")]
 pub(crate) struct TrainArgs {
     /// The capture: a folder or file of posed photos with masks
     #[arg(value_name = "DATASET")]
@@ -76,6 +78,9 @@ pub(crate) struct TrainArgs {
     /// Use the whole budget even when the validation error has settled
     #[arg(long)]
     no_early_stop: bool,
+    /// Store the trained grids in 16 bits: smaller files to keep and to show, the same checkpoint
+    #[arg(long)]
+    half: bool,
     /// Write events as lines of JSON
     #[arg(long)]
     json: bool,
@@ -153,6 +158,9 @@ fn options(args: &TrainArgs, started: Instant) -> Result<SessionOptions, Failure
         }
     };
     options.started = started;
+    if args.half {
+        options.storage = Storage::F16;
+    }
     options.config.threads = args.threads.unwrap_or(options.config.threads);
     options.config.early_stop &= !args.no_early_stop;
     options.config.validate().or_unusable()?;

@@ -10,6 +10,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use half::{bf16, f16};
 use safetensors::{Dtype, SafeTensorError, SafeTensors};
 use serde_json::json;
 
@@ -79,7 +80,11 @@ pub enum TensorFileError {
 pub enum TensorValues {
     /// 32-bit floats.
     F32(Vec<f32>),
-    /// 16-bit words: half floats, bfloat16 or small indices, as the owner decides.
+    /// 16-bit floats with eleven bits of precision, up to 65504.
+    F16(Vec<f16>),
+    /// 16-bit floats with eight bits of precision and the range of 32-bit ones.
+    Bf16(Vec<bf16>),
+    /// 16-bit words: codes or small indices, as the owner decides.
     U16(Vec<u16>),
     /// 64-bit words: counters and generator states.
     U64(Vec<u64>),
@@ -90,6 +95,8 @@ impl TensorValues {
     pub fn len(&self) -> usize {
         match self {
             Self::F32(values) => values.len(),
+            Self::F16(values) => values.len(),
+            Self::Bf16(values) => values.len(),
             Self::U16(values) => values.len(),
             Self::U64(values) => values.len(),
         }
@@ -104,6 +111,8 @@ impl TensorValues {
     fn dtype(&self) -> &'static str {
         match self {
             Self::F32(_) => "F32",
+            Self::F16(_) => "F16",
+            Self::Bf16(_) => "BF16",
             Self::U16(_) => "U16",
             Self::U64(_) => "U64",
         }
@@ -113,23 +122,47 @@ impl TensorValues {
     fn element_size(&self) -> usize {
         match self {
             Self::F32(_) => 4,
-            Self::U16(_) => 2,
+            Self::F16(_) | Self::Bf16(_) | Self::U16(_) => 2,
             Self::U64(_) => 8,
         }
     }
 
+    /// The values as 16-bit floats of the higher precision; `None` when one is beyond their range.
+    pub fn as_f16(values: &[f32]) -> Option<Self> {
+        let halves: Vec<f16> = values.iter().map(|v| f16::from_f32(*v)).collect();
+        let is_lost = |(half, v): (&f16, &f32)| half.is_infinite() && v.is_finite();
+        (!halves.iter().zip(values).any(is_lost)).then_some(Self::F16(halves))
+    }
+
+    /// The values as 16-bit floats of the wider range.
+    pub fn as_bf16(values: &[f32]) -> Self {
+        // The last few finite numbers would be rounded to infinity.
+        let largest = bf16::MAX.to_f32();
+        let brain = |v: &f32| {
+            bf16::from_f32(if v.is_finite() {
+                v.clamp(-largest, largest)
+            } else {
+                *v
+            })
+        };
+        Self::Bf16(values.iter().map(brain).collect())
+    }
+
     /// Appends the elements in little-endian order.
     fn append_bytes(&self, bytes: &mut Vec<u8>) {
+        fn append<T: Copy, const N: usize>(
+            bytes: &mut Vec<u8>,
+            values: &[T],
+            encode: fn(T) -> [u8; N],
+        ) {
+            bytes.extend(values.iter().flat_map(|v| encode(*v)));
+        }
         match self {
-            Self::F32(values) => values
-                .iter()
-                .for_each(|v| bytes.extend_from_slice(&v.to_le_bytes())),
-            Self::U16(values) => values
-                .iter()
-                .for_each(|v| bytes.extend_from_slice(&v.to_le_bytes())),
-            Self::U64(values) => values
-                .iter()
-                .for_each(|v| bytes.extend_from_slice(&v.to_le_bytes())),
+            Self::F32(values) => append(bytes, values, f32::to_le_bytes),
+            Self::F16(values) => append(bytes, values, f16::to_le_bytes),
+            Self::Bf16(values) => append(bytes, values, bf16::to_le_bytes),
+            Self::U16(values) => append(bytes, values, u16::to_le_bytes),
+            Self::U64(values) => append(bytes, values, u64::to_le_bytes),
         }
     }
 
@@ -137,6 +170,8 @@ impl TensorValues {
     fn from_bytes(dtype: Dtype, bytes: &[u8]) -> Option<Self> {
         Some(match dtype {
             Dtype::F32 => Self::F32(elements(bytes, f32::from_le_bytes)),
+            Dtype::F16 => Self::F16(elements(bytes, f16::from_le_bytes)),
+            Dtype::BF16 => Self::Bf16(elements(bytes, bf16::from_le_bytes)),
             Dtype::U16 => Self::U16(elements(bytes, u16::from_le_bytes)),
             Dtype::U64 => Self::U64(elements(bytes, u64::from_le_bytes)),
             _ => return None,
@@ -293,7 +328,8 @@ impl TensorFile {
         self.insert(name, shape, TensorValues::U64(values));
     }
 
-    fn insert(&mut self, name: &str, shape: &[usize], values: TensorValues) {
+    /// Adds (or replaces) an array of any type; panics as [`Self::insert_f32`] does.
+    pub fn insert(&mut self, name: &str, shape: &[usize], values: TensorValues) {
         assert_eq!(
             shape.iter().product::<usize>(),
             values.len(),
@@ -316,6 +352,22 @@ impl TensorFile {
             } if found == shape => Ok(values),
             other => Err(self.mismatch(name, "F32", shape, other)),
         }
+    }
+
+    /// All values of the array `name`, which must be one-dimensional and of floats of any size.
+    ///
+    /// # Errors
+    /// Naming file and tensor, when it is absent or of another shape or type.
+    pub fn floats(&self, name: &str) -> Result<Vec<f32>, TensorFileError> {
+        let tensor = self.tensor(name)?;
+        match &tensor.values {
+            _ if tensor.shape.len() != 1 => {}
+            TensorValues::F32(values) => return Ok(values.clone()),
+            TensorValues::F16(values) => return Ok(values.iter().map(|v| v.to_f32()).collect()),
+            TensorValues::Bf16(values) => return Ok(values.iter().map(|v| v.to_f32()).collect()),
+            TensorValues::U16(_) | TensorValues::U64(_) => {}
+        }
+        Err(self.mismatch(name, "F32", &[tensor.values.len()], tensor))
     }
 
     /// The 16-bit words of the array `name`; errors as [`Self::f32`].

@@ -17,6 +17,10 @@ use obvhs::triangle::Triangle;
 use super::wide_bvh::{Slabs, Walk, WideBvh};
 use super::{Mesh, Ray};
 
+/// Units in the last place of the mesh's coordinates that a ray must leave behind: half of one is the error of its
+/// start, and a ray close to the surface needs a multiple of that to get clear of it.
+const ROUNDINGS: f32 = 8.0;
+
 /// A point where a ray meets the mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
@@ -93,9 +97,11 @@ impl SurfaceTracer {
         }
     }
 
-    /// How far a ray that leaves the surface should start, so as not to hit where it starts: 1e-4 of the size.
+    /// How far a ray that leaves the surface should start, so as not to hit where it starts: 1e-4 of the size, and more
+    /// where the mesh is so far from the origin that a point on it is rounded to either side of it by as much.
     pub fn self_distance(&self) -> f32 {
-        2e-4 * self.radius
+        let rounding = f32::EPSILON * self.center.abs().max_element();
+        (2e-4 * self.radius).max(ROUNDINGS * rounding)
     }
 
     /// The mesh that is traced.
@@ -189,7 +195,8 @@ impl SurfaceTracer {
             triangle,
             u: hit.u,
             v: hit.v,
-            position: weights[0] * p0 + weights[1] * p1 + weights[2] * p2,
+            // From one corner: a weighted sum of large coordinates would be rounded several times.
+            position: p0 + (hit.u * (p1 - p0) + hit.v * (p2 - p0)),
             normal,
             geometric_normal,
         }
@@ -314,6 +321,39 @@ mod tests {
                 assert!(off < 1e-4, "scale {scale}, ray {i}: position off by {off}");
             }
             assert!(n_hits > 100, "scale {scale}: only {n_hits} rays hit");
+        }
+    }
+
+    #[test]
+    fn rays_that_leave_a_convex_surface_never_meet_it_however_far_away_it_is() {
+        for away in [0.0, 100.0, 1e4] {
+            let center = Vec3::new(away, -0.3 * away, 0.1 * away);
+            let tracer = tracer_of(1.0, center);
+            let mut n_hits = 0;
+            for (i, from) in fibonacci_sphere(2000).into_iter().enumerate() {
+                let aim = fibonacci_sphere(401)[(i * 37) % 401] * 0.8;
+                let origin = center + 3.0 * from;
+                let direction = (center + aim - origin).normalize_or_zero();
+                let Some(hit) = tracer.intersect(&Ray { origin, direction }, 0.0, 9.0) else {
+                    continue;
+                };
+                let cos = hit.geometric_normal.dot(direction);
+                // Rays closer to the surface have no bound; those lobes are half below the horizon anyway.
+                if cos > -0.2 {
+                    continue;
+                }
+                n_hits += 1;
+                let mirrored = Ray {
+                    origin: hit.position,
+                    direction: direction - 2.0 * cos * hit.geometric_normal,
+                };
+                let start = tracer.self_distance();
+                assert!(
+                    !tracer.occluded(&mirrored, start, f32::INFINITY),
+                    "{away} units away, ray {i}, cosine {cos}"
+                );
+            }
+            assert!(n_hits > 500, "{away} units away: only {n_hits} hits");
         }
     }
 

@@ -12,9 +12,15 @@ use super::paper::ray_pass::{PaperPlacement, RayLight};
 use super::paper::{PaperField, PaperFieldConfig};
 use super::proposal::DensityGrid;
 use super::radiance_field::{FieldBatch, FieldConfig, RadianceField};
+use super::storage::{ParamNames, Storage, read_params};
 use crate::data::tensor_file::TensorFile;
 use crate::geometry::Aabb;
 
+/// The arrays of the field.
+const NAMES: ParamNames = ParamNames {
+    params: "field.params",
+    grid: "field.grid",
+};
 /// Marks the metadata of an environment file.
 const FORMAT: &str = "neif-environment-1";
 /// Metadata entry that names the kind of field; a file without it holds a grid.
@@ -196,11 +202,11 @@ impl Environment {
         let header: Header<FieldConfig> = read_header(file, path)?;
         let (place, config) = header.split();
         check(path, place_is_sane(&place) && config.is_sane())?;
-        let params = read_finite(file, path, "field.params")?;
+        let params = read_params(file, path, NAMES)?;
         let found = params.len();
         let field = RadianceField::from_params(config, params).ok_or_else(|| NeifError::Shape {
             file: path.to_owned(),
-            tensor: "field.params",
+            tensor: NAMES.params,
             found,
         })?;
         let n_codes = DensityGrid::default().codes().len();
@@ -219,32 +225,33 @@ impl Environment {
         let header: Header<PaperFieldConfig> = read_header(file, path)?;
         let (place, config) = header.split();
         check(path, place_is_sane(&place) && config.is_sane())?;
-        let params = read_finite(file, path, "field.params")?;
+        let params = read_params(file, path, NAMES)?;
         let found = params.len();
         let field = PaperField::from_params(config, params).ok_or_else(|| NeifError::Shape {
             file: path.to_owned(),
-            tensor: "field.params",
+            tensor: NAMES.params,
             found,
         })?;
         Ok(Self::of_paper(place, field))
     }
 
-    /// Writes the file whole or not at all.
+    /// Writes the file whole or not at all, grid values as `storage` says.
     ///
     /// # Errors
     /// When the system refuses, e.g. because the disk is full.
-    pub fn save(&self, path: &Path) -> Result<(), NeifError> {
+    pub fn save(&self, path: &Path, storage: Storage) -> Result<(), NeifError> {
         let mut file = TensorFile::default();
-        let (kind, header) = match &self.field {
+        let (kind, header, n_networks) = match &self.field {
             EnvironmentField::Grid { field, density } => {
                 let codes = density.codes();
                 file.insert_u16("density.codes", &[codes.len()], codes);
-                (GRID, self.header(*field.config()))
+                (GRID, self.header(*field.config()), field.n_network_params())
             }
-            EnvironmentField::Paper(field) => (PAPER, self.header(*field.config())),
+            EnvironmentField::Paper(field) => {
+                (PAPER, self.header(*field.config()), field.params.len())
+            }
         };
-        let params = self.params();
-        file.insert_f32("field.params", &[params.len()], params.to_vec());
+        storage.insert(&mut file, NAMES, self.params(), n_networks);
         for (key, value) in [("format", FORMAT), (KIND, kind), ("environment", &header)] {
             file.metadata.insert(key.to_owned(), value.to_owned());
         }
@@ -303,23 +310,6 @@ fn read_header<C: DeserializeOwned>(
 ) -> Result<Header<C>, NeifError> {
     serde_json::from_str(file.text("environment")?)
         .map_err(|e| metadata(path, "environment", e.to_string()))
-}
-
-/// All values of a one-dimensional array, refused when one is not finite.
-pub(super) fn read_finite(
-    file: &TensorFile,
-    path: &Path,
-    tensor: &'static str,
-) -> Result<Vec<f32>, NeifError> {
-    let n = file.tensor(tensor)?.values.len();
-    let values = file.f32(tensor, &[n])?.to_vec();
-    if values.iter().any(|v| !v.is_finite()) {
-        return Err(NeifError::NotFinite {
-            file: path.to_owned(),
-            tensor,
-        });
-    }
-    Ok(values)
 }
 
 pub(super) fn metadata(path: &Path, field: &'static str, what: String) -> NeifError {
@@ -394,10 +384,25 @@ mod tests {
     fn a_saved_environment_comes_back_the_same() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("environment.safetensors");
-        environment().save(&path).unwrap();
+        environment().save(&path, Storage::F32).unwrap();
         let back = Environment::load(&path).unwrap();
         assert_eq!(back.place, environment().place);
         assert_eq!(back.params(), environment().params());
+    }
+
+    #[test]
+    fn half_precision_makes_a_smaller_file_of_nearly_the_same_field() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        environment().save(&path("single"), Storage::F32).unwrap();
+        environment().save(&path("half"), Storage::F16).unwrap();
+        let size = |name: &str| std::fs::metadata(path(name)).unwrap().len();
+        assert!(size("half") < size("single"), "{}", size("half"));
+        let back = Environment::load(&path("half")).unwrap();
+        assert_eq!(back.params().len(), environment().params().len());
+        for (a, b) in back.params().iter().zip(environment().params()) {
+            assert!((a - b).abs() <= 1e-3 * b.abs(), "{a}, not {b}");
+        }
     }
 
     #[test]
@@ -410,7 +415,7 @@ mod tests {
         let paper = Environment::of_paper(place(), PaperField::new(config, || 0.3));
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("environment.safetensors");
-        paper.save(&path).unwrap();
+        paper.save(&path, Storage::F32).unwrap();
         let back = Environment::load(&path).unwrap();
         assert!(matches!(back.field, EnvironmentField::Paper(_)), "the kind");
         assert_eq!(back.params(), paper.params());
@@ -420,7 +425,7 @@ mod tests {
     fn a_file_without_a_kind_holds_a_grid_and_an_unknown_kind_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("environment.safetensors");
-        environment().save(&path).unwrap();
+        environment().save(&path, Storage::F32).unwrap();
         let mut file = TensorFile::read(&path).unwrap();
         file.metadata.remove(KIND);
         file.write(&path).unwrap();
@@ -436,7 +441,7 @@ mod tests {
     fn damaged_files_are_refused_by_name() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("environment.safetensors");
-        environment().save(&path).unwrap();
+        environment().save(&path, Storage::F32).unwrap();
         let bytes = std::fs::read(&path).unwrap();
         for length in [0, 5, 100, bytes.len() / 2, bytes.len() - 1] {
             std::fs::write(&path, &bytes[..length]).unwrap();
@@ -448,7 +453,7 @@ mod tests {
             panic!("a grid");
         };
         field.params[7] = f32::NAN;
-        broken.save(&path).unwrap();
+        broken.save(&path, Storage::F32).unwrap();
         assert!(
             Environment::load(&path)
                 .unwrap_err()

@@ -22,10 +22,12 @@ pub mod radiance_field;
 pub mod samples;
 pub mod shading;
 pub mod spherical_harmonics;
+pub mod storage;
 
 pub use edit::{EnvironmentFromWorld, EnvironmentTransform, MaterialEdit, RoughnessEdit};
 pub use environment::Environment;
 pub use object::{Material, ObjectModel, SurfaceField};
+pub use storage::Storage;
 
 use std::path::PathBuf;
 

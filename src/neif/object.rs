@@ -10,12 +10,18 @@ use serde::{Deserialize, Serialize};
 pub use super::material::Material;
 
 use super::NeifError;
-use super::environment::{GRID, KIND, PAPER, kind, metadata, read_finite, unknown_kind};
+use super::environment::{GRID, KIND, PAPER, kind, metadata, unknown_kind};
 use super::material::{MaterialBatch, MaterialConfig};
 use super::paper::{PaperMaterial, PaperMaterialConfig};
+use super::storage::{ParamNames, Storage, read_params};
 use crate::data::tensor_file::TensorFile;
 use crate::geometry::SurfaceTracer;
 
+/// The arrays of the surface.
+const NAMES: ParamNames = ParamNames {
+    params: "material.params",
+    grid: "material.grid",
+};
 /// Marks the metadata of an object file.
 const FORMAT: &str = "neif-object-1";
 
@@ -102,21 +108,26 @@ impl SurfaceField {
             .ok_or_else(|| shape_error(path, found))
     }
 
-    /// Writes the file whole or not at all.
+    /// Writes the file whole or not at all, grid values as `storage` says.
     ///
     /// # Errors
     /// When the system refuses, e.g. because the disk is full.
-    pub fn save(&self, path: &Path) -> Result<(), NeifError> {
+    pub fn save(&self, path: &Path, storage: Storage) -> Result<(), NeifError> {
         let mut file = TensorFile::default();
-        let (kind, header) = match self {
-            Self::Grid(m) => (GRID, header_text(m.corner, m.side, *m.config())),
-            Self::Paper(m) => (PAPER, header_text(m.corner, m.side, *m.config())),
+        let (kind, header, n_networks) = match self {
+            Self::Grid(m) => {
+                let header = header_text(m.corner, m.side, *m.config());
+                (GRID, header, m.n_network_params())
+            }
+            Self::Paper(m) => {
+                let header = header_text(m.corner, m.side, *m.config());
+                (PAPER, header, m.params.len())
+            }
         };
         for (key, value) in [("format", FORMAT), (KIND, kind), ("object", &header)] {
             file.metadata.insert(key.to_owned(), value.to_owned());
         }
-        let params = self.params();
-        file.insert_f32("material.params", &[params.len()], params.to_vec());
+        storage.insert(&mut file, NAMES, self.params(), n_networks);
         Ok(file.write(path)?)
     }
 }
@@ -129,7 +140,7 @@ impl<C> Header<C> {
             let what = "describes a field outside the supported range".to_owned();
             return Err(metadata(path, "object", what));
         }
-        read_finite(file, path, "material.params")
+        read_params(file, path, NAMES)
     }
 }
 
@@ -152,7 +163,7 @@ fn read_header<C: DeserializeOwned>(
 fn shape_error(path: &Path, found: usize) -> NeifError {
     NeifError::Shape {
         file: path.to_owned(),
-        tensor: "material.params",
+        tensor: NAMES.params,
         found,
     }
 }
@@ -190,7 +201,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("object.safetensors");
         for material in [SurfaceField::Grid(grid), SurfaceField::Paper(paper)] {
-            material.save(&path).unwrap();
+            material.save(&path, Storage::F32).unwrap();
             let back = SurfaceField::load(&path).unwrap();
             assert_eq!(back.params(), material.params());
             match (back, material) {

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use crate::data::tensor_file::{TensorFile, TensorFileError};
 use crate::data::{DataError, MeshPlacement, read_mesh, write_atomically, write_glb};
 use crate::geometry::{Mesh, SurfaceTracer};
-use crate::neif::{Environment, NeifError, ObjectModel, SurfaceField};
+use crate::neif::{Environment, NeifError, ObjectModel, Storage, SurfaceField};
 use crate::render::Scene;
 use crate::train::Snapshot;
 use crate::train::config::TrainConfig;
@@ -111,6 +111,9 @@ pub struct RunConfig {
     pub program: String,
     /// True when only the surroundings are trained.
     pub environment_only: bool,
+    /// Precision of the grid values in the files for showing; the checkpoint is always exact.
+    #[serde(default)]
+    pub storage: Storage,
     /// How much training was asked for.
     pub budget: Budget,
     /// The capture.
@@ -127,6 +130,7 @@ impl RunConfig {
             format: FORMAT,
             program: concat!("neif ", env!("CARGO_PKG_VERSION")).to_owned(),
             environment_only: false,
+            storage: Storage::default(),
             budget: Budget::Steps(0),
             dataset: DatasetSource {
                 relative: relative_path(&self::absolute(run), &absolute),
@@ -310,9 +314,11 @@ impl RunFolder {
     /// When the system refuses; the files that were there before are then still whole.
     pub fn save(&self, state: RunState<'_>) -> Result<(), RunFolderError> {
         self.save_config(state.config)?;
-        state.snapshot.environment.save(&self.file(ENVIRONMENT))?;
+        let storage = state.config.storage;
+        let environment = &state.snapshot.environment;
+        environment.save(&self.file(ENVIRONMENT), storage)?;
         if let Some(object) = &state.snapshot.object {
-            object.material.save(&self.file(OBJECT))?;
+            object.material.save(&self.file(OBJECT), storage)?;
         }
         self.write_text(METRICS, state.log.csv())?;
         self.write_text(LOG, state.log.events())?;

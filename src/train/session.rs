@@ -18,6 +18,7 @@ use crossbeam::channel::{Receiver, Sender, bounded};
 
 use crate::data::MeshPlacement;
 use crate::data::{DataError, Dataset};
+use crate::neif::Storage;
 use crate::train::config::TrainConfig;
 use crate::train::event_queue::EventQueue;
 use crate::train::events::{TrainCommand, TrainEvent};
@@ -64,6 +65,8 @@ pub struct SessionOptions {
     pub start: Start,
     /// Train the surroundings only.
     pub environment_only: bool,
+    /// Precision of the grid values in the saved files.
+    pub storage: Storage,
     /// When the budget began to count.
     pub started: Instant,
     /// Give way to other threads of the machine, such as the window's.
@@ -82,6 +85,7 @@ impl SessionOptions {
             run: None,
             start: Start::Fresh,
             environment_only: false,
+            storage: Storage::default(),
             started: Instant::now(),
             nice: false,
         }
@@ -105,6 +109,7 @@ impl SessionOptions {
                 None => Start::Continue,
             },
             environment_only: stored.environment_only,
+            storage: stored.storage,
             budget: budget.unwrap_or(stored.budget),
             ..Self::new(&stored.dataset.absolute, stored.train, stored.budget)
         })
@@ -118,6 +123,7 @@ impl SessionOptions {
         let config = self.config.clone();
         let mut described = RunConfig {
             environment_only: self.environment_only,
+            storage: self.storage,
             budget: self.budget,
             ..RunConfig::new(run, &self.dataset, self.mesh.as_deref(), config)
         };

@@ -1,27 +1,36 @@
 //! `neif bench stability`: absurd captures and settings; training must stay finite and say how much worse it became.
 //!
-//! Scenes that differ from the normal one by unit, rotation or translation only must train to the same error.
+//! Scenes that differ from the normal one by unit, rotation or translation only must train to the same error, and so
+//! must the normal model when it was stored in half precision and read back.
+
+mod cases;
 
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use glam::{Affine3A, Quat, Vec3};
-use neif::data::{Dataset, Photo, Splits, View};
-use neif::neif::RoughnessEdit;
+use anyhow::Context as _;
+use neif::data::{Dataset, Splits};
+use neif::neif::environment::{EnvironmentField, EnvironmentPlace};
+use neif::neif::{Environment, ObjectModel, RoughnessEdit, Storage, SurfaceField};
 use neif::render::{Layer, Scene, render};
-use neif::train::config::TrainConfig;
+use neif::train::Snapshot;
 use neif::train::metrics::ImageMetrics;
 use serde_json::json;
 
-use super::trial::{Length, figure, load, measure, on_threads, train};
+use super::trial::{Length, Trial, figure, load, measure, on_threads, train};
 use super::{Common, dataset_or_demo};
 use crate::cli::failure::Failure;
 use crate::cli::interrupt;
 use crate::cli::output::{self, Display};
 use crate::cli::train::config;
+use cases::{CASES, Case, Expected, NORMAL, TINY};
 
 /// How far a scene in another unit or frame may be from the normal one, dB.
 const SAME_DB: f64 = 0.2;
+/// A run that learns again over its last tenth has recovered.
+const LAST_PART: f64 = 0.1;
+/// Factor that takes the logarithm of nearly every density to one of its ends.
+const DENSE: f32 = 1e4;
 
 /// Arguments of `neif bench stability`.
 #[derive(Debug, clap::Args)]
@@ -32,106 +41,35 @@ pub(crate) struct StabilityArgs {
     /// Steps of each run
     #[arg(long, value_name = "N", default_value_t = 1000)]
     steps: u64,
-    /// Steps of the long run at tiny size
+    /// Steps of the long run at tiny size; 0 leaves it out
     #[arg(long, value_name = "N", default_value_t = 100_000)]
     long_steps: u64,
+    /// Only the cases whose name contains this, beside the normal one
+    #[arg(long, value_name = "TEXT", default_value = "")]
+    only: String,
     #[command(flatten)]
     common: Common,
 }
-
-/// A capture and settings to survive.
-struct Case {
-    name: &'static str,
-    change: fn(&mut Dataset, &mut TrainConfig),
-    /// Whether the error must be the normal one.
-    is_same_scene: bool,
-}
-
-const fn hard(name: &'static str, change: fn(&mut Dataset, &mut TrainConfig)) -> Case {
-    Case {
-        name,
-        change,
-        is_same_scene: false,
-    }
-}
-
-const fn same(name: &'static str, change: fn(&mut Dataset, &mut TrainConfig)) -> Case {
-    Case {
-        name,
-        change,
-        is_same_scene: true,
-    }
-}
-
-const CASES: [Case; 20] = [
-    hard("normal", |_, _| ()),
-    same("unit 1e-3", |d, _| {
-        move_all(d, Affine3A::from_scale(Vec3::splat(1e-3)));
-    }),
-    same("unit 1e4", |d, _| {
-        move_all(d, Affine3A::from_scale(Vec3::splat(1e4)));
-    }),
-    same("turned by 30 degrees", |d, _| {
-        move_all(
-            d,
-            Affine3A::from_quat(Quat::from_axis_angle(Vec3::ONE.normalize_or_zero(), 0.52)),
-        );
-    }),
-    same("100 units away", |d, _| {
-        move_all(d, Affine3A::from_translation(Vec3::new(100.0, -60.0, 30.0)));
-    }),
-    hard("1e4 units away", |d, _| {
-        move_all(d, Affine3A::from_translation(Vec3::new(1e4, 0.0, 0.0)));
-    }),
-    hard("learning rates x 10", |_, c| {
-        c.grid_rate *= 10.0;
-        c.network_rate *= 10.0;
-    }),
-    hard("learning rates x 100", |_, c| {
-        c.grid_rate *= 100.0;
-        c.network_rate *= 100.0;
-    }),
-    hard("one photo", |d, _| d.train.truncate(1)),
-    hard("masks of two pixels", |d, _| {
-        for view in &mut d.train {
-            keep_two_mask_pixels(view);
-        }
-    }),
-    hard("black photos", |d, _| paint(d, |_| [0.0; 3])),
-    hard("white photos", |d, _| paint(d, |_| [1.0; 3])),
-    hard("radiance 1e5", |d, _| paint(d, |v| v.map(|v| v * 1e5))),
-    hard("photos that are not numbers", |d, _| {
-        paint(d, |_| [f32::NAN; 3]);
-    }),
-    hard("contradicting photos", |d, _| {
-        let cameras: Vec<_> = d.train.iter().map(|v| v.camera).collect();
-        let n = cameras.len();
-        for (i, view) in d.train.iter_mut().enumerate() {
-            view.camera = cameras[(i * 7 + 1) % n];
-        }
-    }),
-    hard("no mesh", |d, _| d.mesh = None),
-    hard("two samples a ray", |_, c| c.samples_per_ray = 2),
-    hard("one pixel a step", |_, c| {
-        c.object_pixels = 1;
-        c.background_pixels = 1;
-    }),
-    hard("roughness free from the start", |_, c| {
-        c.roughness_delay = 0;
-    }),
-    hard("weights a million times larger", |_, c| {
-        c.background_weight *= 1e6;
-        c.smoothness_weight *= 1e6;
-    }),
-];
 
 /// What became of a case.
 struct Row {
     name: &'static str,
     is_finite: bool,
+    has_recovered: bool,
     skipped: u64,
     metrics: ImageMetrics,
+    /// Against the normal run: object, background, dB.
+    difference: [Option<f64>; 2],
     verdict: Result<(), String>,
+}
+
+/// What all cases share.
+struct Bench<'a> {
+    args: &'a StabilityArgs,
+    dataset: Dataset,
+    normal: Option<ImageMetrics>,
+    rows: Vec<Row>,
+    display: Display,
 }
 
 /// Runs the benchmark; fails when a case does.
@@ -140,119 +78,225 @@ pub(super) fn run(args: &StabilityArgs) -> Result<(), Failure> {
         test: false,
         ..Splits::ALL
     };
-    let dataset = load(&dataset_or_demo(args.dataset.as_ref())?, splits)?;
-    let mut display = Display::new(args.common.json);
-    let mut rows: Vec<Row> = Vec::new();
-    for case in &CASES {
-        let normal = rows.first().map(|row| row.metrics);
-        let row = one(
-            case,
-            args.steps,
-            normal.as_ref(),
-            args,
-            &dataset,
-            &mut display,
-        )?;
-        display.say(&line(&row));
-        rows.push(row);
-    }
-    let tiny = hard("long run at tiny size", |_, c| {
-        (c.object_pixels, c.background_pixels) = (4, 4);
-        c.samples_per_ray = 4;
-        c.field.grid.log2_table_size = 10;
-        c.material.grid.log2_table_size = 10;
-    });
-    rows.push(one(
-        &tiny,
-        args.long_steps,
-        None,
+    let mut bench = Bench {
         args,
-        &dataset,
-        &mut display,
-    )?);
-    display.finish();
-    if args.common.json {
-        let rows: Vec<_> = rows
-            .iter()
-            .map(|row| {
-                json!({
-                    "name": row.name, "finite": row.is_finite, "skipped_steps": row.skipped,
-                    "metrics": row.metrics, "ok": row.verdict.is_ok(),
-                })
-            })
-            .collect();
-        output::json_line(&json!({ "rows": rows }))?;
-    } else {
-        output::line("| case | finite | steps skipped | object dB | background dB | verdict |")?;
-        output::line("|---|---|---|---|---|---|")?;
-        for row in &rows {
-            output::line(&line(row))?;
-        }
+        dataset: load(&dataset_or_demo(args.dataset.as_ref())?, splits)?,
+        normal: None,
+        rows: Vec::new(),
+        display: Display::new(args.common.json),
+    };
+    let normal = bench.train(&NORMAL, args.steps)?;
+    bench.normal = bench.rows.first().map(|row| row.metrics);
+    bench.store(&normal.snapshot)?;
+    for case in CASES.iter().filter(|case| args.wants(case.name)) {
+        bench.train(case, args.steps)?;
     }
-    let failed: Vec<_> = rows
-        .iter()
-        .filter(|row| row.verdict.is_err())
-        .map(|row| row.name)
-        .collect();
-    if failed.is_empty() {
-        return Ok(());
+    if args.long_steps > 0 && args.wants(TINY.name) {
+        bench.train(&TINY, args.long_steps)?;
     }
-    Err(Failure::Failed(anyhow::anyhow!(
-        "unstable: {}",
-        failed.join(", ")
-    )))
+    bench.display.finish();
+    bench.report()
 }
 
-fn one(
-    case: &Case,
-    steps: u64,
-    normal: Option<&ImageMetrics>,
-    args: &StabilityArgs,
-    dataset: &Dataset,
-    display: &mut Display,
-) -> Result<Row, Failure> {
-    let (mut dataset, mut config) = (dataset.clone(), config(None, Some(args.common.seed))?);
-    (case.change)(&mut dataset, &mut config);
-    on_threads(args.common.threads, || {
-        let mut show = |done| display.set(done, case.name, "");
-        let trial = train(&config, &dataset, Length::Steps(steps), &mut show)?;
-        let scene = trial.snapshot.scene();
-        let is_finite = scene.environment.params().iter().all(|v| v.is_finite())
-            && renders_finite(&scene, &dataset)?;
-        let metrics = measure(&trial.snapshot, &dataset.val, None)?;
-        let verdict = judge(case, is_finite, &metrics, normal);
-        Ok(Row {
-            name: case.name,
+impl StabilityArgs {
+    fn wants(&self, name: &str) -> bool {
+        name.contains(&self.only)
+    }
+}
+
+impl Bench<'_> {
+    /// Trains a case and judges what became of it.
+    fn train(&mut self, case: &Case, steps: u64) -> Result<Trial, Failure> {
+        let (mut dataset, mut config) = (
+            self.dataset.clone(),
+            config(None, Some(self.args.common.seed))?,
+        );
+        (case.change)(&mut dataset, &mut config);
+        let display = &mut self.display;
+        let trial = on_threads(self.args.common.threads, || {
+            let mut show = |done| display.set(done, case.name, "");
+            train(&config, &dataset, Length::Steps(steps), &mut show)
+        })?;
+        let first_of_last = (steps as f64 * (1.0 - LAST_PART)) as u64;
+        let has_recovered = trial.last_skipped.is_none_or(|step| step <= first_of_last);
+        self.judge(case.name, case.expected, &trial.snapshot, &dataset)?;
+        if let Some(row) = self.rows.last_mut() {
+            row.has_recovered = has_recovered;
+            row.skipped = trial.skipped;
+        }
+        self.show_last();
+        Ok(trial)
+    }
+
+    /// The normal model after a round through files of half the precision, and with densities at the end of their range.
+    fn store(&mut self, normal: &Snapshot) -> Result<(), Failure> {
+        let dataset = self.dataset.clone();
+        for (name, storage, expected) in [
+            ("stored as f16", Storage::F16, Expected::SameError),
+            ("stored as bf16", Storage::Bf16, Expected::Finite),
+        ] {
+            if self.args.wants(name) {
+                self.judge(name, expected, &reloaded(normal, storage)?, &dataset)?;
+                self.show_last();
+            }
+        }
+        let name = "densities of 1e-7 and 3e6";
+        if self.args.wants(name) {
+            self.judge(name, Expected::Finite, &dense(normal), &dataset)?;
+            self.show_last();
+        }
+        Ok(())
+    }
+
+    /// Adds the row of a model that was trained on `dataset`.
+    fn judge(
+        &mut self,
+        name: &'static str,
+        expected: Expected,
+        snapshot: &Snapshot,
+        dataset: &Dataset,
+    ) -> Result<(), Failure> {
+        let (is_finite, metrics) = on_threads(self.args.common.threads, || {
+            let scene = snapshot.scene();
+            let is_finite = scene.environment.params().iter().all(|v| v.is_finite())
+                && renders_finite(&scene, dataset)?;
+            Ok((is_finite, measure(snapshot, &dataset.val, None)?))
+        })?;
+        let difference = self.normal.map_or([None; 2], |normal| {
+            let object = metrics.psnr_object.zip(normal.psnr_object);
+            let background = metrics.psnr_background.zip(normal.psnr_background);
+            [object, background].map(|pair| pair.map(|(a, b)| a - b))
+        });
+        let largest = difference
+            .iter()
+            .flatten()
+            .fold(0.0, |m: f64, d| m.max(d.abs()));
+        let verdict = if !is_finite {
+            Err("not finite".to_owned())
+        } else if expected == Expected::SameError && largest > SAME_DB {
+            Err(format!("{largest:.2} dB off"))
+        } else {
+            Ok(())
+        };
+        self.rows.push(Row {
+            name,
             is_finite,
-            skipped: trial.skipped,
+            has_recovered: true,
+            skipped: 0,
             metrics,
+            difference,
             verdict,
-        })
+        });
+        Ok(())
+    }
+
+    fn show_last(&self) {
+        if let Some(row) = self.rows.last() {
+            self.display.say(&line(row));
+        }
+    }
+
+    /// Prints all rows; an error names the cases that failed.
+    fn report(&self) -> Result<(), Failure> {
+        if self.args.common.json {
+            let rows: Vec<_> = self.rows.iter().map(json_row).collect();
+            output::json_line(&json!({ "rows": rows }))?;
+        } else {
+            output::line(
+                "| case | finite | recovered | steps skipped | object dB | background dB | against normal | verdict |",
+            )?;
+            output::line("|---|---|---|---|---|---|---|---|")?;
+            for row in &self.rows {
+                output::line(&line(row))?;
+            }
+        }
+        let failed: Vec<_> = self
+            .rows
+            .iter()
+            .filter(|row| row.verdict.is_err())
+            .map(|row| row.name)
+            .collect();
+        if failed.is_empty() {
+            return Ok(());
+        }
+        let failed = failed.join(", ");
+        Err(Failure::Failed(anyhow::anyhow!("unstable: {failed}")))
+    }
+}
+
+fn json_row(row: &Row) -> serde_json::Value {
+    json!({
+        "name": row.name, "finite": row.is_finite, "recovered": row.has_recovered, "skipped_steps": row.skipped,
+        "metrics": row.metrics, "object_against_normal": row.difference[0],
+        "background_against_normal": row.difference[1], "ok": row.verdict.is_ok(),
     })
 }
 
-fn judge(
-    case: &Case,
-    is_finite: bool,
-    metrics: &ImageMetrics,
-    normal: Option<&ImageMetrics>,
-) -> Result<(), String> {
-    if !is_finite {
-        return Err("not finite".to_owned());
-    }
-    let Some(normal) = normal.filter(|_| case.is_same_scene) else {
-        return Ok(());
+fn line(row: &Row) -> String {
+    let yes = |is: bool| if is { "yes" } else { "no" };
+    let verdict = match &row.verdict {
+        Ok(()) => "ok",
+        Err(why) => why,
     };
-    for (a, b) in [
-        (metrics.psnr_object, normal.psnr_object),
-        (metrics.psnr_background, normal.psnr_background),
-    ] {
-        let difference = (a.unwrap_or(0.0) - b.unwrap_or(0.0)).abs();
-        if difference > SAME_DB {
-            return Err(format!("{difference:.2} dB off"));
+    let [object, background] = row
+        .difference
+        .map(|d| d.map_or_else(|| "–".to_owned(), |d| format!("{d:+.2}")));
+    format!(
+        "| {} | {} | {} | {} | {} | {} | {object} / {background} | {verdict} |",
+        row.name,
+        yes(row.is_finite),
+        yes(row.has_recovered),
+        row.skipped,
+        figure(row.metrics.psnr_object),
+        figure(row.metrics.psnr_background),
+    )
+}
+
+/// The model as it comes back from its files.
+fn reloaded(snapshot: &Snapshot, storage: Storage) -> Result<Snapshot, Failure> {
+    let folder = tempfile::tempdir().context("a folder for the stored model")?;
+    let path = folder.path().join("field.safetensors");
+    snapshot.environment.save(&path, storage)?;
+    let environment = Arc::new(Environment::load(&path)?);
+    let object = match &snapshot.object {
+        Some(object) => {
+            object.material.save(&path, storage)?;
+            Some(Arc::new(ObjectModel {
+                tracer: Arc::clone(&object.tracer),
+                material: Arc::new(SurfaceField::load(&path)?),
+            }))
         }
+        None => None,
+    };
+    Ok(Snapshot {
+        step: snapshot.step,
+        object,
+        environment,
+    })
+}
+
+/// The model with grid values so large that its densities are as small and as large as they can be.
+fn dense(snapshot: &Snapshot) -> Snapshot {
+    let old = &snapshot.environment;
+    let EnvironmentField::Grid { field, density } = old.field() else {
+        return snapshot.clone();
+    };
+    let mut field = field.clone();
+    let n_networks = field.n_network_params();
+    for value in &mut field.params[n_networks..] {
+        *value *= DENSE;
     }
-    Ok(())
+    let place = EnvironmentPlace {
+        name: old.name().to_owned(),
+        frame: *old.frame(),
+        gamma: old.gamma(),
+        n_samples: old.n_samples(),
+        up: old.up(),
+    };
+    Snapshot {
+        environment: Arc::new(Environment::new(place, field, density.clone())),
+        ..snapshot.clone()
+    }
 }
 
 /// Whether a view is finite as trained and under extreme edits.
@@ -281,60 +325,4 @@ fn renders_finite(scene: &Scene, dataset: &Dataset) -> Result<bool, Failure> {
         }
     }
     Ok(true)
-}
-
-fn line(row: &Row) -> String {
-    let verdict = match &row.verdict {
-        Ok(()) => "ok",
-        Err(why) => why,
-    };
-    format!(
-        "| {} | {} | {} | {} | {} | {verdict} |",
-        row.name,
-        if row.is_finite { "yes" } else { "no" },
-        row.skipped,
-        figure(row.metrics.psnr_object),
-        figure(row.metrics.psnr_background),
-    )
-}
-
-/// Moves, turns or scales cameras and mesh together.
-fn move_all(dataset: &mut Dataset, motion: Affine3A) {
-    let (_, rotation, _) = motion.to_scale_rotation_translation();
-    for view in dataset.train.iter_mut().chain(&mut dataset.val) {
-        let pose = view.camera.world_from_camera;
-        let (_, turn, at) = pose.to_scale_rotation_translation();
-        view.camera.world_from_camera =
-            Affine3A::from_rotation_translation(rotation * turn, motion.transform_point3(at));
-    }
-    dataset.mesh = dataset
-        .mesh
-        .as_ref()
-        .map(|mesh| Arc::new(mesh.transformed(motion)));
-}
-
-/// Changes the training photos, in linear radiance.
-fn paint(dataset: &mut Dataset, color: fn([f32; 3]) -> [f32; 3]) {
-    for view in &mut dataset.train {
-        view.photo = Photo::Hdr {
-            width: view.photo.width(),
-            height: view.photo.height(),
-            pixels: (0..view.photo.n_pixels())
-                .map(|i| color(view.photo.linear(i)))
-                .collect(),
-        };
-    }
-}
-
-/// Leaves two object pixels in a view's mask.
-fn keep_two_mask_pixels(view: &mut View) {
-    let Some(mask) = &mut view.mask else { return };
-    let mut left = 2;
-    for coverage in &mut mask.coverage {
-        if *coverage < u8::MAX || left == 0 {
-            *coverage = 0;
-        } else {
-            left -= 1;
-        }
-    }
 }

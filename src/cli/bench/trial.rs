@@ -30,6 +30,8 @@ pub(super) struct Trial {
     pub(super) steps: u64,
     /// Steps that learned nothing because a value was not finite.
     pub(super) skipped: u64,
+    /// The last of them.
+    pub(super) last_skipped: Option<u64>,
     /// Wall time of the steps, seconds.
     pub(super) step_secs: f64,
     /// Processor time of the steps, all threads, seconds.
@@ -79,13 +81,19 @@ pub(super) fn train(
     let mut trainer = AnyTrainer::new(config, dataset, cancel, &|_| ()).or_unusable()?;
     let (start, cpu_start) = (Instant::now(), process_cpu_secs());
     let mut rays = 0;
+    let mut last_skipped = None;
     take_steps(length, begin, &mut |done| {
-        rays += u64::from(trainer.step(done).rays);
+        let stats = trainer.step(done);
+        rays += u64::from(stats.rays);
+        if stats.skipped {
+            last_skipped = Some(trainer.steps());
+        }
         on_step(done);
     })?;
     Ok(Trial {
         steps: trainer.steps(),
         skipped: trainer.skipped_steps(),
+        last_skipped,
         step_secs: start.elapsed().as_secs_f64(),
         cpu_secs: process_cpu_secs() - cpu_start,
         rays,

@@ -158,6 +158,8 @@ pub fn check(dataset: &Dataset) -> DatasetReport {
     if let Some(mesh) = &mesh {
         problems.extend(statistics::mesh_problems(mesh));
     }
+    let cameras = statistics::camera_summary(dataset);
+    problems.extend(statistics::camera_problem(&cameras));
     let agreement = agreement::compare(dataset, &mut problems);
     problems.sort_by_key(|problem| problem.severity);
     DatasetReport {
@@ -172,7 +174,7 @@ pub fn check(dataset: &Dataset) -> DatasetReport {
         hdr: dataset.views().any(|view| view.photo.is_linear_hdr()),
         surroundings_visible: dataset.surroundings_visible,
         lens: statistics::lens_summary(dataset),
-        cameras: statistics::camera_summary(dataset),
+        cameras,
         masks: statistics::mask_summary(dataset),
         mesh,
         agreement,
@@ -270,6 +272,22 @@ mod tests {
             .parse()
             .unwrap();
         assert!((scale - 0.5).abs() < 0.03, "{problem}");
+    }
+
+    #[test]
+    fn a_capture_far_from_the_origin_is_named() {
+        let capture = TestCapture::new(12);
+        let mut dataset = Dataset::load(capture.root(), &LoadOptions::default()).unwrap();
+        dataset.mesh = None;
+        for (away, is_far) in [(0.0, false), (100.0, false), (1e4, true)] {
+            let mut moved = dataset.clone();
+            for view in moved.train.iter_mut().chain(&mut moved.test) {
+                view.camera.world_from_camera.translation.x += away;
+            }
+            let problems = check(&moved).problems;
+            let found = problems.iter().any(|p| p.what.contains("from the origin"));
+            assert_eq!(found, is_far, "{away} units away: {problems:?}");
+        }
     }
 
     #[test]

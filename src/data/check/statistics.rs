@@ -9,6 +9,10 @@ use super::{CameraSummary, LensSummary, MaskSummary, MeshSummary, Resolution};
 use crate::data::{Dataset, Problem, Severity};
 use crate::geometry::{Aabb, Mesh};
 
+/// Distance from the origin, in sizes of the capture, from which single precision tears the surface: positions are then
+/// rounded to a fifty-thousandth of that size.
+const FAR_AWAY: f32 = 200.0;
+
 /// Picture sizes, most frequent first.
 pub(super) fn resolutions(dataset: &Dataset) -> Vec<Resolution> {
     let mut list: Vec<Resolution> = Vec::new();
@@ -145,6 +149,22 @@ fn edge_defects(mesh: &Mesh) -> (usize, usize) {
             2 => (open, branching),
             _ => (open, branching + 1),
         })
+}
+
+/// A finding about where the capture stands, if any.
+pub(super) fn camera_problem(cameras: &CameraSummary) -> Option<Problem> {
+    let away = Vec3::from(cameras.look_at).length();
+    // A single camera has no extent.
+    let size = cameras.extent.max(cameras.distance[1]);
+    if away <= FAR_AWAY * size {
+        return None;
+    }
+    let step = away * f32::EPSILON;
+    let what = format!(
+        "the capture is {size:.3} units across and stands {away:.0} units from the origin, where positions are rounded to {step:.1e} units"
+    );
+    let advice = "move cameras and mesh together, so that the origin is near the object";
+    Some(Problem::new(Severity::Warning, what, advice))
 }
 
 /// Findings about the mesh alone.

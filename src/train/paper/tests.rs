@@ -3,9 +3,9 @@
 use std::sync::atomic::AtomicBool;
 
 use super::{PaperConfig, PaperTrainer};
-use crate::neif::Environment;
 use crate::neif::object::SurfaceField;
 use crate::neif::paper::{PaperFieldConfig, PaperMaterialConfig};
+use crate::neif::{Environment, Storage};
 use crate::render::{Layer, render};
 use crate::train::config::TrainConfig;
 use crate::train::test_scene::sphere_in_a_box;
@@ -179,9 +179,9 @@ fn stored_fields_show_the_same_picture() {
         .unwrap()
     };
     let before = shown(&scene);
-    scene.environment.save(&light).unwrap();
+    scene.environment.save(&light, Storage::F32).unwrap();
     let mut object = (**scene.object.as_ref().unwrap()).clone();
-    object.material.save(&surface).unwrap();
+    object.material.save(&surface, Storage::F32).unwrap();
     object.material = SurfaceField::load(&surface).unwrap().into();
     scene.object = Some(object.into());
     scene.environment = Environment::load(&light).unwrap().into();
