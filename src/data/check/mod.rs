@@ -279,7 +279,7 @@ mod tests {
         let capture = TestCapture::new(12);
         let mut dataset = Dataset::load(capture.root(), &LoadOptions::default()).unwrap();
         dataset.mesh = None;
-        for (away, is_far) in [(0.0, false), (100.0, false), (1e4, true)] {
+        for (away, is_far) in [(0.0, false), (100.0, false), (1e4, false), (1e5, true)] {
             let mut moved = dataset.clone();
             for view in moved.train.iter_mut().chain(&mut moved.test) {
                 view.camera.world_from_camera.translation.x += away;
