@@ -8,6 +8,7 @@ pub mod picture;
 pub mod preview;
 pub mod priority;
 pub mod progressive;
+pub mod reference;
 pub mod scene;
 pub mod shade;
 #[cfg(test)]
@@ -18,8 +19,9 @@ pub mod trace;
 pub use gbuffer::{GBuffer, PathOptions};
 pub use neilf::render_neilf;
 pub use panorama::panorama;
-pub use picture::{Picture, render, render_with};
+pub use picture::{Picture, render, render_reference, render_with};
 pub use preview::{Passes, Preview, PreviewFrame};
 pub use progressive::PreviewScene;
+pub use reference::{LobeShape, ReferenceOptions};
 pub use scene::{Layer, Scene};
 pub use shade::{ShadeScratch, compose, shade_background, shade_object};

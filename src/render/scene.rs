@@ -19,6 +19,13 @@ pub struct Scene {
     pub edit: MaterialEdit,
 }
 
+impl Scene {
+    /// Whether lobes are asked for that the photos did not teach.
+    pub fn has_other_roughness(&self) -> bool {
+        self.edit.roughness != MaterialEdit::default().roughness
+    }
+}
+
 /// What a picture shows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Layer {
