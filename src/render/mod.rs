@@ -2,6 +2,7 @@
 
 mod band;
 pub mod gbuffer;
+pub mod irradiance;
 pub mod neilf;
 pub mod panorama;
 pub mod picture;
@@ -16,6 +17,7 @@ mod thread_clock;
 pub mod trace;
 
 pub use gbuffer::{GBuffer, PathOptions};
+pub use irradiance::{DiffuseLights, trained_light};
 pub use neilf::render_neilf;
 pub use panorama::panorama;
 pub use picture::{Picture, render, render_with};

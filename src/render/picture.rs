@@ -24,6 +24,8 @@ pub struct Picture {
 }
 
 /// The display-referred picture (sRGB, `[0, 1]`) of a scene; `None` when cancelled. `on_progress` gets 0..1.
+///
+/// The light at the surface of moved surroundings is made first; for several pictures, do it once with [`Scene::lit`].
 pub fn render(
     scene: &Scene,
     camera: &Camera,
@@ -43,6 +45,13 @@ pub fn render_with(
     cancel: &AtomicBool,
     on_progress: &(dyn Fn(f32) + Sync),
 ) -> Option<Picture> {
+    let lit;
+    let scene = if layer.is_lit() {
+        lit = scene.lit(cancel)?;
+        &lit
+    } else {
+        scene
+    };
     let (width, height) = (camera.width, camera.height);
     let mut pixels = vec![[0.0; 3]; (width * height) as usize];
     let done = AtomicU32::new(0);

@@ -15,7 +15,7 @@ use crate::neif::material::{MaterialBatch, Surface};
 use crate::neif::object::ObjectModel;
 use crate::neif::proposal::ConeRay;
 use crate::neif::radiance_field::{FieldBatch, FieldRay};
-use crate::neif::shading::{fresnel, outgoing};
+use crate::neif::shading::{SurfacePoint, fresnel, outgoing};
 
 /// Pixels shaded together: their samples stay in the core's cache.
 const TILE: usize = 64;
@@ -121,8 +121,14 @@ fn shade_paths(
     object
         .material
         .forward(&scratch.points, &mut scratch.material, &mut scratch.encoded);
-    for surface in &mut scratch.material.surfaces {
+    let motion = scene.transform.environment_from_world();
+    let vertices = paths.iter().flat_map(|path| path.iter());
+    for (surface, vertex) in scratch.material.surfaces.iter_mut().zip(vertices) {
         *surface = scene.edit.apply(*surface);
+        let SurfacePoint {
+            position, normal, ..
+        } = vertex.point;
+        surface.diffuse *= scene.diffuse_response(position, normal, motion.gain);
     }
     let mut starts = Vec::with_capacity(paths.len());
     let mut start = 0;
@@ -133,7 +139,6 @@ fn shade_paths(
     if let Some(values) = unlit(scene, paths, &starts, &scratch.material.surfaces, layer) {
         return values;
     }
-    let motion = scene.transform.environment_from_world();
     let frame = scene.environment.frame();
     scratch.batch.rays.clear();
     scratch.lit.clear();
