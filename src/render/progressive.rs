@@ -11,6 +11,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use rayon::prelude::*;
 
 use super::band::{Band, Versions, Work, band_rows, bands};
+use super::irradiance::DiffuseLight;
 use super::scene::{Layer, Scene};
 use super::shade::ShadeScratch;
 use super::thread_clock::thread_cpu;
@@ -65,6 +66,10 @@ impl PreviewScene {
             && self.scene.transform == other.scene.transform
             && self.scene.edit == other.scene.edit
             && Arc::ptr_eq(&self.scene.environment, &other.scene.environment)
+            && same(
+                self.scene.trained_in.as_ref(),
+                other.scene.trained_in.as_ref(),
+            )
             && object(&self.scene) == object(&other.scene)
     }
 }
@@ -110,6 +115,8 @@ struct Causes {
     tracer: Option<Arc<SurfaceTracer>>,
     environment: Arc<Environment>,
     transform: EnvironmentTransform,
+    trained_in: Option<Arc<Environment>>,
+    diffuse_light: Option<Arc<DiffuseLight>>,
     material: Option<Arc<SurfaceField>>,
     edit: MaterialEdit,
     layer: Layer,
@@ -126,6 +133,11 @@ impl Causes {
                 .map(|object| Arc::clone(&object.tracer)),
             environment: Arc::clone(&scene.environment),
             transform: scene.transform,
+            trained_in: scene.trained_in.clone(),
+            diffuse_light: scene
+                .diffuse_light
+                .as_ref()
+                .map(|lit| Arc::clone(&lit.light)),
             material: scene
                 .object
                 .as_ref()
@@ -143,12 +155,16 @@ impl Causes {
         Arc::ptr_eq(&self.environment, &other.environment) && self.transform == other.transform
     }
 
+    fn same_diffuse_light(&self, other: &Self) -> bool {
+        same(self.trained_in.as_ref(), other.trained_in.as_ref())
+            && same(self.diffuse_light.as_ref(), other.diffuse_light.as_ref())
+    }
+
     fn same_object(&self, other: &Self) -> bool {
-        let is_lit = matches!(self.layer, Layer::Final | Layer::Diffuse | Layer::Specular);
         self.layer == other.layer
             && self.edit == other.edit
             && same(self.material.as_ref(), other.material.as_ref())
-            && (!is_lit || self.same_light(other))
+            && (!self.layer.is_lit() || self.same_light(other) && self.same_diffuse_light(other))
     }
 }
 
@@ -389,6 +405,7 @@ mod tests {
         let (mut progressive, mut request) = (Progressive::default(), request());
         pass(&mut progressive, &request, 1);
         change(&mut request);
+        request.scene = request.scene.lit(&AtomicBool::new(false)).unwrap();
         let output = pass(&mut progressive, &request, 1);
         assert_same_as_render(&output, &request, PathOptions::PLAIN);
         output.recomputed
