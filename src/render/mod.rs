@@ -1,6 +1,7 @@
 //! Pictures from a scene: the same shading for full images, panoramas and the progressive preview.
 
 mod band;
+mod causes;
 pub mod gbuffer;
 pub mod irradiance;
 pub mod neilf;

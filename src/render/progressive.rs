@@ -11,12 +11,11 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use rayon::prelude::*;
 
 use super::band::{Band, Versions, Work, band_rows, bands};
-use super::irradiance::DiffuseLight;
+use super::causes::{Causes, same};
 use super::scene::{Layer, Scene};
 use super::shade::ShadeScratch;
 use super::thread_clock::thread_cpu;
-use crate::geometry::{Camera, SurfaceTracer};
-use crate::neif::{Environment, EnvironmentTransform, MaterialEdit, SurfaceField};
+use crate::geometry::Camera;
 
 /// The resolution divisors of the passes, coarsest first; nothing is ever coarser than a quarter.
 pub const SCALES: [u32; 3] = [4, 2, 1];
@@ -106,70 +105,6 @@ pub struct PassOutput {
     pub recomputed: Recomputed,
     /// Processor time of all threads together.
     pub cpu_secs: f64,
-}
-
-/// What the parts of a picture depend on; an `Arc` stands for its address.
-#[derive(Clone, Debug)]
-struct Causes {
-    camera: Camera,
-    tracer: Option<Arc<SurfaceTracer>>,
-    environment: Arc<Environment>,
-    transform: EnvironmentTransform,
-    trained_in: Option<Arc<Environment>>,
-    diffuse_light: Option<Arc<DiffuseLight>>,
-    material: Option<Arc<SurfaceField>>,
-    edit: MaterialEdit,
-    layer: Layer,
-}
-
-impl Causes {
-    fn of(request: &PreviewScene, camera: Camera) -> Self {
-        let scene = &request.scene;
-        Self {
-            camera,
-            tracer: scene
-                .object
-                .as_ref()
-                .map(|object| Arc::clone(&object.tracer)),
-            environment: Arc::clone(&scene.environment),
-            transform: scene.transform,
-            trained_in: scene.trained_in.clone(),
-            diffuse_light: scene
-                .diffuse_light
-                .as_ref()
-                .map(|lit| Arc::clone(&lit.light)),
-            material: scene
-                .object
-                .as_ref()
-                .map(|object| Arc::clone(&object.material)),
-            edit: scene.edit,
-            layer: request.layer,
-        }
-    }
-
-    fn same_geometry(&self, other: &Self) -> bool {
-        self.camera == other.camera && same(self.tracer.as_ref(), other.tracer.as_ref())
-    }
-
-    fn same_light(&self, other: &Self) -> bool {
-        Arc::ptr_eq(&self.environment, &other.environment) && self.transform == other.transform
-    }
-
-    fn same_diffuse_light(&self, other: &Self) -> bool {
-        same(self.trained_in.as_ref(), other.trained_in.as_ref())
-            && same(self.diffuse_light.as_ref(), other.diffuse_light.as_ref())
-    }
-
-    fn same_object(&self, other: &Self) -> bool {
-        self.layer == other.layer
-            && self.edit == other.edit
-            && same(self.material.as_ref(), other.material.as_ref())
-            && (!self.layer.is_lit() || self.same_light(other) && self.same_diffuse_light(other))
-    }
-}
-
-fn same<T>(a: Option<&Arc<T>>, b: Option<&Arc<T>>) -> bool {
-    a.map(Arc::as_ptr) == b.map(Arc::as_ptr)
 }
 
 /// The state of one resolution.
