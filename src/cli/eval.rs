@@ -45,6 +45,9 @@ pub(crate) struct EvalArgs {
     /// Measure the edits and relightings of the capture's relight/ folder too
     #[arg(long)]
     relight: bool,
+    /// Leave the diffuse part as it was learned when the light changes, as the paper does
+    #[arg(long)]
+    baked_diffuse: bool,
     /// Surroundings trained on another capture, under its name, for relightings that use them
     #[arg(long, value_name = "NAME=FILE", value_parser = values::named_path)]
     env: Vec<NamedPath>,
@@ -64,7 +67,10 @@ pub(crate) struct EvalArgs {
 
 /// `neif eval`.
 pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
-    let run = scenes::open_run(&args.run, args.dataset.as_deref())?;
+    let mut run = scenes::open_run(&args.run, args.dataset.as_deref())?;
+    if args.baked_diffuse {
+        run.scene.trained_in = None;
+    }
     let lpips = lpips_weights(args.lpips.as_deref())?;
     let (views, root) = run.load_views(args.split)?;
     let trained = run.folder.trained();

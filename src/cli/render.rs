@@ -25,6 +25,9 @@ pub(crate) struct RenderArgs {
     env: PathBuf,
     #[command(flatten)]
     environment: EnvironmentFlags,
+    /// Leave the diffuse part as it was learned when the light changes, as the paper does
+    #[arg(long)]
+    baked_diffuse: bool,
     #[command(flatten)]
     material: MaterialFlags,
     /// What to render: final, diffuse, specular, roughness, tint, normal, environment
@@ -79,6 +82,9 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
     if args.env != Path::new("own") {
         scene.environment = scenes::open_environment(&args.env)?;
     }
+    if args.baked_diffuse {
+        scene.trained_in = None;
+    }
     let scene = apply(scene, &args.material, &args.environment);
     let cameras = args.cameras.cameras(&run)?;
     scenes::make_folder(&args.out)?;
@@ -95,6 +101,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
 /// Renders every layer from every camera; returns the number of pictures.
 fn render_all(scene: &Scene, cameras: &[NamedCamera], args: &RenderArgs) -> Result<usize, Failure> {
     let cancel = interrupt::install()?;
+    let scene = &scene.lit(cancel).ok_or(Failure::Interrupted)?;
     let mut display = Display::new(false);
     let total = cameras.len() * args.layers.len();
     let mut done = 0;

@@ -1,7 +1,9 @@
 //! Pictures from a scene: the same shading for full images, panoramas and the progressive preview.
 
 mod band;
+mod causes;
 pub mod gbuffer;
+pub mod irradiance;
 pub mod neilf;
 pub mod panorama;
 pub mod picture;
@@ -17,6 +19,7 @@ mod thread_clock;
 pub mod trace;
 
 pub use gbuffer::{GBuffer, PathOptions};
+pub use irradiance::{DiffuseLights, trained_light};
 pub use neilf::render_neilf;
 pub use panorama::panorama;
 pub use picture::{Picture, render, render_reference, render_with};

@@ -25,6 +25,8 @@ pub struct Picture {
 }
 
 /// The display-referred picture (sRGB, `[0, 1]`) of a scene; `None` when cancelled. `on_progress` gets 0..1.
+///
+/// The light at the surface of moved surroundings is made first; for several pictures, do it once with [`Scene::lit`].
 pub fn render(
     scene: &Scene,
     camera: &Camera,
@@ -43,6 +45,7 @@ pub fn render_reference(
     cancel: &AtomicBool,
     on_progress: &(dyn Fn(f32) + Sync),
 ) -> Option<Picture> {
+    let scene = &scene.lit(cancel)?;
     let shade: &ShadeObject<'_> = &|gbuffer, pixels, out, scratch| {
         shade_object_reference(scene, gbuffer, pixels, options, out, scratch);
     };
@@ -68,6 +71,13 @@ pub fn render_with(
     cancel: &AtomicBool,
     on_progress: &(dyn Fn(f32) + Sync),
 ) -> Option<Picture> {
+    let lit;
+    let scene = if layer.is_lit() {
+        lit = scene.lit(cancel)?;
+        &lit
+    } else {
+        scene
+    };
     let shade: &ShadeObject<'_> = &|gbuffer, pixels, out, scratch| {
         shade_object(scene, gbuffer, pixels, layer, out, scratch);
     };

@@ -122,7 +122,11 @@ fn walk(
     let mut sum = Vec3::ZERO;
     let (mut rays, mut throughputs) = (Vec::new(), Vec::new());
     for bounce in 0..MAX_VERTICES as u32 {
-        let surfaces = scratch.surfaces(scene, object, walkers.iter().map(|w| w.position));
+        let surfaces = scratch.surfaces(
+            scene,
+            object,
+            walkers.iter().map(|w| (w.position, w.normal)),
+        );
         let mut next = Vec::new();
         for (walker, surface) in walkers.iter().zip(surfaces) {
             let cos = walker.normal.dot(walker.to_eye).max(0.0);

@@ -130,7 +130,9 @@ fn shade_paths(
     scratch: &mut ShadeScratch,
 ) -> Vec<Vec3> {
     let vertices = paths.iter().flat_map(|path| path.iter());
-    scratch.surfaces(scene, object, vertices.map(|vertex| vertex.point.position));
+    let points = vertices.map(|vertex| (vertex.point.position, vertex.point.normal));
+    scratch.surfaces(scene, object, points);
+    let motion = scene.transform.environment_from_world();
     let mut starts = Vec::with_capacity(paths.len());
     let mut start = 0;
     for path in paths {
@@ -140,7 +142,6 @@ fn shade_paths(
     if let Some(values) = unlit(scene, paths, &starts, &scratch.material.surfaces, layer) {
         return values;
     }
-    let motion = scene.transform.environment_from_world();
     let frame = scene.environment.frame();
     let is_split = scene.has_other_roughness();
     scratch.batch.rays.clear();
@@ -262,22 +263,25 @@ impl ShadeScratch {
         scene.environment.light(&mut self.batch, &mut self.light);
     }
 
-    /// The edited surfaces at world points.
+    /// The edited surfaces at world points with unit normals, their diffuse part in the light of the scene.
     pub(super) fn surfaces(
         &mut self,
         scene: &Scene,
         object: &ObjectModel,
-        points: impl Iterator<Item = Vec3>,
+        points: impl Iterator<Item = (Vec3, Vec3)> + Clone,
     ) -> &[Surface] {
         self.points.clear();
-        self.points.extend(points);
+        self.points
+            .extend(points.clone().map(|(position, _)| position));
         object
             .material
             .forward(&self.points, &mut self.material, &mut self.encoded);
+        let gain = scene.transform.environment_from_world().gain;
         self.learned_roughness.clear();
-        for surface in &mut self.material.surfaces {
+        for (surface, (position, normal)) in self.material.surfaces.iter_mut().zip(points) {
             self.learned_roughness.push(surface.roughness);
             *surface = scene.edit.apply(*surface);
+            surface.diffuse *= scene.diffuse_response(position, normal, gain);
         }
         &self.material.surfaces
     }

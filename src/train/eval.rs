@@ -69,6 +69,7 @@ pub fn evaluate_views(
     cancel: &AtomicBool,
     on_view: &mut dyn FnMut(usize, &View, &Picture),
 ) -> Option<Vec<ViewMetrics>> {
+    let scene = &scene.lit(cancel)?;
     let mut results = Vec::with_capacity(views.len());
     for (index, view) in views.iter().enumerate() {
         let picture = render(scene, &view.camera, Layer::Final, cancel, &|_| {})?;
@@ -243,12 +244,7 @@ pub fn panorama_psnr(
         source,
     })?;
     let still = EnvironmentTransform::default();
-    let scene = Scene {
-        object: None,
-        environment: Arc::clone(environment),
-        transform: still,
-        edit: MaterialEdit::default(),
-    };
+    let scene = Scene::new(None, Arc::clone(environment));
     let mut sum = 0.0;
     let mut count = 0;
     for truth in &list.panos {
