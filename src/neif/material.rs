@@ -15,8 +15,8 @@ use super::paper::material::PaperMaterialBatch;
 const N_OUT: usize = 16;
 /// Shift of the diffuse output: training starts at `softplus(-2) = 0.13`, a dark grey.
 const DIFFUSE_SHIFT: f32 = -2.0;
-/// Shift of the roughness output: training starts at about 0.3.
-const ROUGHNESS_SHIFT: f32 = -0.85;
+/// Shift of the roughness output: training starts at about 0.1.
+const ROUGHNESS_SHIFT: f32 = -2.4;
 /// Least learned roughness: below it the lobe is narrower than any pixel, and the gradient is lost.
 const ROUGHNESS_MIN: f32 = 0.02;
 

@@ -55,6 +55,13 @@ pub struct TrainConfig {
     pub preconvolved_share: f32,
     /// Blurred levels beside the sharp one: standard deviations 1, 2, 4, 8, 16 pixels.
     pub preconvolved_levels: usize,
+    /// Pull of the diffuse part of what reflects like a metal towards black: no real surface has both.
+    pub metal_weight: f32,
+    /// Radiance that clipped light is pulled to, and the weight of that pull. A photo says no more of a lamp than that it
+    /// is brighter than white; left alone it stays there, and everything that is rough, or lit by it, is too dark.
+    pub clipped_radiance: f32,
+    /// Weight of that pull against object pixels.
+    pub clipped_weight: f32,
     /// Steps before roughness is learned: while the environment is still blurred, every surface would seem a mirror,
     /// and a mirror gives no gradient back to roughness.
     pub roughness_delay: u32,
@@ -120,6 +127,9 @@ impl Default for TrainConfig {
             smoothness_weight: 1e-4,
             preconvolved_share: 0.3,
             preconvolved_levels: 5,
+            metal_weight: 0.01,
+            clipped_radiance: 5.0,
+            clipped_weight: 0.01,
             roughness_delay: 300,
             bounces: MAX_VERTICES - 1,
             subpixels: true,

@@ -105,6 +105,8 @@ fn gradients_of_a_whole_step_agree_with_finite_differences() {
         &TrainConfig {
             roughness_delay: 0,
             gradient_cut_off: CutOff::default(),
+            // Its pull leaves out that a lower tint would end it too.
+            metal_weight: 0.0,
             ..config()
         },
         &dataset,
@@ -164,6 +166,32 @@ fn gradients_of_a_whole_step_agree_with_finite_differences() {
             "field {in_field}: cosine {cosine}, length ratio {ratio}"
         );
     }
+}
+
+#[test]
+fn what_reflects_like_a_metal_loses_its_diffuse_part() {
+    let dataset = sphere_in_a_box(8, 32);
+    let diffuse = |metal_weight| {
+        let mut trainer = trainer(
+            &TrainConfig {
+                metal_weight,
+                ..config()
+            },
+            &dataset,
+        );
+        train(&mut trainer, 300);
+        let material = trainer.material.expect("there is an object").value;
+        let points: Vec<glam::Vec3> = dataset.mesh.as_ref().expect("a mesh").positions.clone();
+        let mut batch = crate::neif::material::MaterialBatch::default();
+        material.forward(&points, &mut batch, &mut Vec::new());
+        let sum: f32 = batch.surfaces.iter().map(|s| s.diffuse.element_sum()).sum();
+        sum / points.len() as f32
+    };
+    let (free, pulled) = (diffuse(0.0), diffuse(0.3));
+    assert!(
+        pulled < 0.5 * free,
+        "{free} without, {pulled} with the pull"
+    );
 }
 
 #[test]
