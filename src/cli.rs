@@ -4,6 +4,7 @@ mod bench;
 mod demo;
 mod edits;
 mod env;
+mod env_import;
 mod eval;
 mod failure;
 mod info;
@@ -50,7 +51,7 @@ enum Command {
     /// Measure this program on this machine
     #[command(subcommand)]
     Bench(bench::BenchCommand),
-    /// Surroundings alone: train them, look at them
+    /// Surroundings alone: train them, import them, look at them
     #[command(subcommand)]
     Env(env::EnvCommand),
 }
@@ -73,6 +74,7 @@ pub(crate) fn run(started: Instant) -> Result<(), Failure> {
         Some(Command::Render(args)) => render::run(&args),
         Some(Command::Bench(command)) => bench::run(&command),
         Some(Command::Env(env::EnvCommand::Train(args))) => env::train(&args, started),
+        Some(Command::Env(env::EnvCommand::Import(args))) => env_import::run(&args),
         Some(Command::Env(env::EnvCommand::Panorama(args))) => env::panorama(&args),
     }
 }

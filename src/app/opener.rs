@@ -7,6 +7,7 @@ use crossbeam::channel::{Receiver, Sender, bounded};
 
 use crate::data::{Dataset, LoadOptions, Photo, read_frames, read_photo};
 use crate::neif::Environment;
+use crate::neif::distant::is_panorama_file;
 use crate::render::priority::lower_thread_priority;
 use crate::train::Snapshot;
 use crate::train::run_folder::RunFolder;
@@ -190,9 +191,10 @@ fn open(path: PathBuf, send: &dyn Fn(Opened)) {
         )));
     } else if RunFolder::is_run(&path) {
         open_run(&path, send);
-    } else if path
-        .extension()
-        .is_some_and(|extension| extension == "safetensors")
+    } else if is_panorama_file(&path)
+        || path
+            .extension()
+            .is_some_and(|extension| extension == "safetensors")
     {
         send(load_environment(path));
     } else if path.is_dir()
@@ -202,7 +204,7 @@ fn open(path: PathBuf, send: &dyn Fn(Opened)) {
     {
         send(Opened::Capture(path));
     } else {
-        let what = "not a capture (folder or transforms.json), a run folder or an environment (.safetensors)";
+        let what = "not a capture (folder or transforms.json), a run folder or an environment (.safetensors, .hdr, .exr)";
         send(failed(format!("{}: {what}", path.display())));
     }
 }
@@ -246,7 +248,7 @@ fn open_run(path: &Path, send: &dyn Fn(Opened)) {
 }
 
 fn load_environment(path: PathBuf) -> Opened {
-    let result = Environment::load(&path)
+    let result = Environment::open(&path)
         .map(Arc::new)
         .map_err(|error| error.to_string());
     Opened::Environment { path, result }

@@ -77,7 +77,7 @@ fn list_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
         });
     if ui
         .button("Add environment…")
-        .on_hover_text("A trained environment (.safetensors)")
+        .on_hover_text("A trained environment (.safetensors) or a panorama (.hdr, .exr)")
         .clicked()
     {
         commands.push(Command::AskPath(PathPurpose::Open));
