@@ -6,8 +6,9 @@ use std::sync::Arc;
 use crossbeam::channel::{Receiver, Sender, bounded};
 
 use crate::data::{Dataset, LoadOptions, Photo, read_frames, read_photo};
-use crate::neif::Environment;
 use crate::neif::distant::is_panorama_file;
+use crate::neif::{Environment, EnvironmentTransform};
+use crate::render::Scene;
 use crate::render::priority::lower_thread_priority;
 use crate::train::Snapshot;
 use crate::train::run_folder::RunFolder;
@@ -76,6 +77,13 @@ pub enum Opened {
         /// The photo.
         photo: ScreenPhoto,
     },
+    /// How the surroundings are as bright as the capture's own.
+    Matched {
+        /// Which surroundings.
+        environment: usize,
+        /// Their transform; none where there is no light to compare.
+        transform: Option<EnvironmentTransform>,
+    },
     /// It cannot be used.
     Failed {
         /// What was opened.
@@ -129,6 +137,17 @@ impl Opener {
     pub fn load_environment(&self, path: &Path) {
         let path = path.to_owned();
         self.spawn(move |send| send(load_environment(path)));
+    }
+
+    /// Compares the scene's surroundings, those with index `environment`, with the capture's own.
+    pub fn match_exposure(&self, scene: Scene, own: Arc<Environment>, environment: usize) {
+        self.spawn(move |send| {
+            let transform = scene.matched_to(&own);
+            send(Opened::Matched {
+                environment,
+                transform,
+            });
+        });
     }
 
     /// Reads the first photo of a capture, ahead of everything else.

@@ -47,6 +47,10 @@ pub(crate) struct EvalArgs {
     /// Surroundings trained on another capture, under its name, for relightings that use them
     #[arg(long, value_name = "NAME=FILE", value_parser = values::named_path)]
     env: Vec<NamedPath>,
+    /// Make other surroundings as bright, and of the same white, as the object's own; not so in the ground truth of
+    /// captures that share one exposure
+    #[arg(long)]
+    env_match: bool,
     /// Folder for pictures: rendered, photo, difference x4, and one contact sheet
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -75,7 +79,7 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
     };
     let results = bench.measure(&run.scene, &views, args.split.as_str())?;
     let relight = if args.relight {
-        bench.relight(&run.scene, &root, &args.env)?
+        bench.relight(&run.scene, &root, &args.env, args.env_match)?
     } else {
         BTreeMap::new()
     };
@@ -170,6 +174,7 @@ impl Bench<'_> {
         scene: &Scene,
         root: &Path,
         environments: &[NamedPath],
+        is_matched: bool,
     ) -> Result<BTreeMap<String, ImageMetrics>, Failure> {
         let mut known: BTreeMap<String, Arc<Environment>> = BTreeMap::new();
         for NamedPath { name, path } in environments {
@@ -181,7 +186,10 @@ impl Bench<'_> {
                 output::note(&format!("{}: {problem}", case.name));
             }
             match relit(scene, &case.apply, &known) {
-                Ok(edited) => {
+                Ok(mut edited) => {
+                    if is_matched && case.apply.environment_of.is_some() {
+                        edited.transform = scenes::matched(&edited, &scene.environment)?;
+                    }
                     let set = format!("relight/{}", case.name);
                     let results = self.measure(&edited, &case.views, &set)?;
                     relight.insert(case.name, mean_of_views(&results));

@@ -23,6 +23,9 @@ pub(crate) struct RenderArgs {
     /// Other surroundings: an environment file, a run folder, or `own`
     #[arg(long, value_name = "ENV", default_value = "own")]
     env: PathBuf,
+    /// Make other surroundings as bright, and of the same white, as the object's own; `--env-exposure` comes on top
+    #[arg(long)]
+    env_match: bool,
     #[command(flatten)]
     environment: EnvironmentFlags,
     #[command(flatten)]
@@ -76,7 +79,10 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
     if args.env != Path::new("own") {
         scene.environment = scenes::open_environment(&args.env)?;
     }
-    let scene = apply(scene, &args.material, &args.environment);
+    let mut scene = apply(scene, &args.material, &args.environment);
+    if args.env_match {
+        scene.transform = scenes::matched(&scene, &run.scene.environment)?;
+    }
     let cameras = args.cameras.cameras(&run)?;
     scenes::make_folder(&args.out)?;
     let n_pictures = render_all(&scene, &cameras, &args.layers, &args.out)?;

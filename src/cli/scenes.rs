@@ -7,7 +7,7 @@ use std::{
 
 use anyhow::Context as _;
 use neif::data::{Dataset, Frame, LoadOptions, Splits, View, read_frames};
-use neif::neif::Environment;
+use neif::neif::{Environment, EnvironmentTransform};
 use neif::render::Scene;
 use neif::train::run_folder::{ENVIRONMENT, RunFolder};
 
@@ -95,6 +95,20 @@ pub(crate) fn open_environment(path: &Path) -> Result<Arc<Environment>, Failure>
     let inside = path.join(ENVIRONMENT);
     let file = if path.is_dir() { &inside } else { path };
     Ok(Arc::new(Environment::open(file).or_unusable()?))
+}
+
+/// The scene's transform with its surroundings made as bright as `own`; the exposure that it has comes on top.
+pub(crate) fn matched(scene: &Scene, own: &Environment) -> Result<EnvironmentTransform, Failure> {
+    let matched = scene.matched_to(own).ok_or_else(|| {
+        let name = scene.environment.name();
+        Failure::unusable(anyhow::anyhow!(
+            "--env-match: the surroundings `{name}` or the object's own are black"
+        ))
+    })?;
+    Ok(EnvironmentTransform {
+        exposure_ev: matched.exposure_ev + scene.transform.exposure_ev,
+        ..matched
+    })
 }
 
 /// The cameras of a `transforms.json` whose photos need not exist; the file must then say `w, h`.

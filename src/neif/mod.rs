@@ -6,6 +6,7 @@ pub mod display;
 pub mod distant;
 pub mod edit;
 pub mod environment;
+pub mod exposure_match;
 pub mod field_batch;
 pub mod hash_grid;
 pub mod kernels;

@@ -4,6 +4,7 @@ use std::fmt;
 use std::str::FromStr;
 use std::sync::Arc;
 
+use crate::neif::exposure_match::matched;
 use crate::neif::{Environment, EnvironmentTransform, MaterialEdit, ObjectModel};
 
 /// An object under an environment, with all edits.
@@ -17,6 +18,16 @@ pub struct Scene {
     pub transform: EnvironmentTransform,
     /// How the material is changed.
     pub edit: MaterialEdit,
+}
+
+impl Scene {
+    /// The transform with exposure and white balance such that the surroundings light the object as much as `own` does
+    /// where it was captured; `None` where one of them is black.
+    pub fn matched_to(&self, own: &Environment) -> Option<EnvironmentTransform> {
+        let object = self.object.as_ref();
+        let bounds = object.map_or_else(|| own.inner_box(), |o| o.tracer.mesh().bounds());
+        matched(&self.transform, own, &self.environment, bounds.center())
+    }
 }
 
 /// What a picture shows.
