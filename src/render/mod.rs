@@ -1,7 +1,9 @@
 //! Pictures from a scene: the same shading for full images, panoramas and the progressive preview.
 
+pub mod bake;
 mod band;
 pub mod gbuffer;
+pub mod metallic_roughness;
 pub mod neilf;
 pub mod panorama;
 pub mod picture;
@@ -15,6 +17,7 @@ pub(crate) mod test_scene;
 mod thread_clock;
 pub mod trace;
 
+pub use bake::{BakedSurface, bake, radiance_as_albedo};
 pub use gbuffer::{GBuffer, PathOptions};
 pub use neilf::render_neilf;
 pub use panorama::panorama;
