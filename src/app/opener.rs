@@ -6,7 +6,7 @@ use std::sync::Arc;
 use crossbeam::channel::{Receiver, Sender, bounded};
 
 use crate::data::{Dataset, LoadOptions, Photo, read_frames, read_photo};
-use crate::neif::distant::is_panorama_file;
+use crate::neif::distant::is_environment_file;
 use crate::neif::{Environment, EnvironmentTransform};
 use crate::render::Scene;
 use crate::render::priority::lower_thread_priority;
@@ -210,11 +210,7 @@ fn open(path: PathBuf, send: &dyn Fn(Opened)) {
         )));
     } else if RunFolder::is_run(&path) {
         open_run(&path, send);
-    } else if is_panorama_file(&path)
-        || path
-            .extension()
-            .is_some_and(|extension| extension == "safetensors")
-    {
+    } else if is_environment_file(&path) {
         send(load_environment(path));
     } else if path.is_dir()
         || path

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use neif::data::{Dataset, LoadOptions, check};
-use neif::neif::distant::is_panorama_file;
+use neif::neif::distant::is_environment_file;
 use neif::neif::{Environment, SurfaceField};
 use neif::train::run_folder::RunFolder;
 use serde_json::{Value, json};
@@ -25,10 +25,10 @@ pub(crate) struct InfoArgs {
 /// `neif info`.
 pub(crate) fn run(args: &InfoArgs) -> Result<(), Failure> {
     let path = &args.path;
-    let is_tensors = path.extension().is_some_and(|e| e == "safetensors") || is_panorama_file(path);
+    let is_environment = is_environment_file(path);
     let found = if RunFolder::is_run(path) {
         Found::listed(about_run(path)?)
-    } else if is_tensors {
+    } else if is_environment {
         Found::listed(about_tensors(path)?)
     } else {
         about_capture(path)?

@@ -137,13 +137,13 @@ fn assembled(mesh: &Mesh, charts: &[Chart], scale: f32, corners: &[Vec2], size_p
     let mut copies = vec![(usize::MAX, 0_u32); mesh.positions.len()];
     for (c, (chart, corner)) in charts.iter().zip(corners).enumerate() {
         for (&triangle, places) in chart.triangles.iter().zip(&chart.corners) {
-            for k in 0..3 {
-                let vertex = mesh.triangles[triangle][k];
+            let corners = mesh.triangles[triangle].into_iter().zip(places);
+            for (k, (vertex, place)) in corners.enumerate() {
                 let copy = &mut copies[vertex as usize];
                 if copy.0 != c {
                     *copy = (c, atlas.vertices.len() as u32);
                     atlas.vertices.push(vertex);
-                    atlas.places_px.push(*corner + places[k] * scale);
+                    atlas.places_px.push(*corner + *place * scale);
                 }
                 atlas.triangles[triangle][k] = copy.1;
             }

@@ -101,7 +101,7 @@ fn facts_ui(ui: &mut Ui, state: &AppState) {
         let side = environment.inner_box().extent().x * state.look.transform.scale;
         format!("inner box {side:.2}")
     };
-    let facts = weak(ui, &format!("Up {} · {size}", axis_name(environment.up())));
+    let facts = weak(ui, format!("Up {} · {size}", axis_name(environment.up())));
     ui.label(facts).on_hover_text(
         "The up axis, and the side of the box in which the surroundings are finest, in scene units. What is infinitely far does not move or scale.",
     );

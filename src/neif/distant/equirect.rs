@@ -7,7 +7,7 @@ use glam::Vec3;
 /// Fractions of a pixel below this are rounding of the direction: a pixel's own direction then gives the pixel exactly.
 const SNAP: f32 = 5e-4;
 
-/// Linear radiance over all directions, in the convention of [`crate::render::panorama`]: z is up, the centre looks
+/// Linear radiance over all directions, in the convention of rendered panoramas: z is up, the centre looks
 /// along +x, the azimuth falls from left to right.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Equirect {

@@ -63,6 +63,11 @@ pub fn is_panorama_file(path: &Path) -> bool {
     matches!(extension(path).as_str(), "hdr" | "exr")
 }
 
+/// Whether a file's name is that of surroundings: trained or imported ones, or a panorama.
+pub fn is_environment_file(path: &Path) -> bool {
+    extension(path) == "safetensors" || is_panorama_file(path)
+}
+
 fn extension(path: &Path) -> String {
     let extension = path.extension().unwrap_or_default();
     extension.to_string_lossy().to_ascii_lowercase()

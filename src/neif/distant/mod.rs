@@ -9,5 +9,7 @@ pub mod light;
 mod pyramid;
 
 pub use equirect::Equirect;
-pub use import::{ImportOptions, Imported, UpAxis, import_environment, is_panorama_file};
+pub use import::{
+    ImportOptions, Imported, UpAxis, import_environment, is_environment_file, is_panorama_file,
+};
 pub use light::{DistantConfig, DistantLight};
