@@ -296,12 +296,12 @@ impl AppState {
         let environment = self
             .chosen_environment()
             .cloned()
-            .unwrap_or(scene.environment);
+            .unwrap_or_else(|| Arc::clone(&scene.environment));
         Scene {
             environment,
             transform: self.look.transform,
             edit: self.look.edit,
-            object: scene.object,
+            ..scene
         }
     }
 

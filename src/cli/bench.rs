@@ -4,6 +4,7 @@
 //! is what is reported; skips and stability are judged on the validation views.
 
 mod error;
+mod lobes;
 mod plot;
 mod preview;
 mod skip;
@@ -29,6 +30,8 @@ pub(crate) enum BenchCommand {
     Preview(preview::PreviewArgs),
     /// Error on test views after 10 s, 30 s, ... of training: a table, a CSV file and a plot
     Error(error::ErrorArgs),
+    /// Cones against many thin rays a pixel, roughness by roughness
+    Lobes(lobes::LobesArgs),
     /// What each shortcut of training saves, and what it costs in error
     Skip(skip::SkipArgs),
     /// Whether absurd input and settings leave training finite, and how much worse
@@ -43,6 +46,7 @@ pub(crate) fn run(command: &BenchCommand) -> Result<(), Failure> {
         BenchCommand::Train(args) => train::run(args),
         BenchCommand::Preview(args) => preview::run(args),
         BenchCommand::Error(args) => error::run(args),
+        BenchCommand::Lobes(args) => lobes::run(args),
         BenchCommand::Skip(args) => skip::run(args),
         BenchCommand::Stability(args) => stability::run(args),
         BenchCommand::Table1(args) => table1::run(args),

@@ -12,7 +12,8 @@ use neif::data::{Dataset, View, read_exr_linear, write_atomically};
 use neif::neif::Environment;
 use neif::render::{Picture, Scene};
 use neif::train::eval::{
-    EvalReport, NormalError, ViewMetrics, evaluate_views, mean_of_views, panorama_psnr, relit,
+    EvalReport, NormalError, RoughnessError, ViewMetrics, after_one_gain, evaluate_views,
+    mean_of_views, panorama_psnr, relit,
 };
 use neif::train::lpips::{Backbone, Lpips};
 use neif::train::metrics::ImageMetrics;
@@ -34,6 +35,7 @@ const SHEET_COLUMNS: usize = 2;
 
 /// Arguments of `neif eval`.
 #[derive(Debug, clap::Args)]
+#[expect(clippy::struct_excessive_bools, reason = "one a flag")]
 pub(crate) struct EvalArgs {
     /// The run folder
     #[arg(value_name = "RUN")]
@@ -44,6 +46,9 @@ pub(crate) struct EvalArgs {
     /// Measure the edits and relightings of the capture's relight/ folder too
     #[arg(long)]
     relight: bool,
+    /// Leave the diffuse part as it was learned when the light changes, as the paper does
+    #[arg(long)]
+    baked_diffuse: bool,
     /// Surroundings trained on another capture, under its name, for relightings that use them
     #[arg(long, value_name = "NAME=FILE", value_parser = values::named_path)]
     env: Vec<NamedPath>,
@@ -67,7 +72,10 @@ pub(crate) struct EvalArgs {
 
 /// `neif eval`.
 pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
-    let run = scenes::open_run(&args.run, args.dataset.as_deref())?;
+    let mut run = scenes::open_run(&args.run, args.dataset.as_deref())?;
+    if args.baked_diffuse {
+        run.scene.trained_in = None;
+    }
     let lpips = lpips_weights(args.lpips.as_deref())?;
     let (views, root) = run.load_views(args.split)?;
     let trained = run.folder.trained();
@@ -77,11 +85,17 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
         out: args.out.as_deref(),
         lpips: lpips.as_ref(),
     };
-    let results = bench.measure(&run.scene, &views, args.split.as_str())?;
-    let relight = if args.relight {
+    let (results, _) = bench.measure(&run.scene, &views, args.split.as_str())?;
+    let Relit { relight, gained } = if args.relight {
         bench.relight(&run.scene, &root, &args.env, args.env_match)?
     } else {
-        BTreeMap::new()
+        Relit::default()
+    };
+    // The true normals and materials are those of the test views.
+    let truth = if args.split == Split::Test {
+        surface_errors(&run.scene, &views, &root, bench.cancel)?
+    } else {
+        SurfaceErrors::default()
     };
     let report = EvalReport {
         split: args.split.as_str().to_owned(),
@@ -90,12 +104,9 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
         mean: mean_of_views(&results),
         views: results,
         relight,
-        // The true normals are those of the test views.
-        normal_mae_deg: if args.split == Split::Test {
-            normal_error(&run.scene, &views, &root)?
-        } else {
-            None
-        },
+        relight_gained: gained,
+        normal_mae_deg: truth.normals.mean_deg(),
+        roughness_mae: truth.roughness.mean(),
         pano_psnr: panorama_psnr(&run.scene.environment, &root, bench.cancel).or_unusable()?,
     };
     if interrupt::requested() {
@@ -141,12 +152,12 @@ impl Bench<'_> {
         scene: &Scene,
         views: &[View],
         set: &str,
-    ) -> Result<Vec<ViewMetrics>, Failure> {
+    ) -> Result<(Vec<ViewMetrics>, Vec<Picture>), Failure> {
         let folder = self.out.map(|out| out.join(set));
         if let Some(folder) = &folder {
             scenes::make_folder(folder)?;
         }
-        let mut rows = Vec::new();
+        let (mut rows, mut pictures) = (Vec::new(), Vec::new());
         let mut saved: Result<(), Failure> = Ok(());
         let display = &mut self.display;
         let mut on_view = |i: usize, view: &View, picture: &Picture| {
@@ -154,6 +165,7 @@ impl Bench<'_> {
             if let (Some(folder), Ok(())) = (&folder, &saved) {
                 saved = save_pictures(folder, view, picture, &mut rows);
             }
+            pictures.push(picture.clone());
         };
         let results = evaluate_views(scene, views, self.lpips, self.cancel, &mut on_view);
         saved?;
@@ -165,7 +177,7 @@ impl Bench<'_> {
             let contact_sheet = sheet::grid(&rows, SHEET_COLUMNS);
             sheet::save(&folder.join("contact_sheet.png"), &contact_sheet)?;
         }
-        Ok(results)
+        Ok((results, pictures))
     }
 
     /// Measures every edit that has ground truth.
@@ -175,12 +187,12 @@ impl Bench<'_> {
         root: &Path,
         environments: &[NamedPath],
         is_matched: bool,
-    ) -> Result<BTreeMap<String, ImageMetrics>, Failure> {
+    ) -> Result<Relit, Failure> {
         let mut known: BTreeMap<String, Arc<Environment>> = BTreeMap::new();
         for NamedPath { name, path } in environments {
             known.insert(name.clone(), scenes::open_environment(path)?);
         }
-        let mut relight = BTreeMap::new();
+        let mut relit_all = Relit::default();
         for case in Dataset::relight_cases(root).or_unusable()? {
             for problem in &case.problems {
                 output::note(&format!("{}: {problem}", case.name));
@@ -191,14 +203,31 @@ impl Bench<'_> {
                         edited.transform = scenes::matched(&edited, &scene.environment)?;
                     }
                     let set = format!("relight/{}", case.name);
-                    let results = self.measure(&edited, &case.views, &set)?;
-                    relight.insert(case.name, mean_of_views(&results));
+                    let (results, pictures) = self.measure(&edited, &case.views, &set)?;
+                    let gained = after_one_gain(&case.views, &pictures);
+                    relit_all.gained.insert(case.name.clone(), gained);
+                    relit_all.relight.insert(case.name, mean_of_views(&results));
                 }
                 Err(reason) => output::note(&format!("relight/{}: left out: {reason}", case.name)),
             }
         }
-        Ok(relight)
+        Ok(relit_all)
     }
+}
+
+/// Measures of edits with ground truth, by their names.
+#[derive(Debug, Default)]
+struct Relit {
+    relight: BTreeMap<String, ImageMetrics>,
+    /// After one gain a colour.
+    gained: BTreeMap<String, ImageMetrics>,
+}
+
+/// How far mesh and material are from the truth.
+#[derive(Debug, Default)]
+struct SurfaceErrors {
+    normals: NormalError,
+    roughness: RoughnessError,
 }
 
 /// Says why views have no LPIPS when they are too small for its network.
@@ -232,19 +261,34 @@ fn save_pictures(
     Ok(())
 }
 
-/// Mean angle between the mesh's normals and those of `gt/normal`, where the capture has them.
-fn normal_error(scene: &Scene, views: &[View], root: &Path) -> Result<Option<f64>, Failure> {
-    let mut error = NormalError::default();
+/// Compares with `gt/normal`, `gt/roughness` and `gt/specular_f0`, where the capture has them.
+fn surface_errors(
+    scene: &Scene,
+    views: &[View],
+    root: &Path,
+    cancel: &AtomicBool,
+) -> Result<SurfaceErrors, Failure> {
+    let mut errors = SurfaceErrors::default();
     for view in views {
-        let file = root.join("gt/normal").join(format!("{}.exr", view.name));
-        if file.is_file() {
-            let (width, height, normals) = read_exr_linear(&file).or_unusable()?;
-            if (width, height) == (view.camera.width, view.camera.height) {
-                error.add_view(scene, &view.camera, &normals);
+        let read = |layer: &str| -> Result<Option<Vec<[f32; 3]>>, Failure> {
+            let file = root.join("gt").join(layer);
+            let file = file.join(format!("{}.exr", view.name));
+            if !file.is_file() {
+                return Ok(None);
             }
+            let (width, height, values) = read_exr_linear(&file).or_unusable()?;
+            let fits = (width, height) == (view.camera.width, view.camera.height);
+            Ok(fits.then_some(values))
+        };
+        if let Some(normals) = read("normal")? {
+            errors.normals.add_view(scene, &view.camera, &normals);
+        }
+        if let (Some(roughness), Some(f0)) = (read("roughness")?, read("specular_f0")?) {
+            let error = &mut errors.roughness;
+            error.add_view(scene, view, &roughness, &f0, cancel);
         }
     }
-    Ok(error.mean_deg())
+    Ok(errors)
 }
 
 /// The figures for people.
@@ -283,8 +327,12 @@ fn table(report: &EvalReport, lpips: Option<Backbone>) -> String {
             .iter()
             .map(|(name, metrics)| row(name, metrics)),
     );
+    let gained = report.relight_gained.iter();
+    lines.extend(gained.map(|(name, metrics)| row(&format!("{name}, gain matched"), metrics)));
     let normals = report.normal_mae_deg;
     lines.extend(normals.map(|deg| format!("normals: mean error {deg:.2} degrees")));
+    let roughness = report.roughness_mae;
+    lines.extend(roughness.map(|error| format!("roughness: mean error {error:.3}")));
     lines.extend(
         report
             .pano_psnr

@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 use glam::{EulerRot, Quat, Vec3};
 use neif::color::srgb_from_linear;
 use neif::data::{ExrSample, Texture, TexturedMesh, write_exr, write_textured_glb};
-use neif::geometry::Atlas;
-use neif::neif::{EnvironmentTransform, ObjectModel};
-use neif::render::metallic_roughness::DIELECTRIC;
-use neif::render::{BakedSurface, Scene, bake, panorama, radiance_as_albedo};
+use neif::geometry::{Atlas, Texel};
+use neif::neif::{EnvironmentTransform, MaterialEdit, ObjectModel};
+use neif::render::metallic_roughness::{DIELECTRIC, MetallicRoughness};
+use neif::render::{BakedSurface, Scene, bake, panorama, radiance_as_albedo, trained_light};
 
 use super::edits::MaterialFlags;
 use super::failure::Failure;
@@ -67,8 +67,7 @@ pub(crate) fn run(args: &ExportArgs) -> Result<(), Failure> {
             mesh.triangles.len()
         ))
     })?;
-    let edit = args.material.edit();
-    let baked = bake(object, &edit, &atlas, PADDING_PX, &radiance_as_albedo);
+    let baked = baked(&run.scene, object, args.material.edit(), &atlas)?;
     let upright = z_up_from_world(run.scene.environment.up());
     let mesh = textured(object, &atlas, &baked, upright);
     write_textured_glb(&args.out, &mesh)?;
@@ -79,6 +78,33 @@ pub(crate) fn run(args: &ExportArgs) -> Result<(), Failure> {
         output::line(&file.display().to_string())?;
     }
     Ok(())
+}
+
+/// Textures of the edited material; the base colour is what the light at the surface leaves of the baked diffuse part.
+fn baked(
+    scene: &Scene,
+    object: &ObjectModel,
+    edit: MaterialEdit,
+    atlas: &Atlas,
+) -> Result<BakedSurface, Failure> {
+    let cancel = interrupt::install()?;
+    let light = trained_light(scene, cancel);
+    if interrupt::requested() {
+        return Err(Failure::Interrupted);
+    }
+    Ok(match light {
+        Some(light) => {
+            let albedo = |texels: &[Texel], diffuse: &[Vec3]| -> Vec<Vec3> {
+                let pairs = texels.iter().zip(diffuse);
+                pairs
+                    .map(|(texel, diffuse)| light.albedo(texel.position, texel.normal, *diffuse))
+                    .collect()
+            };
+            bake(object, &edit, atlas, PADDING_PX, &albedo)
+        }
+        // The paper's own model keeps its diffuse part whatever the light.
+        None => bake(object, &edit, atlas, PADDING_PX, &radiance_as_albedo),
+    })
 }
 
 /// `a/b.glb` becomes `a/b_environment.exr`.
@@ -115,9 +141,7 @@ fn textured(
     let specular_color = is_worth.then(|| {
         let most = material.iter().map(|m| m.dielectric.max_element());
         let most = most.fold(DIELECTRIC, f32::max);
-        let share = |m: &neif::render::metallic_roughness::MetallicRoughness| {
-            (m.dielectric / most).to_array().map(srgb_code)
-        };
+        let share = |m: &MetallicRoughness| (m.dielectric / most).to_array().map(srgb_code);
         (
             texture(material.iter().map(share).collect()),
             most / DIELECTRIC,

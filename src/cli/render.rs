@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use neif::geometry::Camera;
-use neif::render::{Layer, Scene, render};
+use neif::render::{Layer, LobeShape, ReferenceOptions, Scene, render, render_reference};
 
 use super::edits::{EnvironmentFlags, MaterialFlags, apply};
 use super::failure::Failure;
@@ -28,6 +28,9 @@ pub(crate) struct RenderArgs {
     env_match: bool,
     #[command(flatten)]
     environment: EnvironmentFlags,
+    /// Leave the diffuse part as it was learned when the light changes, as the paper does
+    #[arg(long)]
+    baked_diffuse: bool,
     #[command(flatten)]
     material: MaterialFlags,
     /// What to render: final, diffuse, specular, roughness, tint, normal, environment
@@ -38,6 +41,9 @@ pub(crate) struct RenderArgs {
         default_value = "final"
     )]
     layers: Vec<Layer>,
+    /// The final picture by N thin rays a pixel instead of cones: slow, to compare with
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    reference: Option<u32>,
     /// The folder for the pictures; made when missing
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -79,33 +85,44 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
     if args.env != Path::new("own") {
         scene.environment = scenes::open_environment(&args.env)?;
     }
+    if args.baked_diffuse {
+        scene.trained_in = None;
+    }
     let mut scene = apply(scene, &args.material, &args.environment);
     if args.env_match {
         scene.transform = scenes::matched(&scene, &run.scene.environment)?;
     }
     let cameras = args.cameras.cameras(&run)?;
     scenes::make_folder(&args.out)?;
-    let n_pictures = render_all(&scene, &cameras, &args.layers, &args.out)?;
+    if args.reference.is_some() && args.layers != [Layer::Final] {
+        return Err(Failure::unusable(anyhow::anyhow!(
+            "--reference makes the final picture only; leave out --layers"
+        )));
+    }
+    let n_pictures = render_all(&scene, &cameras, args)?;
     output::line(&format!("{}: {n_pictures} pictures", args.out.display()))?;
     Ok(())
 }
 
 /// Renders every layer from every camera; returns the number of pictures.
-fn render_all(
-    scene: &Scene,
-    cameras: &[NamedCamera],
-    layers: &[Layer],
-    out: &Path,
-) -> Result<usize, Failure> {
+fn render_all(scene: &Scene, cameras: &[NamedCamera], args: &RenderArgs) -> Result<usize, Failure> {
     let cancel = interrupt::install()?;
+    let scene = &scene.lit(cancel).ok_or(Failure::Interrupted)?;
     let mut display = Display::new(false);
-    let total = cameras.len() * layers.len();
+    let total = cameras.len() * args.layers.len();
     let mut done = 0;
     for NamedCamera { name, camera } in cameras {
-        for &layer in layers {
-            let picture = render(scene, camera, layer, cancel, &|_| {});
+        for &layer in &args.layers {
+            let picture = match args.reference {
+                Some(n_paths) => {
+                    let lobe = LobeShape::Ggx;
+                    let options = ReferenceOptions { n_paths, lobe };
+                    render_reference(scene, camera, options, cancel, &|_| {})
+                }
+                None => render(scene, camera, layer, cancel, &|_| {}),
+            };
             let picture = picture.ok_or(Failure::Interrupted)?;
-            sheet::save(&out.join(file_name(name, layer)), &picture)?;
+            sheet::save(&args.out.join(file_name(name, layer)), &picture)?;
             done += 1;
             display.set(
                 done as f32 / total as f32,

@@ -86,10 +86,25 @@ pub struct LitVertex {
     share: (f32, f32),
     /// Ray of the lobe's free part, if that is worth one.
     ray: Option<usize>,
+    /// The same lobe by several cones.
+    split: Option<SplitLobe>,
     /// Whether the path goes on.
     goes_on: bool,
     /// What the lobe gathers; known after [`radiance`].
     light: Vec3,
+}
+
+/// A lobe by several cones, each as wide as its share of it ([`super::lobe_cones`]).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SplitLobe {
+    /// The first of their rays.
+    pub first: usize,
+    /// How many rays.
+    pub n: usize,
+    /// Share of the cones that meet the object again and have no ray, `[0, 1]`.
+    pub blocked: f32,
+    /// Weight of this light against that of the one cone, `[0, 1]`.
+    pub weight: f32,
 }
 
 impl Blocked {
@@ -134,6 +149,19 @@ pub fn aim(
     rays: &mut Vec<FieldRay>,
     lit: &mut Vec<LitVertex>,
 ) -> usize {
+    aim_with(path, surfaces, motion, frame, |_| None, rays, lit)
+}
+
+/// [`aim`], with several cones for the first vertex's lobe where `split` adds their rays.
+pub fn aim_with(
+    path: &[PathVertex],
+    surfaces: impl Fn(usize) -> (usize, Surface),
+    motion: &EnvironmentFromWorld,
+    frame: &FieldFrame,
+    split: impl Fn(&mut Vec<FieldRay>) -> Option<SplitLobe>,
+    rays: &mut Vec<FieldRay>,
+    lit: &mut Vec<LitVertex>,
+) -> usize {
     let mut blur = Blur::default();
     for (k, vertex) in path.iter().enumerate() {
         let (index, surface) = surfaces(k);
@@ -144,11 +172,15 @@ pub fn aim(
             (0.0, 0.0)
         };
         blur.arrive(vertex);
-        let ray = (share.0 < 1.0 - SHARE_MARGIN).then(|| {
-            rays.push(lobe_ray(&vertex.point, &lobe, blur, motion, frame));
+        let split = if k == 0 { split(rays) } else { None };
+        let has_cone = split.is_none_or(|split| split.weight < 1.0);
+        let ray = (has_cone && share.0 < 1.0 - SHARE_MARGIN).then(|| {
+            let axis = vertex.point.reflected();
+            rays.push(lobe_ray(&vertex.point, axis, &lobe, blur, motion, frame));
             rays.len() - 1
         });
-        let goes_on = share.0 > SHARE_MARGIN;
+        let goes_on = k + 1 < path.len()
+            && (share.0 > SHARE_MARGIN || split.is_some_and(|split| split.blocked > 0.0));
         lit.push(LitVertex {
             index,
             surface,
@@ -158,6 +190,7 @@ pub fn aim(
             lobe,
             share,
             ray,
+            split,
             goes_on,
             light: Vec3::ZERO,
         });
@@ -169,15 +202,27 @@ pub fn aim(
     path.len()
 }
 
+/// A cone of a lobe at a point that the eye sees directly, about the unit direction `axis`; field coordinates.
+pub fn first_lobe_ray(
+    point: &SurfacePoint,
+    axis: Vec3,
+    lobe: &Lobe,
+    motion: &EnvironmentFromWorld,
+    frame: &FieldFrame,
+) -> FieldRay {
+    lobe_ray(point, axis, lobe, Blur::default(), motion, frame)
+}
+
 /// The cone that gathers light along the lobe, in field coordinates, for a beam that is blurred already.
 fn lobe_ray(
     point: &SurfacePoint,
+    axis: Vec3,
     lobe: &Lobe,
     blur: Blur,
     motion: &EnvironmentFromWorld,
     frame: &FieldFrame,
 ) -> FieldRay {
-    let direction = motion.direction(point.reflected());
+    let direction = motion.direction(axis);
     let to_field = motion.length(1.0) / frame.half_side;
     let cone = ConeRay {
         origin: frame
@@ -202,6 +247,12 @@ pub fn gather(lit: &mut [LitVertex], gain: Vec3, incoming: impl Fn(usize) -> Vec
     for vertex in lit.iter_mut().rev() {
         let free = vertex.ray.map_or(Vec3::ZERO, &incoming);
         vertex.light = free * (1.0 - vertex.share.0) + beyond * vertex.share.0;
+        if let Some(split) = vertex.split {
+            let rays = split.first..split.first + split.n;
+            let mean = rays.map(&incoming).sum::<Vec3>() / split.n.max(1) as f32;
+            let light = mean * (1.0 - split.blocked) + beyond * split.blocked;
+            vertex.light = vertex.light.lerp(light, split.weight);
+        }
         beyond = outgoing(&vertex.surface, vertex.cos, gain, vertex.light);
     }
     lit.first().map_or(Vec3::ZERO, |first| first.light)
@@ -214,7 +265,7 @@ impl LitVertex {
     }
 }
 
-/// Back through a path of gain 1: from `d_out` of the first vertex to `d_surfaces` and, per ray, `d_radiance`.
+/// Back through a path of gain 1 without split lobes: from `d_out` of the first vertex to `d_surfaces` and, per ray, `d_radiance`.
 pub fn backward(
     lit: &[LitVertex],
     d_out: Vec3,

@@ -70,6 +70,19 @@ pub struct Lobe {
 }
 
 impl Lobe {
+    /// The narrow lobe of a given variance per transverse axis, in `(0, 0.3]`, by `variance = 1/kappa`: no derivatives.
+    pub fn from_variance(variance: f32) -> Self {
+        let kappa = variance.recip().min(KAPPA_MAX);
+        let mean_length = mean_length(kappa);
+        Self {
+            kappa,
+            mean_length,
+            variance: mean_length / kappa,
+            d_variance: 0.0,
+            d_kappa: 0.0,
+        }
+    }
+
     /// The lobe of a perceptual roughness in `[0, 1]`.
     pub fn from_roughness(roughness: f32) -> Self {
         let kappa = kappa_from_roughness(roughness);

@@ -12,6 +12,7 @@ pub mod hash_grid;
 pub mod kernels;
 pub mod light_path;
 pub mod lobe;
+pub mod lobe_cones;
 pub mod material;
 pub mod mlp;
 pub mod neilf;

@@ -14,7 +14,7 @@ const CHUNK: usize = 4096;
 /// From the texels and their baked diffuse radiance to the diffuse albedo, `[n]` each.
 pub type AlbedoOf<'a> = &'a (dyn Fn(&[Texel], &[Vec3]) -> Vec<Vec3> + Sync);
 
-/// The albedo where nothing better is known: the baked diffuse radiance itself, as if the irradiance were pi everywhere.
+/// The albedo where the light at the surface is not known: the baked diffuse radiance itself, as if the irradiance were pi everywhere.
 pub fn radiance_as_albedo(_texels: &[Texel], diffuse: &[Vec3]) -> Vec<Vec3> {
     diffuse.to_vec()
 }

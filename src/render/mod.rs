@@ -2,7 +2,9 @@
 
 pub mod bake;
 mod band;
+mod causes;
 pub mod gbuffer;
+pub mod irradiance;
 pub mod metallic_roughness;
 pub mod neilf;
 pub mod panorama;
@@ -10,6 +12,7 @@ pub mod picture;
 pub mod preview;
 pub mod priority;
 pub mod progressive;
+pub mod reference;
 pub mod scene;
 pub mod shade;
 #[cfg(test)]
@@ -19,10 +22,12 @@ pub mod trace;
 
 pub use bake::{BakedSurface, bake, radiance_as_albedo};
 pub use gbuffer::{GBuffer, PathOptions};
+pub use irradiance::{DiffuseLights, trained_light};
 pub use neilf::render_neilf;
 pub use panorama::panorama;
-pub use picture::{Picture, render, render_with};
+pub use picture::{Picture, render, render_reference, render_with};
 pub use preview::{Passes, Preview, PreviewFrame};
 pub use progressive::PreviewScene;
+pub use reference::{LobeShape, ReferenceOptions};
 pub use scene::{Layer, Scene};
 pub use shade::{ShadeScratch, compose, shade_background, shade_object};

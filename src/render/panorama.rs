@@ -12,7 +12,7 @@ use super::shade::ShadeScratch;
 use crate::neif::lobe::Lobe;
 use crate::neif::proposal::ConeRay;
 use crate::neif::radiance_field::FieldRay;
-use crate::neif::{Environment, EnvironmentTransform, MaterialEdit};
+use crate::neif::{Environment, EnvironmentTransform};
 
 /// Linear radiance around the world point `at`, `width` x `width / 2`; `None` when cancelled.
 ///
@@ -29,10 +29,8 @@ pub fn panorama(
 ) -> Option<Picture> {
     let height = (width / 2).max(1);
     let scene = Scene {
-        object: None,
-        environment: Arc::clone(environment),
         transform: *transform,
-        edit: MaterialEdit::default(),
+        ..Scene::new(None, Arc::clone(environment))
     };
     let mut pixels = vec![[0.0; 3]; (width * height) as usize];
     pixels

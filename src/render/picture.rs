@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use rayon::prelude::*;
 
 use super::gbuffer::{GBuffer, PathOptions};
+use super::reference::{ReferenceOptions, shade_object_reference};
 use super::scene::{Layer, Scene};
 use super::shade::{ShadeScratch, compose, shade_background, shade_object};
 use crate::geometry::Camera;
@@ -24,6 +25,8 @@ pub struct Picture {
 }
 
 /// The display-referred picture (sRGB, `[0, 1]`) of a scene; `None` when cancelled. `on_progress` gets 0..1.
+///
+/// The light at the surface of moved surroundings is made first; for several pictures, do it once with [`Scene::lit`].
 pub fn render(
     scene: &Scene,
     camera: &Camera,
@@ -34,6 +37,31 @@ pub fn render(
     render_with(scene, camera, layer, PathOptions::FINE, cancel, on_progress)
 }
 
+/// The final picture by [`shade_object_reference`], the oracle of [`render`].
+pub fn render_reference(
+    scene: &Scene,
+    camera: &Camera,
+    options: ReferenceOptions,
+    cancel: &AtomicBool,
+    on_progress: &(dyn Fn(f32) + Sync),
+) -> Option<Picture> {
+    let scene = &scene.lit(cancel)?;
+    let shade: &ShadeObject<'_> = &|gbuffer, pixels, out, scratch| {
+        shade_object_reference(scene, gbuffer, pixels, options, out, scratch);
+    };
+    let job = Job {
+        scene,
+        camera,
+        layer: Layer::Final,
+        options: PathOptions::FINE,
+        shade,
+    };
+    job.run(cancel, on_progress)
+}
+
+/// Shades the object's part of listed pixels.
+type ShadeObject<'a> = dyn Fn(&GBuffer, &[u32], &mut [[f32; 3]], &mut ShadeScratch) + Sync + 'a;
+
 /// [`render`] with as many paths a pixel as asked for.
 pub fn render_with(
     scene: &Scene,
@@ -43,45 +71,74 @@ pub fn render_with(
     cancel: &AtomicBool,
     on_progress: &(dyn Fn(f32) + Sync),
 ) -> Option<Picture> {
-    let (width, height) = (camera.width, camera.height);
-    let mut pixels = vec![[0.0; 3]; (width * height) as usize];
-    let done = AtomicU32::new(0);
-    pixels
-        .par_chunks_mut((BAND * width) as usize)
-        .enumerate()
-        .for_each_init(ShadeScratch::default, |scratch, (band, out)| {
-            if cancel.load(Ordering::Relaxed) {
-                return;
-            }
-            let first = band as u32 * BAND;
-            render_rows(
-                scene,
-                camera,
-                layer,
-                options,
-                first..(first + BAND).min(height),
-                out,
-                scratch,
-            );
-            let rows = done.fetch_add(BAND, Ordering::Relaxed) + BAND;
-            on_progress(rows.min(height) as f32 / height as f32);
-        });
-    (!cancel.load(Ordering::Relaxed)).then_some(Picture {
-        width,
-        height,
-        pixels,
-    })
+    let lit;
+    let scene = if layer.is_lit() {
+        lit = scene.lit(cancel)?;
+        &lit
+    } else {
+        scene
+    };
+    let shade: &ShadeObject<'_> = &|gbuffer, pixels, out, scratch| {
+        shade_object(scene, gbuffer, pixels, layer, out, scratch);
+    };
+    let job = Job {
+        scene,
+        camera,
+        layer,
+        options,
+        shade,
+    };
+    job.run(cancel, on_progress)
+}
+
+/// What is rendered, and how.
+#[derive(Clone, Copy)]
+struct Job<'a> {
+    scene: &'a Scene,
+    camera: &'a Camera,
+    layer: Layer,
+    options: PathOptions,
+    shade: &'a ShadeObject<'a>,
+}
+
+impl Job<'_> {
+    fn run(self, cancel: &AtomicBool, on_progress: &(dyn Fn(f32) + Sync)) -> Option<Picture> {
+        let (width, height) = (self.camera.width, self.camera.height);
+        let mut pixels = vec![[0.0; 3]; (width * height) as usize];
+        let done = AtomicU32::new(0);
+        pixels
+            .par_chunks_mut((BAND * width) as usize)
+            .enumerate()
+            .for_each_init(ShadeScratch::default, |scratch, (band, out)| {
+                if cancel.load(Ordering::Relaxed) {
+                    return;
+                }
+                let first = band as u32 * BAND;
+                render_rows(self, first..(first + BAND).min(height), out, scratch);
+                let rows = done.fetch_add(BAND, Ordering::Relaxed) + BAND;
+                on_progress(rows.min(height) as f32 / height as f32);
+            });
+        (!cancel.load(Ordering::Relaxed)).then_some(Picture {
+            width,
+            height,
+            pixels,
+        })
+    }
 }
 
 fn render_rows(
-    scene: &Scene,
-    camera: &Camera,
-    layer: Layer,
-    options: PathOptions,
+    job: Job<'_>,
     rows: std::ops::Range<u32>,
     out: &mut [[f32; 3]],
     scratch: &mut ShadeScratch,
 ) {
+    let Job {
+        scene,
+        camera,
+        layer,
+        options,
+        shade,
+    } = job;
     let tracer = scene
         .object
         .as_ref()
@@ -105,7 +162,7 @@ fn render_rows(
         Vec::new()
     };
     let mut object = vec![[0.0; 3]; covered.len()];
-    shade_object(scene, &gbuffer, &covered, layer, &mut object, scratch);
+    shade(&gbuffer, &covered, &mut object, scratch);
     let mut background = vec![[0.0; 3]; open.len()];
     shade_background(scene, camera, &open, &mut background, scratch);
 

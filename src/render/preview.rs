@@ -12,6 +12,7 @@ use std::thread::JoinHandle;
 
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
+use super::irradiance::DiffuseLights;
 use super::priority::lower_thread_priority;
 use super::progressive::{PassKind, PassOutput, PreviewScene, Progressive, Recomputed, SCALES};
 
@@ -118,6 +119,7 @@ impl Preview {
                     shared: theirs,
                     pool,
                     progressive: Progressive::default(),
+                    lights: DiffuseLights::default(),
                 }
                 .run(&wake);
             })?;
@@ -172,6 +174,7 @@ struct Worker {
     shared: Arc<Shared>,
     pool: ThreadPool,
     progressive: Progressive,
+    lights: DiffuseLights,
 }
 
 impl Worker {
@@ -216,9 +219,15 @@ impl Worker {
     }
 
     fn serve(&mut self, request: &Request, wake: &(impl Fn() + Send)) {
+        let mut picture = request.scene.clone();
+        let is_lit = picture.layer.is_lit();
+        // Motion is lit by few probes; those of the last pass take longer than a frame.
+        if is_lit {
+            picture.scene = self.pool.install(|| self.lights.quick(&picture.scene));
+        }
         let passes: Vec<PassKind> = match request.passes {
             Passes::Refine => {
-                let first = self.first_scale(&request.scene);
+                let first = self.first_scale(&picture);
                 let plain = SCALES.into_iter().filter(|scale| *scale <= first);
                 plain.map(PassKind::plain).chain([PassKind::FINE]).collect()
             }
@@ -233,9 +242,16 @@ impl Worker {
             } else {
                 &self.shared.superseded
             };
+            if kind.is_fine && is_lit {
+                let fine = || self.lights.fine(&picture.scene, cancel);
+                let Some(scene) = self.pool.install(fine) else {
+                    return;
+                };
+                picture.scene = scene;
+            }
             let output = self
                 .pool
-                .install(|| self.progressive.pass(&request.scene, kind, cancel));
+                .install(|| self.progressive.pass(&picture, kind, cancel));
             let (number, PassKind { scale, is_fine }) = (request.number, kind);
             tracing::trace!(number, scale, is_fine, is_done = output.is_some(), "pass");
             let Some(output) = output else { return };
@@ -275,8 +291,9 @@ impl Worker {
 mod tests {
     use std::time::{Duration, Instant};
 
+    use super::super::picture::{Picture, render};
     use super::super::scene::Layer;
-    use super::super::test_scene::{camera, scene};
+    use super::super::test_scene::{camera, fog, scene};
     use super::*;
 
     fn request(width: u32) -> PreviewScene {
@@ -328,6 +345,39 @@ mod tests {
             frames.windows(2).all(|pair| pair[1].scale <= pair[0].scale),
             "it grew coarser"
         );
+    }
+
+    #[test]
+    fn in_moved_surroundings_the_settled_picture_is_the_offline_one() {
+        let (preview, news) = preview();
+        let mut request = request(60);
+        request.scene = crate::render::Scene::new(request.scene.object, fog(-1.0, 1.5));
+        request.scene.transform.rotate_deg = glam::Vec3::new(0.0, 20.0, 130.0);
+        for _ in 0..2 {
+            let number = preview.request(request.clone(), Passes::Refine);
+            let frames = frames_until_last(&preview, &news, number);
+            let settled = &frames.last().expect("a picture").pixels;
+            let PreviewScene {
+                scene,
+                camera,
+                layer,
+            } = &request;
+            let never = AtomicBool::new(false);
+            let offline = |scene| render(scene, camera, *layer, &never, &|_| {}).expect("done");
+            let worst = |offline: &Picture| {
+                let pairs = settled.iter().zip(&offline.pixels);
+                let channels = pairs.flat_map(|(a, b)| (0..3).map(|c| (f32::from(a[c]), b[c])));
+                channels.fold(0.0_f32, |worst, (a, b)| worst.max((a / 255.0 - b).abs()))
+            };
+            assert!(worst(&offline(scene)) < 0.02, "{}", worst(&offline(scene)));
+            let baked = crate::render::Scene {
+                trained_in: None,
+                ..scene.clone()
+            };
+            assert!(worst(&offline(&baked)) > 0.02, "the diffuse part follows");
+            // The second time after another light in between.
+            request.scene.transform.rotate_deg.z = -80.0;
+        }
     }
 
     #[test]

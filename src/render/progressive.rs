@@ -11,11 +11,11 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use rayon::prelude::*;
 
 use super::band::{Band, Versions, Work, band_rows, bands};
+use super::causes::{Causes, same};
 use super::scene::{Layer, Scene};
 use super::shade::ShadeScratch;
 use super::thread_clock::thread_cpu;
-use crate::geometry::{Camera, SurfaceTracer};
-use crate::neif::{Environment, EnvironmentTransform, MaterialEdit, SurfaceField};
+use crate::geometry::Camera;
 
 /// The resolution divisors of the passes, coarsest first; nothing is ever coarser than a quarter.
 pub const SCALES: [u32; 3] = [4, 2, 1];
@@ -65,6 +65,10 @@ impl PreviewScene {
             && self.scene.transform == other.scene.transform
             && self.scene.edit == other.scene.edit
             && Arc::ptr_eq(&self.scene.environment, &other.scene.environment)
+            && same(
+                self.scene.trained_in.as_ref(),
+                other.scene.trained_in.as_ref(),
+            )
             && object(&self.scene) == object(&other.scene)
     }
 }
@@ -101,59 +105,6 @@ pub struct PassOutput {
     pub recomputed: Recomputed,
     /// Processor time of all threads together.
     pub cpu_secs: f64,
-}
-
-/// What the parts of a picture depend on; an `Arc` stands for its address.
-#[derive(Clone, Debug)]
-struct Causes {
-    camera: Camera,
-    tracer: Option<Arc<SurfaceTracer>>,
-    environment: Arc<Environment>,
-    transform: EnvironmentTransform,
-    material: Option<Arc<SurfaceField>>,
-    edit: MaterialEdit,
-    layer: Layer,
-}
-
-impl Causes {
-    fn of(request: &PreviewScene, camera: Camera) -> Self {
-        let scene = &request.scene;
-        Self {
-            camera,
-            tracer: scene
-                .object
-                .as_ref()
-                .map(|object| Arc::clone(&object.tracer)),
-            environment: Arc::clone(&scene.environment),
-            transform: scene.transform,
-            material: scene
-                .object
-                .as_ref()
-                .map(|object| Arc::clone(&object.material)),
-            edit: scene.edit,
-            layer: request.layer,
-        }
-    }
-
-    fn same_geometry(&self, other: &Self) -> bool {
-        self.camera == other.camera && same(self.tracer.as_ref(), other.tracer.as_ref())
-    }
-
-    fn same_light(&self, other: &Self) -> bool {
-        Arc::ptr_eq(&self.environment, &other.environment) && self.transform == other.transform
-    }
-
-    fn same_object(&self, other: &Self) -> bool {
-        let is_lit = matches!(self.layer, Layer::Final | Layer::Diffuse | Layer::Specular);
-        self.layer == other.layer
-            && self.edit == other.edit
-            && same(self.material.as_ref(), other.material.as_ref())
-            && (!is_lit || self.same_light(other))
-    }
-}
-
-fn same<T>(a: Option<&Arc<T>>, b: Option<&Arc<T>>) -> bool {
-    a.map(Arc::as_ptr) == b.map(Arc::as_ptr)
 }
 
 /// The state of one resolution.
@@ -389,6 +340,7 @@ mod tests {
         let (mut progressive, mut request) = (Progressive::default(), request());
         pass(&mut progressive, &request, 1);
         change(&mut request);
+        request.scene = request.scene.lit(&AtomicBool::new(false)).unwrap();
         let output = pass(&mut progressive, &request, 1);
         assert_same_as_render(&output, &request, PathOptions::PLAIN);
         output.recomputed

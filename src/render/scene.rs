@@ -3,7 +3,12 @@
 use std::fmt;
 use std::str::FromStr;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
+use glam::Vec3;
+
+use super::irradiance::{DiffuseLights, KeyedLight, LightKey, Resolution};
+use crate::neif::environment::EnvironmentField;
 use crate::neif::exposure_match::matched;
 use crate::neif::{Environment, EnvironmentTransform, MaterialEdit, ObjectModel};
 
@@ -18,9 +23,55 @@ pub struct Scene {
     pub transform: EnvironmentTransform,
     /// How the material is changed.
     pub edit: MaterialEdit,
+    /// The surroundings that the object was trained in: its diffuse part follows the light. `None` leaves it as it was
+    /// learned, whatever the light, as the paper does.
+    pub trained_in: Option<Arc<Environment>>,
+    /// The light at the surface, where it is not the trained one; made by [`Self::lit`].
+    pub diffuse_light: Option<KeyedLight>,
 }
 
 impl Scene {
+    /// A trained model without any edit. The paper's own model keeps its diffuse part as the paper does.
+    pub fn new(object: Option<Arc<ObjectModel>>, environment: Arc<Environment>) -> Self {
+        let is_fast = matches!(environment.field(), EnvironmentField::Grid { .. });
+        Self {
+            object,
+            trained_in: is_fast.then(|| Arc::clone(&environment)),
+            environment,
+            transform: EnvironmentTransform::default(),
+            edit: MaterialEdit::default(),
+            diffuse_light: None,
+        }
+    }
+
+    /// The scene with the light at its surface; nothing is computed where that is known or the trained one. `None` when
+    /// cancelled.
+    pub fn lit(&self, cancel: &AtomicBool) -> Option<Self> {
+        let key = LightKey::of(self);
+        if let (Some(key), Some(light)) = (&key, &self.diffuse_light)
+            && light.is_for(key, Resolution::FINE)
+        {
+            return Some(self.clone());
+        }
+        DiffuseLights::default().fine(self, cancel)
+    }
+
+    /// Factor of the diffuse part at a surface point with the given unit normal; at least 0.
+    pub fn diffuse_response(&self, position: Vec3, normal: Vec3, gain: Vec3) -> Vec3 {
+        match (&self.trained_in, &self.diffuse_light) {
+            (None, _) => Vec3::ONE,
+            (Some(_), None) => gain,
+            (Some(_), Some(lit)) => gain * lit.light.ratio(position, normal),
+        }
+    }
+}
+
+impl Scene {
+    /// Whether lobes are asked for that the photos did not teach.
+    pub fn has_other_roughness(&self) -> bool {
+        self.edit.roughness != MaterialEdit::default().roughness
+    }
+
     /// The transform with exposure and white balance such that the surroundings light the object as much as `own` does
     /// where it was captured; `None` where one of them is black.
     pub fn matched_to(&self, own: &Environment) -> Option<EnvironmentTransform> {
@@ -78,6 +129,11 @@ impl Layer {
     /// Whether the surroundings are part of the picture.
     pub fn shows_background(self) -> bool {
         matches!(self, Self::Final | Self::Environment)
+    }
+
+    /// Whether the picture depends on the light that the object receives.
+    pub fn is_lit(self) -> bool {
+        matches!(self, Self::Final | Self::Diffuse | Self::Specular)
     }
 
     /// Whether the object is part of the picture.

@@ -7,10 +7,13 @@ use glam::Vec3;
 use super::gbuffer::GBuffer;
 use super::scene::{Layer, Scene};
 use super::trace::PIXEL_STD;
-use crate::geometry::Camera;
+use crate::geometry::{Camera, Ray};
+use crate::neif::EnvironmentFromWorld;
+use crate::neif::contraction::FieldFrame;
 use crate::neif::display::Display;
 use crate::neif::environment::LightScratch;
-use crate::neif::light_path::{self, LitVertex, PathVertex};
+use crate::neif::light_path::{self, LitVertex, PathVertex, SplitLobe};
+use crate::neif::lobe_cones::{LobeCone, PathOfPixel, lobe_cones};
 use crate::neif::material::{MaterialBatch, Surface};
 use crate::neif::object::ObjectModel;
 use crate::neif::proposal::ConeRay;
@@ -19,6 +22,8 @@ use crate::neif::shading::{fresnel, outgoing};
 
 /// Pixels shaded together: their samples stay in the core's cache.
 const TILE: usize = 64;
+/// Change of roughness from which one cone, which the photos taught at the learned roughness, counts nothing.
+const UNTAUGHT: f32 = 0.05;
 
 /// Working memory of one thread, reused from call to call.
 #[derive(Debug, Default)]
@@ -27,6 +32,8 @@ pub struct ShadeScratch {
     material: MaterialBatch,
     points: Vec<Vec3>,
     encoded: Vec<f32>,
+    /// Roughness of the surfaces before they were edited.
+    learned_roughness: Vec<f32>,
     light: LightScratch,
     /// Of each path, its pixel in the tile.
     pixel_of_path: Vec<usize>,
@@ -92,10 +99,18 @@ pub fn shade_object(
             paths.extend(gbuffer.paths_at(pixel));
             pixel_of_path.resize(paths.len(), i);
         }
-        let values = shade_paths(scene, object, &paths, layer, scratch);
         let mut counts = [0_u32; TILE];
-        for (&i, value) in pixel_of_path.iter().zip(&values) {
+        let mut numbers = Vec::with_capacity(paths.len());
+        for &i in &pixel_of_path {
+            numbers.push(counts[i]);
             counts[i] += 1;
+        }
+        let of_pixel = |path: usize| PathOfPixel {
+            index: numbers[path],
+            of: counts[pixel_of_path[path]],
+        };
+        let values = shade_paths(scene, object, &paths, of_pixel, layer, scratch);
+        for (&i, value) in pixel_of_path.iter().zip(&values) {
             out[i] = (Vec3::from(out[i]) + *value).to_array();
         }
         scratch.pixel_of_path = pixel_of_path;
@@ -110,20 +125,14 @@ fn shade_paths(
     scene: &Scene,
     object: &ObjectModel,
     paths: &[&[PathVertex]],
+    of_pixel: impl Fn(usize) -> PathOfPixel,
     layer: Layer,
     scratch: &mut ShadeScratch,
 ) -> Vec<Vec3> {
-    scratch.points.clear();
     let vertices = paths.iter().flat_map(|path| path.iter());
-    scratch
-        .points
-        .extend(vertices.map(|vertex| vertex.point.position));
-    object
-        .material
-        .forward(&scratch.points, &mut scratch.material, &mut scratch.encoded);
-    for surface in &mut scratch.material.surfaces {
-        *surface = scene.edit.apply(*surface);
-    }
+    let points = vertices.map(|vertex| (vertex.point.position, vertex.point.normal));
+    scratch.surfaces(scene, object, points);
+    let motion = scene.transform.environment_from_world();
     let mut starts = Vec::with_capacity(paths.len());
     let mut start = 0;
     for path in paths {
@@ -133,21 +142,33 @@ fn shade_paths(
     if let Some(values) = unlit(scene, paths, &starts, &scratch.material.surfaces, layer) {
         return values;
     }
-    let motion = scene.transform.environment_from_world();
     let frame = scene.environment.frame();
+    let is_split = scene.has_other_roughness();
     scratch.batch.rays.clear();
     scratch.lit.clear();
     let lit: Vec<Range<usize>> = paths
         .iter()
         .zip(&starts)
-        .map(|(path, &start)| {
+        .enumerate()
+        .map(|(number, (path, &start))| {
             let surfaces = &scratch.material.surfaces;
             let first = scratch.lit.len();
-            let n = light_path::aim(
+            let n = light_path::aim_with(
                 path,
                 |k| (start + k, surfaces[start + k]),
                 &motion,
                 frame,
+                |rays| {
+                    if !is_split {
+                        return None;
+                    }
+                    let roughness = surfaces[start].roughness;
+                    let change = (roughness - scratch.learned_roughness[start]).abs();
+                    let cones = lobe_cones(&path[0].point, roughness, of_pixel(number));
+                    let split = split_lobe(object, path, cones, &motion, frame, rays)?;
+                    let weight = (change / UNTAUGHT).min(1.0);
+                    Some(SplitLobe { weight, ..split })
+                },
                 &mut scratch.batch.rays,
                 &mut scratch.lit,
             );
@@ -179,6 +200,41 @@ fn shade_paths(
         .collect()
 }
 
+/// Adds those of a lobe's cones that leave the object to `rays`; nothing without cones.
+fn split_lobe(
+    object: &ObjectModel,
+    path: &[PathVertex],
+    cones: impl Iterator<Item = LobeCone>,
+    motion: &EnvironmentFromWorld,
+    frame: &FieldFrame,
+    rays: &mut Vec<FieldRay>,
+) -> Option<SplitLobe> {
+    let (tracer, point) = (&object.tracer, &path[0].point);
+    let first = rays.len();
+    let mut n_blocked = 0_u32;
+    for LobeCone { axis, lobe } in cones {
+        let ray = Ray {
+            origin: point.position,
+            direction: axis,
+        };
+        // Without a next vertex nothing is there that could block.
+        if path.len() > 1 && tracer.occluded(&ray, tracer.self_distance(), f32::INFINITY) {
+            n_blocked += 1;
+        } else {
+            rays.push(light_path::first_lobe_ray(
+                point, axis, &lobe, motion, frame,
+            ));
+        }
+    }
+    let n = rays.len() - first;
+    (n + n_blocked as usize > 0).then(|| SplitLobe {
+        first,
+        n,
+        blocked: n_blocked as f32 / (n as f32 + n_blocked as f32),
+        weight: 1.0,
+    })
+}
+
 /// Layers that need no light.
 fn unlit(
     scene: &Scene,
@@ -205,6 +261,29 @@ impl ShadeScratch {
     /// Evaluates the environment along the batch's rays.
     pub(super) fn light(&mut self, scene: &Scene) {
         scene.environment.light(&mut self.batch, &mut self.light);
+    }
+
+    /// The edited surfaces at world points with unit normals, their diffuse part in the light of the scene.
+    pub(super) fn surfaces(
+        &mut self,
+        scene: &Scene,
+        object: &ObjectModel,
+        points: impl Iterator<Item = (Vec3, Vec3)> + Clone,
+    ) -> &[Surface] {
+        self.points.clear();
+        self.points
+            .extend(points.clone().map(|(position, _)| position));
+        object
+            .material
+            .forward(&self.points, &mut self.material, &mut self.encoded);
+        let gain = scene.transform.environment_from_world().gain;
+        self.learned_roughness.clear();
+        for (surface, (position, normal)) in self.material.surfaces.iter_mut().zip(points) {
+            self.learned_roughness.push(surface.roughness);
+            *surface = scene.edit.apply(*surface);
+            surface.diffuse *= scene.diffuse_response(position, normal, gain);
+        }
+        &self.material.surfaces
     }
 
     /// Rays to evaluate, and after [`Self::light`] their radiance.

@@ -12,7 +12,15 @@ use crate::neif::hash_grid::{GridConfig, LEAST_WEIGHT};
 use crate::neif::material::MaterialConfig;
 use crate::neif::proposal::DensityGrid;
 use crate::neif::radiance_field::{FieldConfig, RadianceField};
-use crate::neif::{EnvironmentTransform, Material, MaterialEdit, ObjectModel, SurfaceField};
+use crate::neif::{Material, ObjectModel, SurfaceField};
+
+const GRID: GridConfig = GridConfig {
+    n_levels: 4,
+    coarsest: 2,
+    finest: 8,
+    log2_table_size: 8,
+    least_weight: LEAST_WEIGHT,
+};
 
 /// Numbers in `[0, 1)` that look random and are always the same.
 fn uniform(seed: u32) -> impl FnMut() -> f32 {
@@ -25,16 +33,9 @@ fn uniform(seed: u32) -> impl FnMut() -> f32 {
 
 /// Random surroundings.
 pub(crate) fn environment(seed: u32) -> Arc<Environment> {
-    let grid = GridConfig {
-        n_levels: 4,
-        coarsest: 2,
-        finest: 8,
-        log2_table_size: 8,
-        least_weight: LEAST_WEIGHT,
-    };
     let mut field = RadianceField::new(
         FieldConfig {
-            grid,
+            grid: GRID,
             n_hidden: 16,
             view_dependent: true,
             integrated: true,
@@ -46,6 +47,34 @@ pub(crate) fn environment(seed: u32) -> Arc<Environment> {
     for value in &mut field.params {
         *value += 0.4 * (random() - 0.5);
     }
+    environment_of(field)
+}
+
+/// Dense fog of radiance `e^log`, which grows by `e^(slope x)` towards the directions `d` with positive `x = d.x`.
+pub(crate) fn fog(log: f32, slope: f32) -> Arc<Environment> {
+    let config = FieldConfig {
+        grid: GRID,
+        n_hidden: 16,
+        view_dependent: true,
+        integrated: true,
+        is_far: false,
+    };
+    // With these numbers every weight starts at 0.
+    let mut field = RadianceField::new(config, || 0.5);
+    let n = field.n_network_params();
+    // The colour network comes last: `[32][16]` weights and 16 biases, then `[16][16]` and 16.
+    let color = &mut field.params[n - 33 * 16 - 17 * 16..n];
+    const X_HARMONIC: usize = 16 + 3;
+    color[X_HARMONIC * 16] = 1.0 / 0.488_602_5;
+    let second = 33 * 16;
+    color[second..second + 3].fill(slope);
+    color[second + 16 * 16..second + 16 * 16 + 3].fill(log);
+    // The density network's last biases come before: the first output is the log density.
+    field.params[n - 33 * 16 - 17 * 16 - 16] = 5.0;
+    environment_of(field)
+}
+
+fn environment_of(field: RadianceField) -> Arc<Environment> {
     let frame = FieldFrame {
         center: Vec3::ZERO,
         half_side: 2.0,
@@ -71,16 +100,14 @@ pub(crate) fn object(seed: u32) -> Arc<ObjectModel> {
     let triangles = vec![[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]];
     let normals = positions.iter().map(|p| p.normalize_or_zero()).collect();
     let mesh = Mesh::new(positions, Some(normals), triangles).expect("a sound tetrahedron");
-    let grid = GridConfig {
-        n_levels: 4,
-        coarsest: 2,
-        finest: 8,
-        log2_table_size: 8,
-        least_weight: LEAST_WEIGHT,
-    };
+    object_of(mesh, seed)
+}
+
+/// A mesh within the cube from -1.1 to 1.1, with a random material.
+pub(crate) fn object_of(mesh: Mesh, seed: u32) -> Arc<ObjectModel> {
     let material = Material::new(
         MaterialConfig {
-            grid,
+            grid: GRID,
             n_hidden: 16,
             rgb_tint: true,
         },
@@ -96,12 +123,7 @@ pub(crate) fn object(seed: u32) -> Arc<ObjectModel> {
 
 /// The tetrahedron in random surroundings.
 pub(crate) fn scene() -> Scene {
-    Scene {
-        object: Some(object(1)),
-        environment: environment(2),
-        transform: EnvironmentTransform::default(),
-        edit: MaterialEdit::default(),
-    }
+    Scene::new(Some(object(1)), environment(2))
 }
 
 /// Sees the tetrahedron and some surroundings.

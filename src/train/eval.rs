@@ -11,14 +11,19 @@ use std::{
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use crate::color::srgb_from_linear;
+use crate::color::{linear_from_srgb, srgb_from_linear};
 use crate::data::{DataError, RelightApply, View, read_exr_linear};
 use crate::geometry::Camera;
 use crate::neif::neilf::NeilfModel;
 use crate::neif::{Environment, EnvironmentTransform, MaterialEdit, RoughnessEdit};
-use crate::render::{Layer, Picture, Scene, compose, panorama, render, render_neilf};
+use crate::render::{
+    Layer, PathOptions, Picture, Scene, compose, panorama, render, render_neilf, render_with,
+};
 use crate::train::lpips::Lpips;
 use crate::train::metrics::{ImageMetrics, SquaredError, compare, compare_object, mean};
+
+/// Photo value from which a pixel counts as clipped.
+const CLIPPED: f32 = 0.998;
 
 /// Quality of one view.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -45,8 +50,12 @@ pub struct EvalReport {
     pub mean: ImageMetrics,
     /// Means over the views of each relighting or edit with ground truth.
     pub relight: BTreeMap<String, ImageMetrics>,
+    /// The same after one gain a colour for all views of an edit: what is left when the exposure is matched.
+    pub relight_gained: BTreeMap<String, ImageMetrics>,
     /// Mean angle between true and rendered shading normals in degrees, where there is truth.
     pub normal_mae_deg: Option<f64>,
+    /// Mean absolute error of roughness where the surface reflects, where there is truth.
+    pub roughness_mae: Option<f64>,
     /// Mean PSNR of panoramas in dB, where there is truth.
     pub pano_psnr: Option<f64>,
 }
@@ -60,6 +69,7 @@ pub fn evaluate_views(
     cancel: &AtomicBool,
     on_view: &mut dyn FnMut(usize, &View, &Picture),
 ) -> Option<Vec<ViewMetrics>> {
+    let scene = &scene.lit(cancel)?;
     let mut results = Vec::with_capacity(views.len());
     for (index, view) in views.iter().enumerate() {
         let picture = render(scene, &view.camera, Layer::Final, cancel, &|_| {})?;
@@ -110,6 +120,55 @@ pub fn evaluate_object(
 /// The mean of the measures over views.
 pub fn mean_of_views(views: &[ViewMetrics]) -> ImageMetrics {
     let metrics: Vec<ImageMetrics> = views.iter().map(|view| view.metrics).collect();
+    mean(&metrics)
+}
+
+/// Measures pictures of views after the gain a colour, one for all views, that brings the object's pixels (all pixels
+/// without masks) nearest to the photos in linear light. Clipped photo pixels have no say in the gain.
+///
+/// # Panics
+/// When there are not as many pictures as views: a bug of the caller.
+pub fn after_one_gain(views: &[View], pictures: &[Picture]) -> ImageMetrics {
+    assert_eq!(views.len(), pictures.len(), "one picture a view");
+    let mut sums = [[0.0_f64; 2]; 3];
+    for (view, picture) in views.iter().zip(pictures) {
+        for (i, shown) in picture.pixels.iter().enumerate() {
+            if view.mask.as_ref().is_some_and(|mask| mask.share(i) <= 0.5) {
+                continue;
+            }
+            let truth = view.photo.srgb(i);
+            for c in 0..3 {
+                if truth[c] < CLIPPED {
+                    let shown = f64::from(linear_from_srgb(shown[c]));
+                    sums[c][0] += shown * f64::from(linear_from_srgb(truth[c]));
+                    sums[c][1] += shown * shown;
+                }
+            }
+        }
+    }
+    // A black picture stays black whatever the gain.
+    let gain = sums.map(|[a, b]| if b > 0.0 { (a / b) as f32 } else { 1.0 });
+    let metrics: Vec<ImageMetrics> = views
+        .iter()
+        .zip(pictures)
+        .map(|(view, picture)| {
+            let gained: Vec<[f32; 3]> = picture
+                .pixels
+                .iter()
+                .map(|pixel| {
+                    std::array::from_fn(|c| {
+                        srgb_from_linear((linear_from_srgb(pixel[c]) * gain[c]).clamp(0.0, 1.0))
+                    })
+                })
+                .collect();
+            let truth: Vec<[f32; 3]> = (0..gained.len()).map(|i| view.photo.srgb(i)).collect();
+            let mask: Option<Vec<f32>> = view
+                .mask
+                .as_ref()
+                .map(|mask| (0..truth.len()).map(|i| mask.share(i)).collect());
+            compare(&gained, &truth, mask.as_deref(), picture.width as usize)
+        })
+        .collect();
     mean(&metrics)
 }
 
@@ -185,12 +244,7 @@ pub fn panorama_psnr(
         source,
     })?;
     let still = EnvironmentTransform::default();
-    let scene = Scene {
-        object: None,
-        environment: Arc::clone(environment),
-        transform: still,
-        edit: MaterialEdit::default(),
-    };
+    let scene = Scene::new(None, Arc::clone(environment));
     let mut sum = 0.0;
     let mut count = 0;
     for truth in &list.panos {
@@ -213,6 +267,46 @@ pub fn panorama_psnr(
         }
     }
     Ok((count > 0).then(|| sum / f64::from(count)))
+}
+
+/// A sum of differences between roughnesses.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct RoughnessError {
+    sum: f64,
+    count: usize,
+}
+
+impl RoughnessError {
+    /// Adds the pixels of a view whose true roughness is given, `[height * width]`, where the true reflectance at normal
+    /// incidence is at least 0.03 (nothing shows the roughness of a surface that does not reflect) and the pixel is
+    /// all object. Pixels that miss the mesh are left out.
+    pub fn add_view(
+        &mut self,
+        scene: &Scene,
+        view: &View,
+        roughness: &[[f32; 3]],
+        reflectance: &[[f32; 3]],
+        cancel: &AtomicBool,
+    ) {
+        const REFLECTS: f32 = 0.03;
+        let layer = Layer::Roughness;
+        let options = PathOptions::PLAIN;
+        let Some(shown) = render_with(scene, &view.camera, layer, options, cancel, &|_| {}) else {
+            return;
+        };
+        for (i, shown) in shown.pixels.iter().enumerate() {
+            let is_whole = view.mask.as_ref().is_none_or(|mask| mask.share(i) > 0.99);
+            if is_whole && reflectance[i].iter().any(|v| *v >= REFLECTS) {
+                self.sum += f64::from((shown[0] - roughness[i][0]).abs());
+                self.count += 1;
+            }
+        }
+    }
+
+    /// The mean; none without pixels.
+    pub fn mean(&self) -> Option<f64> {
+        (self.count > 0).then(|| self.sum / self.count as f64)
+    }
 }
 
 /// A sum of angles between normals.
@@ -255,6 +349,35 @@ mod tests {
     use super::*;
 
     #[test]
+    fn one_gain_undoes_a_darker_exposure_and_nothing_else() {
+        let capture = crate::train::test_scene::sphere_in_a_box(4, 16);
+        let views = &capture.train[..2];
+        let picture = |view: &View, gain: [f32; 3]| Picture {
+            width: view.camera.width,
+            height: view.camera.height,
+            pixels: (0..(view.camera.width * view.camera.height) as usize)
+                .map(|i| {
+                    let srgb = view.photo.srgb(i);
+                    std::array::from_fn(|c| srgb_from_linear(linear_from_srgb(srgb[c]) * gain[c]))
+                })
+                .collect(),
+        };
+        let dark: Vec<Picture> = views.iter().map(|v| picture(v, [0.5, 0.4, 0.3])).collect();
+        let psnr = after_one_gain(views, &dark)
+            .psnr
+            .expect("not equal to the bit");
+        assert!(psnr > 60.0, "one exposure: {psnr}");
+        let gains = [[0.5; 3], [0.25; 3]];
+        let uneven: Vec<Picture> = views
+            .iter()
+            .zip(gains)
+            .map(|(view, gain)| picture(view, gain))
+            .collect();
+        let psnr = after_one_gain(views, &uneven).psnr.expect("far from equal");
+        assert!(psnr < 40.0, "two exposures: {psnr}");
+    }
+
+    #[test]
     fn the_report_has_the_promised_fields_in_order() {
         let view = ViewMetrics {
             name: "r_000".to_owned(),
@@ -267,14 +390,16 @@ mod tests {
             mean: mean_of_views(std::slice::from_ref(&view)),
             views: vec![view],
             relight: BTreeMap::from([("rough_02".to_owned(), ImageMetrics::default())]),
+            relight_gained: BTreeMap::new(),
             normal_mae_deg: None,
+            roughness_mae: None,
             pano_psnr: Some(20.0),
         };
         let keys = r#""psnr":null,"psnr_object":null,"psnr_background":null,"psnr_masked":null,"ssim":null,"lpips":null,"flip":null"#;
         assert_eq!(
             serde_json::to_string(&report).unwrap(),
             format!(
-                r#"{{"split":"test","train_seconds":1.5,"steps":null,"views":[{{"name":"r_000",{keys}}}],"mean":{{{keys}}},"relight":{{"rough_02":{{{keys}}}}},"normal_mae_deg":null,"pano_psnr":20.0}}"#
+                r#"{{"split":"test","train_seconds":1.5,"steps":null,"views":[{{"name":"r_000",{keys}}}],"mean":{{{keys}}},"relight":{{"rough_02":{{{keys}}}}},"relight_gained":{{}},"normal_mae_deg":null,"roughness_mae":null,"pano_psnr":20.0}}"#
             )
         );
     }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::neif::{Environment, EnvironmentTransform, MaterialEdit, ObjectModel};
+use crate::neif::{Environment, ObjectModel};
 use crate::render::Scene;
 
 /// Object and environment at one step, immutable.
@@ -19,11 +19,6 @@ pub struct Snapshot {
 impl Snapshot {
     /// The unedited scene.
     pub fn scene(&self) -> Scene {
-        Scene {
-            object: self.object.clone(),
-            environment: Arc::clone(&self.environment),
-            transform: EnvironmentTransform::default(),
-            edit: MaterialEdit::default(),
-        }
+        Scene::new(self.object.clone(), Arc::clone(&self.environment))
     }
 }

@@ -187,8 +187,8 @@ mod tests {
 
     /// Lamps of two degrees, one near the zenith, one near the seam, in dim surroundings.
     fn lamps() -> (DistantLight, [Vec3; 2]) {
-        let axes = [Vec3::new(0.05, -0.08, 1.0), Vec3::new(-1.0, 0.01, 0.2)]
-            .map(|a| a.normalize_or_zero());
+        let axes =
+            [Vec3::new(0.05, -0.08, 1.0), Vec3::new(-1.0, 0.01, 0.2)].map(Vec3::normalize_or_zero);
         let paint = move |d: Vec3| {
             let near = axes.map(|axis| d.angle_between(axis) < 0.035);
             let sky = 0.2 + 0.1 * d.z;

@@ -1,0 +1,74 @@
+//! What the parts of a preview picture depend on: a part is good as long as its causes stay.
+
+use std::sync::Arc;
+
+use super::irradiance::DiffuseLight;
+use super::progressive::PreviewScene;
+use super::scene::Layer;
+use crate::geometry::{Camera, SurfaceTracer};
+use crate::neif::{Environment, EnvironmentTransform, MaterialEdit, SurfaceField};
+
+/// What the parts of a picture depend on; an `Arc` stands for its address.
+#[derive(Clone, Debug)]
+pub(super) struct Causes {
+    pub(super) camera: Camera,
+    tracer: Option<Arc<SurfaceTracer>>,
+    environment: Arc<Environment>,
+    transform: EnvironmentTransform,
+    trained_in: Option<Arc<Environment>>,
+    diffuse_light: Option<Arc<DiffuseLight>>,
+    material: Option<Arc<SurfaceField>>,
+    edit: MaterialEdit,
+    layer: Layer,
+}
+
+impl Causes {
+    pub(super) fn of(request: &PreviewScene, camera: Camera) -> Self {
+        let scene = &request.scene;
+        Self {
+            camera,
+            tracer: scene
+                .object
+                .as_ref()
+                .map(|object| Arc::clone(&object.tracer)),
+            environment: Arc::clone(&scene.environment),
+            transform: scene.transform,
+            trained_in: scene.trained_in.clone(),
+            diffuse_light: scene
+                .diffuse_light
+                .as_ref()
+                .map(|lit| Arc::clone(&lit.light)),
+            material: scene
+                .object
+                .as_ref()
+                .map(|object| Arc::clone(&object.material)),
+            edit: scene.edit,
+            layer: request.layer,
+        }
+    }
+
+    pub(super) fn same_geometry(&self, other: &Self) -> bool {
+        self.camera == other.camera && same(self.tracer.as_ref(), other.tracer.as_ref())
+    }
+
+    pub(super) fn same_light(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.environment, &other.environment) && self.transform == other.transform
+    }
+
+    fn same_diffuse_light(&self, other: &Self) -> bool {
+        same(self.trained_in.as_ref(), other.trained_in.as_ref())
+            && same(self.diffuse_light.as_ref(), other.diffuse_light.as_ref())
+    }
+
+    pub(super) fn same_object(&self, other: &Self) -> bool {
+        self.layer == other.layer
+            && self.edit == other.edit
+            && same(self.material.as_ref(), other.material.as_ref())
+            && (!self.layer.is_lit() || self.same_light(other) && self.same_diffuse_light(other))
+    }
+}
+
+/// Whether both are the same one, or none.
+pub(super) fn same<T>(a: Option<&Arc<T>>, b: Option<&Arc<T>>) -> bool {
+    a.map(Arc::as_ptr) == b.map(Arc::as_ptr)
+}

@@ -1,0 +1,224 @@
+//! Diffuse lights on demand, with all that the next one can reuse: probes of the same mesh, light of the same model.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use glam::Vec3;
+
+use super::light::{DiffuseLight, Gathered, TrainedLight, TrainedWork};
+use super::transport::{Resolution, Transport};
+use crate::geometry::SurfaceTracer;
+use crate::neif::{Environment, EnvironmentTransform, ObjectModel};
+use crate::render::Scene;
+
+/// What a [`DiffuseLight`] depends on; an `Arc` stands for its address.
+#[derive(Clone, Debug)]
+pub struct LightKey {
+    object: Arc<ObjectModel>,
+    trained_in: Arc<Environment>,
+    pub(super) environment: Arc<Environment>,
+    /// Without the gain: the light is proportional to that.
+    pub(super) transform: EnvironmentTransform,
+}
+
+impl LightKey {
+    /// What the scene's light depends on; `None` where the diffuse part is shown as trained, but for a gain.
+    pub fn of(scene: &Scene) -> Option<Self> {
+        let still = EnvironmentTransform::default();
+        let transform = EnvironmentTransform {
+            exposure_ev: 0.0,
+            white_balance: Vec3::ONE,
+            ..scene.transform
+        };
+        let trained_in = scene.trained_in.as_ref()?;
+        let is_own = Arc::ptr_eq(trained_in, &scene.environment);
+        if is_own && transform == still {
+            return None;
+        }
+        Some(Self {
+            object: Arc::clone(scene.object.as_ref()?),
+            trained_in: Arc::clone(trained_in),
+            environment: Arc::clone(&scene.environment),
+            transform,
+        })
+    }
+
+    fn is_same(&self, other: &Self) -> bool {
+        self.is_same_model(other)
+            && Arc::ptr_eq(&self.environment, &other.environment)
+            && self.transform == other.transform
+    }
+
+    fn is_same_model(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.object.tracer, &other.object.tracer)
+            && Arc::ptr_eq(&self.object.material, &other.object.material)
+            && Arc::ptr_eq(&self.trained_in, &other.trained_in)
+    }
+}
+
+/// A diffuse light with what it was made for.
+#[derive(Clone, Debug)]
+pub struct KeyedLight {
+    key: LightKey,
+    resolution: Resolution,
+    /// The light.
+    pub light: Arc<DiffuseLight>,
+}
+
+impl KeyedLight {
+    /// Whether it is the light of `key` at `resolution`.
+    pub fn is_for(&self, key: &LightKey, resolution: Resolution) -> bool {
+        self.resolution == resolution && self.key.is_same(key)
+    }
+}
+
+/// Makes diffuse lights, coarse or fine; keeps the last of each, and what an interrupted one had done.
+#[derive(Debug)]
+pub struct DiffuseLights {
+    coarse: Level,
+    fine: Level,
+}
+
+impl Default for DiffuseLights {
+    fn default() -> Self {
+        Self {
+            coarse: Level::new(Resolution::COARSE),
+            fine: Level::new(Resolution::FINE),
+        }
+    }
+}
+
+impl DiffuseLights {
+    /// The scene with its fine light; `None` when cancelled, to be taken up again with the same scene.
+    pub fn fine(&mut self, scene: &Scene, cancel: &AtomicBool) -> Option<Scene> {
+        lit(&mut self.fine, scene, cancel)
+    }
+
+    /// The scene with its fine light where that is known, else with the coarse one, which is quick.
+    pub fn quick(&mut self, scene: &Scene) -> Scene {
+        let key = LightKey::of(scene);
+        let is_known = |light: &KeyedLight| {
+            key.as_ref()
+                .is_some_and(|key| light.is_for(key, Resolution::FINE))
+        };
+        let level = if self.fine.light.as_ref().is_some_and(is_known) {
+            &mut self.fine
+        } else {
+            &mut self.coarse
+        };
+        lit(level, scene, &AtomicBool::new(false)).unwrap_or_else(|| scene.clone())
+    }
+
+    /// Forgets everything.
+    pub fn clear(&mut self) {
+        *self = Self::default();
+    }
+}
+
+fn lit(level: &mut Level, scene: &Scene, cancel: &AtomicBool) -> Option<Scene> {
+    let diffuse_light = match LightKey::of(scene) {
+        Some(key) => Some(level.light(&key, cancel)?),
+        None => None,
+    };
+    Some(Scene {
+        diffuse_light,
+        ..scene.clone()
+    })
+}
+
+/// One resolution.
+#[derive(Debug)]
+struct Level {
+    resolution: Resolution,
+    transport: Option<(Arc<SurfaceTracer>, Arc<Transport>)>,
+    work: Option<(LightKey, TrainedWork)>,
+    trained: Option<(LightKey, Arc<TrainedLight>)>,
+    gathered: Option<(LightKey, Gathered)>,
+    light: Option<KeyedLight>,
+}
+
+impl Level {
+    fn new(resolution: Resolution) -> Self {
+        Self {
+            resolution,
+            transport: None,
+            work: None,
+            trained: None,
+            gathered: None,
+            light: None,
+        }
+    }
+
+    fn light(&mut self, key: &LightKey, cancel: &AtomicBool) -> Option<KeyedLight> {
+        if let Some(light) = &self.light
+            && light.is_for(key, self.resolution)
+        {
+            return Some(light.clone());
+        }
+        let trained = self.trained(key, cancel)?;
+        let mut gathered = match self.gathered.take() {
+            Some((old, gathered)) if old.is_same(key) => gathered,
+            _ => Gathered::default(),
+        };
+        let Some(light) = DiffuseLight::gather(&trained, key, &mut gathered, cancel) else {
+            self.gathered = Some((key.clone(), gathered));
+            return None;
+        };
+        let light = KeyedLight {
+            key: key.clone(),
+            resolution: self.resolution,
+            light: Arc::new(light),
+        };
+        self.light = Some(light.clone());
+        Some(light)
+    }
+
+    fn trained(&mut self, key: &LightKey, cancel: &AtomicBool) -> Option<Arc<TrainedLight>> {
+        if let Some((old, trained)) = &self.trained
+            && old.is_same_model(key)
+        {
+            return Some(Arc::clone(trained));
+        }
+        let mut work = match self.work.take() {
+            Some((old, work)) if old.is_same_model(key) => work,
+            _ => TrainedWork::new(
+                self.transport(&key.object.tracer, cancel)?,
+                &key.object.material,
+            ),
+        };
+        let Some(trained) = work.run(&key.trained_in, cancel) else {
+            self.work = Some((key.clone(), work));
+            return None;
+        };
+        let trained = Arc::new(trained);
+        self.trained = Some((key.clone(), Arc::clone(&trained)));
+        Some(trained)
+    }
+
+    fn transport(
+        &mut self,
+        tracer: &Arc<SurfaceTracer>,
+        cancel: &AtomicBool,
+    ) -> Option<Arc<Transport>> {
+        if let Some((old, transport)) = &self.transport
+            && Arc::ptr_eq(old, tracer)
+        {
+            return Some(Arc::clone(transport));
+        }
+        let transport = Arc::new(Transport::trace(tracer, self.resolution, cancel)?);
+        self.transport = Some((Arc::clone(tracer), Arc::clone(&transport)));
+        Some(transport)
+    }
+}
+
+/// The light that the object of a scene was trained in, e.g. for its albedo; `None` without an object, where the diffuse
+/// part is baked, or when cancelled.
+pub fn trained_light(scene: &Scene, cancel: &AtomicBool) -> Option<Arc<TrainedLight>> {
+    let key = LightKey {
+        object: Arc::clone(scene.object.as_ref()?),
+        trained_in: Arc::clone(scene.trained_in.as_ref()?),
+        environment: Arc::clone(&scene.environment),
+        transform: EnvironmentTransform::default(),
+    };
+    Level::new(Resolution::FINE).trained(&key, cancel)
+}

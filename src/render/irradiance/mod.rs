@@ -1,0 +1,19 @@
+//! Diffuse light: what the surroundings shed on the object, compared with the light that it was trained in.
+//!
+//! The learned diffuse part `C_d` is radiance in the trained light. Elsewhere the surface shows
+//! `C_d · E_now(x, n) / E_trained(x, n)` per colour: with the same estimate in both, errors of the estimate cancel and
+//! unmoved surroundings change nothing. `E` is gathered at [`Probes`] by cones through the radiance field; where a cone
+//! meets the object, what the object sends on takes its place. Edits of the material are not followed: they were no
+//! part of the light that was baked.
+
+mod cache;
+mod light;
+mod probes;
+#[cfg(test)]
+mod tests;
+mod transport;
+
+pub use cache::{DiffuseLights, KeyedLight, LightKey, trained_light};
+pub use light::{DiffuseLight, TrainedLight};
+pub use probes::{Probe, Probes};
+pub use transport::{Resolution, Transport};

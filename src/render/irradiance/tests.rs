@@ -1,0 +1,251 @@
+//! What the diffuse light must do, on small scenes with known answers.
+
+use std::f32::consts::{E, PI};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use glam::Vec3;
+
+use super::light::TrainedLight;
+use super::*;
+use crate::geometry::Mesh;
+use crate::geometry::test_mesh::{ellipsoid, together};
+use crate::neif::{Environment, EnvironmentTransform, ObjectModel};
+use crate::render::Scene;
+use crate::render::test_scene::{environment, fog, object_of, scene};
+
+static NEVER: AtomicBool = AtomicBool::new(false);
+
+fn ball() -> Arc<ObjectModel> {
+    object_of(ellipsoid(Vec3::ZERO, Vec3::splat(0.5), 32), 3)
+}
+
+fn turned(degrees: f32) -> EnvironmentTransform {
+    EnvironmentTransform {
+        rotate_deg: Vec3::new(0.0, 0.0, degrees),
+        ..EnvironmentTransform::default()
+    }
+}
+
+/// An object trained in one environment and shown in another.
+fn moved(
+    object: Arc<ObjectModel>,
+    trained_in: &Arc<Environment>,
+    environment: &Arc<Environment>,
+    transform: EnvironmentTransform,
+) -> Scene {
+    let scene = Scene {
+        environment: Arc::clone(environment),
+        transform,
+        ..Scene::new(Some(object), Arc::clone(trained_in))
+    };
+    scene.lit(&NEVER).expect("not cancelled")
+}
+
+fn response(scene: &Scene, position: Vec3, normal: Vec3) -> Vec3 {
+    let gain = scene.transform.environment_from_world().gain;
+    scene.diffuse_response(position, normal, gain)
+}
+
+fn light_of(object: Arc<ObjectModel>, environment: &Arc<Environment>) -> Arc<TrainedLight> {
+    let scene = Scene::new(Some(object), Arc::clone(environment));
+    trained_light(&scene, &NEVER).expect("an object")
+}
+
+/// Unit normals all around.
+fn normals() -> Vec<Vec3> {
+    crate::geometry::fibonacci_sphere(50)
+}
+
+#[test]
+fn in_a_white_furnace_the_irradiance_is_pi_times_the_radiance_and_turning_changes_nothing() {
+    let (ball, furnace) = (ball(), fog(-1.0, 0.0));
+    let trained = light_of(Arc::clone(&ball), &furnace);
+    let turned = moved(Arc::clone(&ball), &furnace, &furnace, turned(77.0));
+    for n in normals() {
+        let expected = PI / E;
+        let light = trained.irradiance(0.5 * n, n);
+        let off = (light / expected - Vec3::ONE).abs().max_element();
+        assert!(off < 0.02, "{light} at {n}, not {expected}");
+        let ratio = response(&turned, 0.5 * n, n);
+        assert!(
+            (ratio - Vec3::ONE).abs().max_element() < 0.01,
+            "{ratio} at {n}"
+        );
+        let albedo = trained.albedo(0.5 * n, n, Vec3::splat(0.5 / E));
+        assert!((albedo - 0.5).abs().max_element() < 0.01, "{albedo} at {n}");
+    }
+}
+
+#[test]
+fn a_half_lit_room_turned_about_swaps_the_bright_and_the_dark_side() {
+    let (ball, room) = (ball(), fog(-2.0, 3.0));
+    let trained = light_of(Arc::clone(&ball), &room);
+    let turned = moved(ball, &room, &room, turned(180.0));
+    let light = |n: Vec3| trained.irradiance(0.5 * n, n);
+    assert!(
+        light(Vec3::X).y > 4.0 * light(Vec3::NEG_X).y,
+        "the room is half lit"
+    );
+    for n in normals() {
+        let opposite = Vec3::new(-n.x, -n.y, n.z);
+        let now = light(n) * response(&turned, 0.5 * n, n);
+        let off = (now - light(opposite)).abs() / light(Vec3::X);
+        // The floor of the ratio holds the dark side back by a few percent.
+        assert!(
+            off.max_element() < 0.08,
+            "{now} at {n}, not {}",
+            light(opposite)
+        );
+    }
+}
+
+/// A square of side 1 at height `z`, looking up or down, of small triangles.
+fn square(z: f32, up: f32) -> Mesh {
+    let n = 8;
+    let (mut positions, mut triangles) = (Vec::new(), Vec::new());
+    for i in 0..=n {
+        for j in 0..=n {
+            positions.push(Vec3::new(
+                i as f32 / n as f32 - 0.5,
+                j as f32 / n as f32 - 0.5,
+                z,
+            ));
+            if i < n && j < n {
+                let corner = i * (n + 1) + j;
+                triangles.push([corner, corner + n + 1, corner + n + 2]);
+                triangles.push([corner, corner + n + 2, corner + 1]);
+            }
+        }
+    }
+    let normals = vec![Vec3::Z * up; positions.len()];
+    Mesh::new(positions, Some(normals), triangles).unwrap()
+}
+
+#[test]
+fn a_point_under_a_roof_receives_less_and_its_share_of_what_the_roof_sends() {
+    let room = fog(0.0, 0.0);
+    let open = light_of(object_of(square(0.0, 1.0), 5), &room);
+    let roofed = light_of(
+        object_of(together(&square(0.0, 1.0), &square(0.2, -1.0)), 5),
+        &room,
+    );
+    let [open, roofed] = [open, roofed].map(|light| light.irradiance(Vec3::ZERO, Vec3::Z).y);
+    assert!((open / PI - 1.0).abs() < 0.02, "{open}");
+    // The roof covers 0.82 of the hemisphere by cosine, and sends on some of the light.
+    assert!(
+        roofed < 0.6 * open && roofed > 0.15 * open,
+        "{roofed} of {open}"
+    );
+}
+
+#[test]
+fn exposure_and_white_balance_scale_the_diffuse_part_exactly() {
+    let gain = Vec3::new(8.0, 4.0, 2.0);
+    let exposed = |transform| EnvironmentTransform {
+        exposure_ev: 2.0,
+        white_balance: Vec3::new(2.0, 1.0, 0.5),
+        ..transform
+    };
+    let (ball, room) = (ball(), environment(4));
+    let still = EnvironmentTransform::default();
+    for transform in [still, turned(30.0)] {
+        let plain = moved(Arc::clone(&ball), &room, &room, transform);
+        let bright = moved(Arc::clone(&ball), &room, &room, exposed(transform));
+        for n in normals() {
+            let [plain, bright] = [&plain, &bright].map(|scene| response(scene, 0.5 * n, n));
+            assert_eq!(bright, gain * plain);
+        }
+    }
+}
+
+#[test]
+fn unmoved_surroundings_change_nothing_even_when_read_again() {
+    let room = environment(4);
+    let again = Arc::new(Environment::clone(&room));
+    let still = EnvironmentTransform::default();
+    let same = moved(ball(), &room, &room, still);
+    assert!(same.diffuse_light.is_none(), "nothing to compute");
+    let read_again = moved(ball(), &room, &again, still);
+    assert!(read_again.diffuse_light.is_some(), "it may be another");
+    for n in normals() {
+        assert_eq!(response(&same, 0.5 * n, n), Vec3::ONE);
+        assert_eq!(response(&read_again, 0.5 * n, n), Vec3::ONE);
+    }
+}
+
+#[test]
+fn black_and_blinding_surroundings_give_finite_ratios_in_range() {
+    let (black, bright) = (fog(-12.0, 0.0), fog(11.5, 0.0));
+    let still = EnvironmentTransform::default();
+    for (from, to, least, most) in [
+        (&black, &bright, 16.0, 16.0),
+        (&bright, &black, 0.0, 1e-4),
+        (&black, &black, 1.0, 1.0),
+    ] {
+        let scene = moved(ball(), from, &Arc::new(Environment::clone(to)), still);
+        let odd = [Vec3::NAN, Vec3::INFINITY, Vec3::splat(1e30)];
+        for position in odd.into_iter().chain(normals()) {
+            let ratio = response(&scene, 0.5 * position, position);
+            assert!(
+                ratio.min_element() >= least && ratio.max_element() <= most,
+                "{ratio} at {position}"
+            );
+        }
+    }
+}
+
+#[test]
+fn without_the_switch_the_diffuse_part_stays_as_it_was_learned() {
+    let baked = Scene {
+        trained_in: None,
+        transform: EnvironmentTransform {
+            exposure_ev: 3.0,
+            ..turned(50.0)
+        },
+        ..scene()
+    };
+    let baked = baked.lit(&NEVER).expect("not cancelled");
+    assert!(baked.diffuse_light.is_none(), "nothing to compute");
+    assert_eq!(response(&baked, Vec3::X, Vec3::X), Vec3::ONE);
+}
+
+#[test]
+fn what_was_interrupted_goes_on_to_the_same_light() {
+    let scene = Scene {
+        transform: turned(40.0),
+        ..scene()
+    };
+    let mut lights = DiffuseLights::default();
+    assert!(
+        lights.fine(&scene, &AtomicBool::new(true)).is_none(),
+        "cancelled"
+    );
+    let fine = lights.fine(&scene, &NEVER).expect("not cancelled");
+    let whole = scene.lit(&NEVER).expect("not cancelled");
+    let quick = lights.quick(&scene);
+    for n in normals() {
+        assert_eq!(response(&fine, n, n), response(&whole, n, n));
+        assert_eq!(
+            response(&quick, n, n),
+            response(&whole, n, n),
+            "the fine one is known"
+        );
+    }
+}
+
+#[test]
+fn the_coarse_light_is_near_the_fine_one() {
+    let room = fog(-1.0, 2.0);
+    let scene = Scene {
+        transform: turned(90.0),
+        ..Scene::new(Some(ball()), room)
+    };
+    let quick = DiffuseLights::default().quick(&scene);
+    let fine = scene.lit(&NEVER).expect("not cancelled");
+    for n in normals() {
+        let [quick, fine] = [&quick, &fine].map(|scene| response(scene, 0.5 * n, n));
+        let off = ((quick - fine) / fine).abs().max_element();
+        assert!(off < 0.15, "{quick}, not {fine} at {n}");
+    }
+}

@@ -1,0 +1,145 @@
+//! Where the light of a probe comes from: cones over its hemisphere and what of the object they meet. Geometry only.
+
+use std::f32::consts::{PI, TAU};
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::probes::{Probe, Probes};
+use crate::geometry::{Hit, Ray, SurfaceTracer, orthonormal_basis};
+
+/// Turn between neighbouring cones about the normal, radians: the golden angle.
+const GOLDEN_ANGLE: f32 = 2.399_963_2;
+
+/// How finely light is gathered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Resolution {
+    /// Probes on the surface.
+    pub n_probes: usize,
+    /// Cones over the hemisphere of each.
+    pub n_cones: usize,
+}
+
+impl Resolution {
+    /// For pictures that stay.
+    pub const FINE: Self = Self {
+        n_probes: 1024,
+        n_cones: 64,
+    };
+    /// For pictures in motion.
+    pub const COARSE: Self = Self {
+        n_probes: 96,
+        n_cones: 16,
+    };
+}
+
+/// A cone from a probe.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Cone {
+    /// Unit, away from the probe.
+    pub(super) direction: Vec3,
+    /// Solid angle, steradians: all cones bring the same share of the irradiance, `weight * cos = π/n`.
+    pub(super) weight: f32,
+    /// What it meets of the object.
+    pub(super) met: Option<Met>,
+}
+
+/// A point of the object that a cone meets.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Met {
+    pub(super) position: Vec3,
+    pub(super) normal: Vec3,
+    /// Mirror direction of the cone there.
+    pub(super) reflected: Vec3,
+    /// Cosine between normal and cone.
+    pub(super) cos: f32,
+    /// Distance from the probe.
+    pub(super) distance: f32,
+    /// Turn of the normal, radians a world unit.
+    pub(super) curvature: f32,
+    /// Whether the mirror direction meets the object once more.
+    pub(super) is_enclosed: bool,
+}
+
+impl Cone {
+    /// Variance of its directions per transverse axis: that of a disc of its solid angle, `r²/4`.
+    pub(super) fn variance(&self) -> f32 {
+        self.weight / (4.0 * PI)
+    }
+}
+
+/// Probes with their cones.
+#[derive(Debug)]
+pub struct Transport {
+    pub(super) probes: Probes,
+    /// Of each probe.
+    pub(super) cones: Vec<Vec<Cone>>,
+}
+
+impl Transport {
+    /// Places the probes and traces their cones, in parallel; `None` when cancelled.
+    pub fn trace(
+        tracer: &SurfaceTracer,
+        resolution: Resolution,
+        cancel: &AtomicBool,
+    ) -> Option<Self> {
+        let probes = Probes::on_mesh(tracer.mesh(), resolution.n_probes);
+        let cones = probes
+            .probes()
+            .par_iter()
+            .enumerate()
+            .map(|(i, probe)| {
+                let turn = i as f32 * GOLDEN_ANGLE % TAU;
+                (!cancel.load(Ordering::Relaxed))
+                    .then(|| cones(tracer, probe, turn, resolution.n_cones))
+            })
+            .collect::<Option<Vec<_>>>()?;
+        Some(Self { probes, cones })
+    }
+}
+
+/// Cones at equal shares of the cosine-weighted hemisphere: a sunflower on the disc below it (Vogel 1979).
+fn cones(tracer: &SurfaceTracer, probe: &Probe, turn: f32, n: usize) -> Vec<Cone> {
+    let (tangent, bitangent) = orthonormal_basis(probe.normal);
+    let share = 1.0 / n as f32;
+    (0..n)
+        .map(|k| {
+            let radius2 = (k as f32 + 0.5) * share;
+            let (sin, cos) = (turn + k as f32 * GOLDEN_ANGLE).sin_cos();
+            let up = (1.0 - radius2).sqrt();
+            let across = (tangent * cos + bitangent * sin) * radius2.sqrt();
+            let direction = (across + probe.normal * up).normalize_or(probe.normal);
+            Cone {
+                direction,
+                weight: PI * share / up,
+                met: met(tracer, probe, direction),
+            }
+        })
+        .collect()
+}
+
+fn met(tracer: &SurfaceTracer, probe: &Probe, direction: Vec3) -> Option<Met> {
+    // What lies between the shading normal's horizon and the triangle is free on the smooth surface that is meant.
+    if direction.dot(probe.face_normal) <= 0.0 {
+        return None;
+    }
+    let start = tracer.self_distance();
+    let origin = probe.position;
+    let hit: Hit = tracer.intersect(&Ray { origin, direction }, start, f32::INFINITY)?;
+    let cos = -hit.normal.dot(direction);
+    let reflected = (direction + 2.0 * cos * hit.normal).normalize_or(hit.normal);
+    let onward = Ray {
+        origin: hit.position,
+        direction: reflected,
+    };
+    Some(Met {
+        position: hit.position,
+        normal: hit.normal,
+        reflected,
+        cos: cos.max(0.0),
+        distance: hit.t,
+        curvature: tracer.curvature(&hit),
+        is_enclosed: tracer.occluded(&onward, start, f32::INFINITY),
+    })
+}
