@@ -4,7 +4,9 @@ mod bench;
 mod demo;
 mod edits;
 mod env;
+mod env_import;
 mod eval;
+mod export;
 mod failure;
 mod info;
 mod interrupt;
@@ -47,10 +49,12 @@ enum Command {
     Eval(eval::EvalArgs),
     /// Render pictures of a trained run, with edits and other light
     Render(render::RenderArgs),
+    /// Write the object with baked textures for other programs (glTF), and its surroundings
+    Export(export::ExportArgs),
     /// Measure this program on this machine
     #[command(subcommand)]
     Bench(bench::BenchCommand),
-    /// Surroundings alone: train them, look at them
+    /// Surroundings alone: train them, import them, look at them
     #[command(subcommand)]
     Env(env::EnvCommand),
 }
@@ -71,8 +75,10 @@ pub(crate) fn run(started: Instant) -> Result<(), Failure> {
         Some(Command::Train(args)) => train::run(&args, started),
         Some(Command::Eval(args)) => eval::run(&args),
         Some(Command::Render(args)) => render::run(&args),
+        Some(Command::Export(args)) => export::run(&args),
         Some(Command::Bench(command)) => bench::run(&command),
         Some(Command::Env(env::EnvCommand::Train(args))) => env::train(&args, started),
+        Some(Command::Env(env::EnvCommand::Import(args))) => env_import::run(&args),
         Some(Command::Env(env::EnvCommand::Panorama(args))) => env::panorama(&args),
     }
 }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable as _;
-use glam::{Affine3A, Vec3};
+use glam::{Affine3A, Quat, Vec3};
 use neif::app::camera_control::CameraMove;
 use neif::app::command::Browse;
 use neif::app::state::{EnvironmentContent, EnvironmentEntry, PathPurpose, Source};
@@ -15,7 +15,8 @@ use neif::app::viewport::Pictures;
 use neif::app::{AppState, Command, Effect, apply, keys, shell, theme};
 use neif::data::{Dataset, Photo, View};
 use neif::geometry::{Camera, Mesh};
-use neif::neif::{EnvironmentTransform, RoughnessEdit};
+use neif::neif::distant::{DistantConfig, DistantLight};
+use neif::neif::{Environment, EnvironmentTransform, RoughnessEdit};
 use neif::render::Layer;
 use neif::train::events::{Progress, TrainCommand, TrainEvent};
 
@@ -504,4 +505,35 @@ fn the_software_chip_is_shown_on_a_processor_adapter() {
     state.adapter.name = "llvmpipe".to_owned();
     let harness = harness(state);
     harness.get_by_label("software rendering");
+}
+
+#[test]
+fn other_surroundings_tell_where_they_are_and_can_be_matched() {
+    let config = DistantConfig {
+        width: 16,
+        height: 8,
+        world_from_picture: Quat::IDENTITY,
+    };
+    let light = DistantLight::new(config, &[0.5; 16 * 8 * 3]).expect("a picture");
+    let sky = Environment::of_distant("sky".to_owned(), Vec3::Z, light);
+    let mut state = training_state();
+    state.environments.push(EnvironmentEntry {
+        name: "sky".to_owned(),
+        path: PathBuf::from("/sky.hdr"),
+        content: EnvironmentContent::Ready(Arc::new(sky)),
+    });
+    let mut harness = harness(state);
+    assert!(
+        harness.query_by_label_contains("infinitely far").is_none(),
+        "not yet chosen"
+    );
+    click(&mut harness, "sky");
+    assert!(
+        harness
+            .query_by_label_contains("Up +z · infinitely far")
+            .is_some(),
+        "what it is"
+    );
+    click(&mut harness, "Match exposure");
+    assert_eq!(effects(&mut harness), [Effect::MatchExposure]);
 }

@@ -72,6 +72,8 @@ pub enum Command {
     Edit(MaterialEdit),
     /// Move the surroundings.
     MoveEnvironment(EnvironmentTransform),
+    /// Make the chosen surroundings as bright as the capture's own.
+    MatchExposure,
     /// Choose surroundings; none is the capture's own.
     ChooseEnvironment(Option<usize>),
     /// Hide the edits, or show them.
@@ -122,6 +124,8 @@ pub enum Effect {
     Train(TrainCommand),
     /// Read the environment with this index.
     LoadEnvironment(usize),
+    /// Find the exposure and white balance of the chosen surroundings.
+    MatchExposure,
     /// Show the system's dialog.
     Browse(Browse, PathPurpose),
 }
@@ -148,6 +152,7 @@ pub fn apply(state: &mut AppState, command: Command, effects: &mut Vec<Effect>) 
         Command::SetAutoStart(on) => state.is_auto_start = on,
         Command::Edit(edit) => state.look.edit = edit,
         Command::MoveEnvironment(transform) => state.look.transform = transform,
+        Command::MatchExposure => effects.push(Effect::MatchExposure),
         Command::ChooseEnvironment(index) => choose_environment(state, index, effects),
         Command::ShowOriginal(on) => state.is_original_shown = on,
         Command::ShowLayer(layer) => state.layer = layer,

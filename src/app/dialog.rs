@@ -72,7 +72,10 @@ fn ask(kind: Browse, purpose: PathPurpose) -> Option<PathBuf> {
         }
         (PathPurpose::Open, Browse::File) => dialog
             .set_title("Open a capture or an environment")
-            .add_filter("Captures and environments", &["json", "safetensors"])
+            .add_filter(
+                "Captures and environments",
+                &["json", "safetensors", "hdr", "exr"],
+            )
             .add_filter("All files", &["*"])
             .pick_file(),
     }

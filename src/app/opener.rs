@@ -6,7 +6,9 @@ use std::sync::Arc;
 use crossbeam::channel::{Receiver, Sender, bounded};
 
 use crate::data::{Dataset, LoadOptions, Photo, read_frames, read_photo};
-use crate::neif::Environment;
+use crate::neif::distant::is_environment_file;
+use crate::neif::{Environment, EnvironmentTransform};
+use crate::render::Scene;
 use crate::render::priority::lower_thread_priority;
 use crate::train::Snapshot;
 use crate::train::run_folder::RunFolder;
@@ -75,6 +77,13 @@ pub enum Opened {
         /// The photo.
         photo: ScreenPhoto,
     },
+    /// How the surroundings are as bright as the capture's own.
+    Matched {
+        /// Which surroundings.
+        environment: usize,
+        /// Their transform; none where there is no light to compare.
+        transform: Option<EnvironmentTransform>,
+    },
     /// It cannot be used.
     Failed {
         /// What was opened.
@@ -128,6 +137,17 @@ impl Opener {
     pub fn load_environment(&self, path: &Path) {
         let path = path.to_owned();
         self.spawn(move |send| send(load_environment(path)));
+    }
+
+    /// Compares the scene's surroundings, those with index `environment`, with the capture's own.
+    pub fn match_exposure(&self, scene: Scene, own: Arc<Environment>, environment: usize) {
+        self.spawn(move |send| {
+            let transform = scene.matched_to(&own);
+            send(Opened::Matched {
+                environment,
+                transform,
+            });
+        });
     }
 
     /// Reads the first photo of a capture, ahead of everything else.
@@ -190,10 +210,7 @@ fn open(path: PathBuf, send: &dyn Fn(Opened)) {
         )));
     } else if RunFolder::is_run(&path) {
         open_run(&path, send);
-    } else if path
-        .extension()
-        .is_some_and(|extension| extension == "safetensors")
-    {
+    } else if is_environment_file(&path) {
         send(load_environment(path));
     } else if path.is_dir()
         || path
@@ -202,7 +219,7 @@ fn open(path: PathBuf, send: &dyn Fn(Opened)) {
     {
         send(Opened::Capture(path));
     } else {
-        let what = "not a capture (folder or transforms.json), a run folder or an environment (.safetensors)";
+        let what = "not a capture (folder or transforms.json), a run folder or an environment (.safetensors, .hdr, .exr)";
         send(failed(format!("{}: {what}", path.display())));
     }
 }
@@ -246,7 +263,7 @@ fn open_run(path: &Path, send: &dyn Fn(Opened)) {
 }
 
 fn load_environment(path: PathBuf) -> Opened {
-    let result = Environment::load(&path)
+    let result = Environment::open(&path)
         .map(Arc::new)
         .map_err(|error| error.to_string());
     Opened::Environment { path, result }

@@ -12,6 +12,7 @@ use crate::app::environment_control::{DEGREES_PER_POINT, shifted, turned};
 use crate::app::panels::widgets::weak;
 use crate::app::state::{AppState, PathPurpose, Source};
 use crate::app::training_state::Phase;
+use crate::neif::distant::is_environment_file;
 
 /// Radians the camera turns for a drag by one point.
 const ORBIT_PER_POINT: f32 = 0.008;
@@ -309,7 +310,7 @@ fn drop_ui(ui: &Ui, rect: Rect) {
     let is_environment = first
         .path
         .as_ref()
-        .is_some_and(|path| path.extension().is_some_and(|e| e == "safetensors"));
+        .is_some_and(|path| is_environment_file(path));
     let text = if is_environment {
         format!("Drop to light the scene with “{name}”")
     } else {

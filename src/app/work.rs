@@ -16,6 +16,7 @@ use crate::app::state::{
 };
 use crate::app::training_state::{Level, Phase, TrainingState};
 use crate::neif::Environment;
+use crate::render::Scene;
 use crate::train::Snapshot;
 use crate::train::config::TrainConfig;
 use crate::train::events::TrainCommand;
@@ -85,9 +86,27 @@ impl Work {
                     self.opener.load_environment(&entry.path);
                 }
             }
+            Effect::MatchExposure => self.match_exposure(state),
             Effect::Browse(kind, purpose) => self.browse(state, kind, purpose),
         }
         None
+    }
+
+    fn match_exposure(&self, state: &mut AppState) {
+        let chosen = state.look.environment.zip(state.chosen_environment());
+        let (Some((index, environment)), Some(snapshot)) = (chosen, &state.snapshot) else {
+            state
+                .messages
+                .say(Level::Info, "Choose other surroundings to match first");
+            return;
+        };
+        let scene = Scene {
+            environment: Arc::clone(environment),
+            transform: state.look.transform,
+            ..snapshot.scene()
+        };
+        let own = Arc::clone(&snapshot.environment);
+        self.opener.match_exposure(scene, own, index);
     }
 
     fn send(&self, state: &mut AppState, command: TrainCommand) {
@@ -228,6 +247,19 @@ impl Work {
             Opened::Environment { path, result } => {
                 return self.take_environment(state, path, result);
             }
+            Opened::Matched {
+                environment,
+                transform,
+            } if state.look.environment == Some(environment) => match transform {
+                // The rest may have been dragged on in the meantime.
+                Some(matched) => {
+                    state.look.transform.exposure_ev = matched.exposure_ev;
+                    state.look.transform.white_balance = matched.white_balance;
+                }
+                None => state
+                    .messages
+                    .say(Level::Warning, "There is no light to match"),
+            },
             Opened::FirstPhoto { path, photo }
                 if state.source.path() == Some(&path) && state.snapshot.is_none() =>
             {
@@ -236,7 +268,7 @@ impl Work {
             Opened::ViewPhoto { view, photo } => return Some(News::ViewPhoto(view, photo)),
             Opened::Failed { reason, .. } => state.messages.say(Level::Error, reason),
             // Read for something that is no longer open.
-            Opened::RunDataset { .. } | Opened::FirstPhoto { .. } => {}
+            Opened::RunDataset { .. } | Opened::FirstPhoto { .. } | Opened::Matched { .. } => {}
         }
         None
     }

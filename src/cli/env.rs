@@ -12,6 +12,7 @@ use neif::neif::{EnvironmentTransform, Storage};
 use neif::render::{Picture, panorama as render_panorama};
 use neif::train::session::SessionOptions;
 
+use super::env_import::EnvImportArgs;
 use super::failure::{Failure, OrUnusable as _};
 use super::train::{BudgetArgs, config};
 use super::{interrupt, output, scenes, training, values};
@@ -21,6 +22,8 @@ use super::{interrupt, output, scenes, training, values};
 pub(crate) enum EnvCommand {
     /// Train surroundings from posed photos, without an object
     Train(EnvTrainArgs),
+    /// Make surroundings of a panorama: an HDRI (.hdr, .exr), or a picture (.png, .jpg)
+    Import(EnvImportArgs),
     /// Render what a point of the surroundings sees all around
     Panorama(PanoramaArgs),
 }
@@ -55,20 +58,8 @@ pub(crate) struct EnvTrainArgs {
 
 /// `neif env train`.
 pub(crate) fn train(args: &EnvTrainArgs, started: Instant) -> Result<(), Failure> {
-    let target = scenes::environment_target(&args.out);
-    if target.exists() {
-        return Err(Failure::unusable(anyhow::anyhow!(
-            "{}: exists already; remove it or choose another --out",
-            target.display()
-        )));
-    }
-    // Made before the training, so that a wrong place shows at once.
-    if let Some(folder) = target
-        .parent()
-        .filter(|folder| !folder.as_os_str().is_empty())
-    {
-        scenes::make_folder(folder)?;
-    }
+    // Before the training, so that a wrong place shows at once.
+    let target = scenes::new_environment(&args.out)?;
     let mut config = config(args.preset.as_deref(), args.seed)?;
     config.threads = args.threads;
     config.validate().or_unusable()?;

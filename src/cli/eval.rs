@@ -35,6 +35,7 @@ const SHEET_COLUMNS: usize = 2;
 
 /// Arguments of `neif eval`.
 #[derive(Debug, clap::Args)]
+#[expect(clippy::struct_excessive_bools, reason = "one a flag")]
 pub(crate) struct EvalArgs {
     /// The run folder
     #[arg(value_name = "RUN")]
@@ -51,6 +52,10 @@ pub(crate) struct EvalArgs {
     /// Surroundings trained on another capture, under its name, for relightings that use them
     #[arg(long, value_name = "NAME=FILE", value_parser = values::named_path)]
     env: Vec<NamedPath>,
+    /// Make other surroundings as bright, and of the same white, as the object's own; not so in the ground truth of
+    /// captures that share one exposure
+    #[arg(long)]
+    env_match: bool,
     /// Folder for pictures: rendered, photo, difference x4, and one contact sheet
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -82,7 +87,7 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
     };
     let (results, _) = bench.measure(&run.scene, &views, args.split.as_str())?;
     let Relit { relight, gained } = if args.relight {
-        bench.relight(&run.scene, &root, &args.env)?
+        bench.relight(&run.scene, &root, &args.env, args.env_match)?
     } else {
         Relit::default()
     };
@@ -181,6 +186,7 @@ impl Bench<'_> {
         scene: &Scene,
         root: &Path,
         environments: &[NamedPath],
+        is_matched: bool,
     ) -> Result<Relit, Failure> {
         let mut known: BTreeMap<String, Arc<Environment>> = BTreeMap::new();
         for NamedPath { name, path } in environments {
@@ -192,7 +198,10 @@ impl Bench<'_> {
                 output::note(&format!("{}: {problem}", case.name));
             }
             match relit(scene, &case.apply, &known) {
-                Ok(edited) => {
+                Ok(mut edited) => {
+                    if is_matched && case.apply.environment_of.is_some() {
+                        edited.transform = scenes::matched(&edited, &scene.environment)?;
+                    }
                     let set = format!("relight/{}", case.name);
                     let (results, pictures) = self.measure(&edited, &case.views, &set)?;
                     let gained = after_one_gain(&case.views, &pictures);

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use neif::data::{Dataset, LoadOptions, check};
+use neif::neif::distant::is_environment_file;
 use neif::neif::{Environment, SurfaceField};
 use neif::train::run_folder::RunFolder;
 use serde_json::{Value, json};
@@ -13,7 +14,7 @@ use super::output;
 /// Arguments of `neif info`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct InfoArgs {
-    /// A capture, a run folder, or a file of trained surroundings or of a trained object
+    /// A capture, a run folder, a file of surroundings or of a trained object, or a panorama (.hdr, .exr)
     #[arg(value_name = "PATH")]
     path: PathBuf,
     /// Write JSON
@@ -24,10 +25,10 @@ pub(crate) struct InfoArgs {
 /// `neif info`.
 pub(crate) fn run(args: &InfoArgs) -> Result<(), Failure> {
     let path = &args.path;
-    let is_tensors = path.extension().is_some_and(|e| e == "safetensors");
+    let is_environment = is_environment_file(path);
     let found = if RunFolder::is_run(path) {
         Found::listed(about_run(path)?)
-    } else if is_tensors {
+    } else if is_environment {
         Found::listed(about_tensors(path)?)
     } else {
         about_capture(path)?
@@ -78,9 +79,9 @@ fn about_run(path: &Path) -> Result<Value, Failure> {
     }))
 }
 
-/// A file of tensors: surroundings, else an object.
+/// A file of tensors: surroundings, else an object. Or a panorama.
 fn about_tensors(path: &Path) -> Result<Value, Failure> {
-    let mut found = match Environment::load(path) {
+    let mut found = match Environment::open(path) {
         Ok(environment) => about_environment(&environment),
         Err(error) => {
             let material = SurfaceField::load(path);
@@ -98,6 +99,7 @@ fn about_environment(environment: &Environment) -> Value {
     json!({
         "kind": "environment",
         "name": environment.name(),
+        "is_far": environment.is_far(),
         "gamma": environment.gamma(),
         "inner_box": [inner.min.to_array(), inner.max.to_array()],
         "up": environment.up().to_array(),

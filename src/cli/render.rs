@@ -23,6 +23,9 @@ pub(crate) struct RenderArgs {
     /// Other surroundings: an environment file, a run folder, or `own`
     #[arg(long, value_name = "ENV", default_value = "own")]
     env: PathBuf,
+    /// Make other surroundings as bright, and of the same white, as the object's own; `--env-exposure` comes on top
+    #[arg(long)]
+    env_match: bool,
     #[command(flatten)]
     environment: EnvironmentFlags,
     /// Leave the diffuse part as it was learned when the light changes, as the paper does
@@ -85,7 +88,10 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
     if args.baked_diffuse {
         scene.trained_in = None;
     }
-    let scene = apply(scene, &args.material, &args.environment);
+    let mut scene = apply(scene, &args.material, &args.environment);
+    if args.env_match {
+        scene.transform = scenes::matched(&scene, &run.scene.environment)?;
+    }
     let cameras = args.cameras.cameras(&run)?;
     scenes::make_folder(&args.out)?;
     if args.reference.is_some() && args.layers != [Layer::Final] {

@@ -7,7 +7,7 @@ use std::{
 
 use anyhow::Context as _;
 use neif::data::{Dataset, Frame, LoadOptions, Splits, View, read_frames};
-use neif::neif::Environment;
+use neif::neif::{Environment, EnvironmentTransform};
 use neif::render::Scene;
 use neif::train::run_folder::{ENVIRONMENT, RunFolder};
 
@@ -90,11 +90,25 @@ impl Split {
     }
 }
 
-/// Opens surroundings: an environment file, or the run folder or other folder that holds one.
+/// Opens surroundings: an environment file, the run folder or other folder that holds one, or a panorama (.hdr, .exr).
 pub(crate) fn open_environment(path: &Path) -> Result<Arc<Environment>, Failure> {
     let inside = path.join(ENVIRONMENT);
     let file = if path.is_dir() { &inside } else { path };
-    Ok(Arc::new(Environment::load(file).or_unusable()?))
+    Ok(Arc::new(Environment::open(file).or_unusable()?))
+}
+
+/// The scene's transform with its surroundings made as bright as `own`; the exposure that it has comes on top.
+pub(crate) fn matched(scene: &Scene, own: &Environment) -> Result<EnvironmentTransform, Failure> {
+    let matched = scene.matched_to(own).ok_or_else(|| {
+        let name = scene.environment.name();
+        Failure::unusable(anyhow::anyhow!(
+            "--env-match: the surroundings `{name}` or the object's own are black"
+        ))
+    })?;
+    Ok(EnvironmentTransform {
+        exposure_ev: matched.exposure_ev + scene.transform.exposure_ev,
+        ..matched
+    })
 }
 
 /// The cameras of a `transforms.json` whose photos need not exist; the file must then say `w, h`.
@@ -112,11 +126,32 @@ pub(crate) fn read_cameras(json: &Path) -> Result<Vec<NamedCamera>, Failure> {
 }
 
 /// Where an environment is written for `--out ENV`: the file itself, or inside a folder.
-pub(crate) fn environment_target(out: &Path) -> PathBuf {
+fn environment_target(out: &Path) -> PathBuf {
     if out.extension().is_some() && !out.is_dir() {
         out.to_owned()
     } else {
         out.join(ENVIRONMENT)
+    }
+}
+
+/// The same for one that must not exist yet, in a folder that is made.
+pub(crate) fn new_environment(out: &Path) -> Result<PathBuf, Failure> {
+    let target = environment_target(out);
+    if target.exists() {
+        return Err(Failure::unusable(anyhow::anyhow!(
+            "{}: exists already; remove it or choose another --out",
+            target.display()
+        )));
+    }
+    make_folder_of(&target)?;
+    Ok(target)
+}
+
+/// Makes the folder that a file goes into.
+pub(crate) fn make_folder_of(file: &Path) -> Result<(), Failure> {
+    match file.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => make_folder(folder),
+        _ => Ok(()),
     }
 }
 

@@ -196,6 +196,20 @@ pub fn write_png_srgb(
     .map_err(|e| DataError::io(path, e))
 }
 
+/// An 8-bit RGB PNG in memory; `texels`: `[height * width]`, row-major. Panics if the count is wrong.
+pub(super) fn encode_png(width: u32, height: u32, texels: &[[u8; 3]]) -> std::io::Result<Vec<u8>> {
+    let mut png = Vec::new();
+    PngEncoder::new_with_quality(&mut png, CompressionType::Default, FilterType::Adaptive)
+        .write_image(
+            texels.as_flattened(),
+            width,
+            height,
+            ExtendedColorType::Rgb8,
+        )
+        .map_err(std::io::Error::other)?;
+    Ok(png)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -39,7 +39,7 @@ pub use check::{
 pub use error::DataError;
 pub use exr_image::{ExrSample, read_exr_linear, write_exr};
 pub use image::{read_mask, read_photo, write_png_srgb};
-pub use mesh_io::{find_mesh, read_mesh, write_glb};
+pub use mesh_io::{Texture, TexturedMesh, find_mesh, read_mesh, write_glb, write_textured_glb};
 pub use photo::{Mask, Photo};
 pub use problem::{Problem, Severity};
 pub use relight::{EnvironmentMove, RelightApply, RelightCase};

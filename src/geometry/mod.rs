@@ -3,8 +3,10 @@
 //! Knows nothing of files, photos or light. Lengths are in scene units, angles in radians.
 
 mod aabb;
+mod atlas;
 mod bvh;
 mod camera;
+mod charts;
 mod fan;
 mod footprint;
 mod mesh;
@@ -15,6 +17,7 @@ pub(crate) mod test_mesh;
 mod wide_bvh;
 
 pub use aabb::Aabb;
+pub use atlas::{Atlas, Texel};
 pub use bvh::{Hit, SurfaceTracer};
 pub use camera::{Camera, Distortion};
 pub use fan::Fan;

@@ -1,4 +1,4 @@
-//! A trained environment: the radiance field with everything needed to light any object, and its file.
+//! An environment: the radiance field with everything needed to light any object, and its file.
 
 use std::path::Path;
 
@@ -8,6 +8,9 @@ use serde::{Deserialize, Serialize};
 
 use super::NeifError;
 use super::contraction::FieldFrame;
+use super::distant::{
+    DistantConfig, DistantLight, ImportOptions, import_environment, is_panorama_file,
+};
 use super::paper::ray_pass::{PaperPlacement, RayLight};
 use super::paper::{PaperField, PaperFieldConfig};
 use super::proposal::DensityGrid;
@@ -28,6 +31,7 @@ pub(super) const KIND: &str = "kind";
 /// The kinds, in environment and object files.
 pub(super) const GRID: &str = "grid";
 pub(super) const PAPER: &str = "paper";
+const DISTANT: &str = "distant";
 /// Uniform share of the sample placement when rendering: the density cache has settled.
 const UNIFORM_SHARE: f32 = 0.05;
 /// The same for the paper's second pass, in training too: mip-NeRF adds 0.01 to each of 128 weights of sum 1.
@@ -57,6 +61,8 @@ pub enum EnvironmentField {
     },
     /// The paper's network, sampled in two passes.
     Paper(PaperField),
+    /// A picture of infinitely far surroundings.
+    Distant(DistantLight),
 }
 
 /// Working memory of [`Environment::light`], reused from call to call.
@@ -101,6 +107,22 @@ impl Environment {
         Self { place, field }
     }
 
+    /// Surroundings that are infinitely far; their inner box is one for the camera to start in.
+    pub fn of_distant(name: String, up: Vec3, light: DistantLight) -> Self {
+        let place = EnvironmentPlace {
+            name,
+            frame: FieldFrame {
+                center: Vec3::ZERO,
+                half_side: 1.0,
+            },
+            gamma: 1.0,
+            n_samples: 1,
+            up,
+        };
+        let field = EnvironmentField::Distant(light);
+        Self { place, field }
+    }
+
     /// Shown in lists.
     pub fn name(&self) -> &str {
         &self.place.name
@@ -122,6 +144,16 @@ impl Environment {
         match &self.field {
             EnvironmentField::Grid { field, .. } => &field.params,
             EnvironmentField::Paper(field) => &field.params,
+            EnvironmentField::Distant(light) => light.params(),
+        }
+    }
+
+    /// Whether the surroundings are infinitely far: then moving or scaling them changes nothing.
+    pub fn is_far(&self) -> bool {
+        match &self.field {
+            EnvironmentField::Grid { field, .. } => field.config().is_far,
+            EnvironmentField::Paper(_) => false,
+            EnvironmentField::Distant(_) => true,
         }
     }
 
@@ -175,7 +207,24 @@ impl Environment {
                 batch.radiance.clear();
                 batch.radiance.extend(radiance);
             }
+            EnvironmentField::Distant(light) => {
+                batch.radiance.clear();
+                let radiance = batch.rays.iter().map(|ray| light.radiance(ray));
+                batch.radiance.extend(radiance);
+            }
         }
+    }
+
+    /// Reads an environment file, or a panorama (`.hdr`, `.exr`) as infinitely far surroundings with z up.
+    ///
+    /// # Errors
+    /// As [`Self::load`] and [`import_environment`].
+    pub fn open(path: &Path) -> Result<Self, NeifError> {
+        if is_panorama_file(path) {
+            let imported = import_environment(path, &ImportOptions::default())?;
+            return Ok(imported.environment);
+        }
+        Self::load(path)
     }
 
     /// Reads an environment file.
@@ -194,6 +243,7 @@ impl Environment {
         match kind(&file) {
             GRID => Self::load_grid(&file, path),
             PAPER => Self::load_paper(&file, path),
+            DISTANT => Self::load_distant(&file, path),
             other => Err(unknown_kind(path, other)),
         }
     }
@@ -235,6 +285,21 @@ impl Environment {
         Ok(Self::of_paper(place, field))
     }
 
+    fn load_distant(file: &TensorFile, path: &Path) -> Result<Self, NeifError> {
+        let header: Header<DistantConfig> = read_header(file, path)?;
+        let (place, config) = header.split();
+        check(path, place_is_sane(&place) && config.is_sane())?;
+        let params = read_params(file, path, NAMES)?;
+        check(path, params.iter().all(|v| *v >= 0.0))?;
+        let light = DistantLight::new(config, &params).ok_or_else(|| NeifError::Shape {
+            file: path.to_owned(),
+            tensor: NAMES.params,
+            found: params.len(),
+        })?;
+        let field = EnvironmentField::Distant(light);
+        Ok(Self { place, field })
+    }
+
     /// Writes the file whole or not at all, grid values as `storage` says.
     ///
     /// # Errors
@@ -250,6 +315,7 @@ impl Environment {
             EnvironmentField::Paper(field) => {
                 (PAPER, self.header(*field.config()), field.params.len())
             }
+            EnvironmentField::Distant(light) => (DISTANT, self.header(*light.config()), 0),
         };
         storage.insert(&mut file, NAMES, self.params(), n_networks);
         for (key, value) in [("format", FORMAT), (KIND, kind), ("environment", &header)] {
@@ -300,7 +366,7 @@ pub(super) fn unknown_kind(path: &Path, kind: &str) -> NeifError {
     metadata(
         path,
         KIND,
-        format!("is `{kind}`, not `{GRID}` or `{PAPER}`"),
+        format!("is `{kind}`, which this version does not know"),
     )
 }
 

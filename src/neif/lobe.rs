@@ -28,6 +28,32 @@ pub fn mean_length(kappa: f32) -> f32 {
     }
 }
 
+/// Concentration of the lobe with this variance per transverse axis, the inverse of `A/kappa`; 0 from 1/3 on, where
+/// the lobe is the whole sphere.
+pub fn kappa_from_variance(variance: f32) -> f32 {
+    // A = 1 - 1/kappa to the last bit, which leaves a quadratic equation.
+    if variance < 0.0475 {
+        let variance = variance.max(1.0 / KAPPA_MAX / KAPPA_MAX);
+        return (1.0 + (1.0 - 4.0 * variance).sqrt()) / (2.0 * variance);
+    }
+    if variance >= 1.0 / 3.0 {
+        return 0.0;
+    }
+    // Banerjee et al. 2005, Eq. 4.4, solved for kappa; then Newton's method.
+    let mean = ((1.0 - 3.0 * variance) / (1.0 - variance)).max(0.0).sqrt();
+    let mut kappa = mean / variance;
+    for _ in 0..2 {
+        let a = mean_length(kappa);
+        let slope = d_variance_d_kappa(kappa, a);
+        // Next to 1/3 the slope vanishes, and the start is as good as can be told.
+        if slope > -1e-4 {
+            break;
+        }
+        kappa -= (a / kappa - variance) / slope;
+    }
+    kappa.max(0.0)
+}
+
 /// What one roughness means for a cone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lobe {
@@ -111,6 +137,23 @@ mod tests {
                 "r = {r}: {analytic} against {numeric}"
             );
         }
+    }
+
+    #[test]
+    fn the_concentration_follows_from_the_variance() {
+        for i in 1..=1000 {
+            let lobe = Lobe::from_roughness(i as f32 / 1000.0);
+            let kappa = kappa_from_variance(lobe.variance);
+            // The widest lobes' variance hardly depends on the concentration.
+            let tolerance = if lobe.kappa < 1.0 { 1e-2 } else { 2e-3 };
+            assert!(
+                (kappa / lobe.kappa - 1.0).abs() < tolerance,
+                "{i}: {kappa}, not {}",
+                lobe.kappa
+            );
+        }
+        assert!(kappa_from_variance(0.0).is_finite(), "a line");
+        assert_eq!(kappa_from_variance(0.4), 0.0, "wider than the sphere");
     }
 
     #[test]

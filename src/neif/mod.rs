@@ -3,8 +3,10 @@
 pub mod composite;
 pub mod contraction;
 pub mod display;
+pub mod distant;
 pub mod edit;
 pub mod environment;
+pub mod exposure_match;
 pub mod field_batch;
 pub mod hash_grid;
 pub mod kernels;
@@ -32,6 +34,7 @@ pub use storage::Storage;
 
 use std::path::PathBuf;
 
+use crate::data::DataError;
 use crate::data::tensor_file::TensorFileError;
 
 /// What is wrong with a stored field.
@@ -40,6 +43,17 @@ pub enum NeifError {
     /// The file cannot be read or lacks a tensor.
     #[error(transparent)]
     File(#[from] TensorFileError),
+    /// A picture cannot be read.
+    #[error(transparent)]
+    Picture(#[from] DataError),
+    /// A file is no picture of all directions.
+    #[error("{file}: {what}: not an equirectangular panorama (.hdr, .exr, .png or .jpg)")]
+    NotAPanorama {
+        /// The file.
+        file: PathBuf,
+        /// What is wrong with it.
+        what: String,
+    },
     /// A metadata entry is missing or unreadable.
     #[error("{file}: metadata field `{field}` {what}")]
     Metadata {

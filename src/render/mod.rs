@@ -1,9 +1,11 @@
 //! Pictures from a scene: the same shading for full images, panoramas and the progressive preview.
 
+pub mod bake;
 mod band;
 mod causes;
 pub mod gbuffer;
 pub mod irradiance;
+pub mod metallic_roughness;
 pub mod neilf;
 pub mod panorama;
 pub mod picture;
@@ -18,6 +20,7 @@ pub(crate) mod test_scene;
 mod thread_clock;
 pub mod trace;
 
+pub use bake::{BakedSurface, bake, radiance_as_albedo};
 pub use gbuffer::{GBuffer, PathOptions};
 pub use irradiance::{DiffuseLights, trained_light};
 pub use neilf::render_neilf;

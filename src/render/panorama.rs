@@ -92,3 +92,38 @@ fn panorama_row(
         *out = (Vec3::from(*radiance) * motion.gain).to_array();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::{ExrSample, write_exr};
+    use crate::neif::distant::{ImportOptions, import_environment};
+
+    #[test]
+    fn an_imported_picture_s_panorama_is_the_picture_bit_for_bit() {
+        let (width, height) = (256, 128);
+        let value = |i: u32| ((i * 7919 + 13) % 1009) as f32;
+        let mut pixels: Vec<[f32; 3]> = (0..width * height)
+            .map(|i| [value(i), 0.01 * value(i + 5), 0.3])
+            .collect();
+        pixels[77 * 256 + 3] = [4e4, 1e5, 1e-4];
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("sky.exr");
+        write_exr(&file, width, height, &pixels, ExrSample::Float).unwrap();
+        let imported = import_environment(&file, &ImportOptions::default()).unwrap();
+        let environment = Arc::new(imported.environment);
+        let cancel = AtomicBool::new(false);
+        let still = EnvironmentTransform::default();
+        // Moved and scaled: far surroundings do not care.
+        let moved = EnvironmentTransform {
+            translate: Vec3::new(1.0, -2.0, 0.5),
+            scale: 3.0,
+            ..still
+        };
+        for (transform, at) in [(still, Vec3::ZERO), (moved, Vec3::splat(7.0))] {
+            let seen = panorama(&environment, &transform, at, 0.0, width, &cancel).unwrap();
+            assert_eq!((seen.width, seen.height), (width, height), "size");
+            assert!(seen.pixels == pixels, "pixels");
+        }
+    }
+}

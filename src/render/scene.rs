@@ -9,6 +9,7 @@ use glam::Vec3;
 
 use super::irradiance::{DiffuseLights, KeyedLight, LightKey, Resolution};
 use crate::neif::environment::EnvironmentField;
+use crate::neif::exposure_match::matched;
 use crate::neif::{Environment, EnvironmentTransform, MaterialEdit, ObjectModel};
 
 /// An object under an environment, with all edits.
@@ -69,6 +70,14 @@ impl Scene {
     /// Whether lobes are asked for that the photos did not teach.
     pub fn has_other_roughness(&self) -> bool {
         self.edit.roughness != MaterialEdit::default().roughness
+    }
+
+    /// The transform with exposure and white balance such that the surroundings light the object as much as `own` does
+    /// where it was captured; `None` where one of them is black.
+    pub fn matched_to(&self, own: &Environment) -> Option<EnvironmentTransform> {
+        let object = self.object.as_ref();
+        let bounds = object.map_or_else(|| own.inner_box(), |o| o.tracer.mesh().bounds());
+        matched(&self.transform, own, &self.environment, bounds.center())
     }
 }
 

@@ -1,6 +1,7 @@
 //! The environment panel: which surroundings light the object, and where they stand.
 
 use egui::{ScrollArea, Ui};
+use glam::Vec3;
 
 use crate::app::command::Command;
 use crate::app::panels::widgets::{Setting, heading, slider_row, vector_row, weak};
@@ -15,7 +16,7 @@ const SCALE: Setting = Setting {
 };
 const EXPOSURE: Setting = Setting {
     name: "Exposure",
-    range: -5.0..=5.0,
+    range: -10.0..=10.0,
     default: 0.0,
     hint: "Brightness in stops: +1 is twice the light",
 };
@@ -36,6 +37,7 @@ pub fn environment_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>
         });
     });
     list_ui(ui, state, commands);
+    facts_ui(ui, state);
     transform_ui(ui, state, commands);
     ui.add_space(6.0);
     original_ui(ui, state, commands);
@@ -77,11 +79,44 @@ fn list_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
         });
     if ui
         .button("Add environment…")
-        .on_hover_text("A trained environment (.safetensors)")
+        .on_hover_text("A trained environment (.safetensors) or a panorama (.hdr, .exr)")
         .clicked()
     {
         commands.push(Command::AskPath(PathPurpose::Open));
     }
+}
+
+/// Where the shown surroundings have their top, how large they are, and whether they are near at all.
+fn facts_ui(ui: &mut Ui, state: &AppState) {
+    let own = state
+        .snapshot
+        .as_ref()
+        .map(|snapshot| &snapshot.environment);
+    let Some(environment) = state.chosen_environment().or(own) else {
+        return;
+    };
+    let size = if environment.is_far() {
+        "infinitely far".to_owned()
+    } else {
+        let side = environment.inner_box().extent().x * state.look.transform.scale;
+        format!("inner box {side:.2}")
+    };
+    let facts = weak(ui, format!("Up {} · {size}", axis_name(environment.up())));
+    ui.label(facts).on_hover_text(
+        "The up axis, and the side of the box in which the surroundings are finest, in scene units. What is infinitely far does not move or scale.",
+    );
+}
+
+/// `+z` for the z axis; the vector where it is none of the axes.
+fn axis_name(axis: Vec3) -> String {
+    for (name, unit) in ["x", "y", "z"].into_iter().zip(Vec3::AXES) {
+        for (sign, unit) in [("+", unit), ("-", -unit)] {
+            if axis.dot(unit) > 0.999 {
+                return format!("{sign}{name}");
+            }
+        }
+    }
+    format!("({:.2}, {:.2}, {:.2})", axis.x, axis.y, axis.z)
 }
 
 fn transform_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
@@ -97,6 +132,14 @@ fn transform_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     );
     slider_row(ui, &SCALE, &mut transform.scale);
     slider_row(ui, &EXPOSURE, &mut transform.exposure_ev);
+    let button = egui::Button::new("Match exposure");
+    let button = ui.add_enabled(state.chosen_environment().is_some(), button);
+    let button = button
+        .on_hover_text("Exposure and white balance by which these surroundings light the object as much as its own")
+        .on_disabled_hover_text("Choose other surroundings first");
+    if button.clicked() {
+        commands.push(Command::MatchExposure);
+    }
     ui.label(weak(
         ui,
         "In the picture: Shift+drag rotates,\nCtrl+Shift+drag moves.",

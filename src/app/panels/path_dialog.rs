@@ -19,7 +19,7 @@ pub fn path_dialog_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>
     let modal = modal(ui, "path").show(ui.ctx(), |ui| {
         ui.set_width(WIDTH);
         let (title, what) = match dialog.purpose {
-            PathPurpose::Open => ("Open", "A capture (folder or transforms.json), a saved run, or an environment (.safetensors). Dropping it on the window works too."),
+            PathPurpose::Open => ("Open", "A capture (folder or transforms.json), a saved run, or an environment (.safetensors, or a panorama as .hdr or .exr). Dropping it on the window works too."),
             PathPurpose::Save => ("Save the run", "A folder for the model and everything to go on with it; it is made if it does not exist."),
         };
         ui.heading(title);

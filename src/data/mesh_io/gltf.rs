@@ -276,9 +276,13 @@ pub fn write_glb(path: &Path, mesh: &Mesh) -> Result<(), DataError> {
         .flat_map(|i| i.to_le_bytes())
         .collect();
     let header = glb_json(mesh, positions.len(), indices.len());
+    write_chunks(path, &header, &[positions, normals, indices].concat())
+}
+
+/// Writes a GLB of its JSON and a binary chunk of whole words, atomically.
+pub(super) fn write_chunks(path: &Path, header: &Value, binary: &[u8]) -> Result<(), DataError> {
     let mut text = header.to_string().into_bytes();
     text.resize(text.len().next_multiple_of(4), b' ');
-    let binary = [positions, normals, indices].concat();
     let length = 12 + 8 + text.len() + 8 + binary.len();
     let Ok(length) = u32::try_from(length) else {
         return Err(DataError::mesh(
@@ -295,7 +299,7 @@ pub fn write_glb(path: &Path, mesh: &Mesh) -> Result<(), DataError> {
         file.write_all(&text)?;
         file.write_all(&(binary.len() as u32).to_le_bytes())?;
         file.write_all(b"BIN\0")?;
-        file.write_all(&binary)
+        file.write_all(binary)
     })
     .map_err(|e| DataError::io(path, e))
 }

@@ -4,6 +4,7 @@
 mod gltf;
 mod obj;
 mod ply;
+mod textured;
 
 use std::path::{Path, PathBuf};
 
@@ -13,6 +14,7 @@ use super::DataError;
 use crate::geometry::Mesh;
 
 pub use gltf::write_glb;
+pub use textured::{Texture, TexturedMesh, write_textured_glb};
 
 /// Names looked for in a capture's folder, in this order.
 const NAMES: [&str; 4] = ["mesh.glb", "mesh.gltf", "mesh.ply", "mesh.obj"];

@@ -1,0 +1,15 @@
+//! Surroundings that are infinitely far: an equirectangular picture of linear radiance, such as an HDRI.
+//!
+//! The picture is convolved once with lobes of growing width ([`pyramid`]), so that a cone of any width is a few
+//! look-ups ([`light`]); [`import`] makes one from a picture file.
+
+pub mod equirect;
+pub mod import;
+pub mod light;
+mod pyramid;
+
+pub use equirect::Equirect;
+pub use import::{
+    ImportOptions, Imported, UpAxis, import_environment, is_environment_file, is_panorama_file,
+};
+pub use light::{DistantConfig, DistantLight};
