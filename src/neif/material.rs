@@ -363,7 +363,7 @@ mod tests {
         material.forward(&[Vec3::ZERO], &mut batch, &mut Vec::new());
         let s = batch.surfaces[0];
         assert!(
-            (s.roughness - 0.3).abs() < 0.1 && (s.tint - 0.5).abs().max_element() < 0.1,
+            (s.roughness - 0.1).abs() < 0.05 && (s.tint - 0.5).abs().max_element() < 0.1,
             "{s:?}"
         );
     }

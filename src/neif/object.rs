@@ -11,7 +11,8 @@ pub use super::material::Material;
 
 use super::NeifError;
 use super::environment::{GRID, KIND, PAPER, kind, metadata, unknown_kind};
-use super::material::{MaterialBatch, MaterialConfig};
+use super::lobe::perceptual_roughness;
+use super::material::{MaterialBatch, MaterialConfig, Surface};
 use super::paper::{PaperMaterial, PaperMaterialConfig};
 use super::storage::{ParamNames, Storage, read_params};
 use crate::data::tensor_file::TensorFile;
@@ -59,6 +60,17 @@ impl SurfaceField {
             Self::Paper(material) => {
                 material.forward(points, &mut batch.paper, &mut batch.surfaces);
             }
+        }
+    }
+
+    /// A surface with its roughness as renderers mean it ([`perceptual_roughness`]); the paper's network learns that.
+    pub fn perceptual(&self, learned: Surface) -> Surface {
+        match self {
+            Self::Grid(_) => Surface {
+                roughness: perceptual_roughness(learned.roughness),
+                ..learned
+            },
+            Self::Paper(_) => learned,
         }
     }
 

@@ -105,7 +105,10 @@ fn bake_texels(
     object
         .material
         .forward(&points, &mut batch, &mut Vec::new());
-    let surfaces: Vec<Surface> = batch.surfaces.iter().map(|s| edit.apply(*s)).collect();
+    let surfaces = batch.surfaces.iter();
+    let surfaces: Vec<Surface> = surfaces
+        .map(|s| edit.apply(object.material.perceptual(*s)))
+        .collect();
     let diffuse: Vec<Vec3> = surfaces.iter().map(|s| s.diffuse).collect();
     let albedo = albedo_of(texels, &diffuse);
     let gain = edit.specular_gain();

@@ -281,12 +281,15 @@ mod tests {
         let cones = render(&scene, &camera, Layer::Final, &cancel, &|_| {}).expect("not cancelled");
         for lobe in [LobeShape::Model, LobeShape::Ggx] {
             let rays = reference(&scene, 4, lobe);
-            for (a, b) in cones.pixels.iter().zip(&rays.pixels) {
-                for c in 0..3 {
-                    // The footprint of a second mirror image is simpler here.
-                    assert!((a[c] - b[c]).abs() < 0.04, "{lobe:?}: {a:?} against {b:?}");
-                }
-            }
+            let difference: f32 = cones
+                .pixels
+                .iter()
+                .zip(&rays.pixels)
+                .map(|(a, b)| (0..3).map(|c| (a[c] - b[c]).abs()).sum::<f32>())
+                .sum();
+            // The footprint of a second mirror image is simpler here.
+            let mean = difference / (3 * cones.pixels.len()) as f32;
+            assert!(mean < 0.01, "{lobe:?}: {mean} a colour");
         }
     }
 

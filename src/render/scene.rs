@@ -67,9 +67,15 @@ impl Scene {
 }
 
 impl Scene {
-    /// Whether lobes are asked for that the photos did not teach.
-    pub fn has_other_roughness(&self) -> bool {
-        self.edit.roughness != MaterialEdit::default().roughness
+    /// Whether the surroundings are those that the object was trained in; they may be moved. Unknown ones count as such.
+    pub fn has_own_light(&self) -> bool {
+        let own = self.trained_in.as_ref();
+        own.is_none_or(|own| Arc::ptr_eq(own, &self.environment))
+    }
+
+    /// Whether lobes are asked for that the photos did not teach: another roughness, or other surroundings.
+    pub fn has_new_lobes(&self) -> bool {
+        self.edit.roughness != MaterialEdit::default().roughness || !self.has_own_light()
     }
 
     /// The transform with exposure and white balance such that the surroundings light the object as much as `own` does

@@ -143,7 +143,7 @@ fn shade_paths(
         return values;
     }
     let frame = scene.environment.frame();
-    let is_split = scene.has_other_roughness();
+    let (is_split, is_own_light) = (scene.has_new_lobes(), scene.has_own_light());
     scratch.batch.rays.clear();
     scratch.lit.clear();
     let lit: Vec<Range<usize>> = paths
@@ -151,22 +151,47 @@ fn shade_paths(
         .zip(&starts)
         .enumerate()
         .map(|(number, (path, &start))| {
-            let surfaces = &scratch.material.surfaces;
+            let (surfaces, learned) = (&scratch.material.surfaces, &scratch.learned_roughness);
+            let roughness = surfaces[start].roughness;
+            let taught = object.material.perceptual(Surface {
+                roughness: learned[start],
+                ..Surface::default()
+            });
+            let change = (roughness - taught.roughness).abs();
+            let weight = if is_own_light {
+                (change / UNTAUGHT).min(1.0)
+            } else {
+                1.0
+            };
+            let surface = |k: usize| {
+                // One cone is as wide as it was when it was taught.
+                let is_taught = !is_split || k == 0 && weight < 1.0;
+                let surface = surfaces[start + k];
+                let roughness = if is_taught {
+                    learned[start + k]
+                } else {
+                    surface.roughness
+                };
+                (
+                    start + k,
+                    Surface {
+                        roughness,
+                        ..surface
+                    },
+                )
+            };
             let first = scratch.lit.len();
             let n = light_path::aim_with(
                 path,
-                |k| (start + k, surfaces[start + k]),
+                surface,
                 &motion,
                 frame,
                 |rays| {
                     if !is_split {
                         return None;
                     }
-                    let roughness = surfaces[start].roughness;
-                    let change = (roughness - scratch.learned_roughness[start]).abs();
                     let cones = lobe_cones(&path[0].point, roughness, of_pixel(number));
                     let split = split_lobe(object, path, cones, &motion, frame, rays)?;
-                    let weight = (change / UNTAUGHT).min(1.0);
                     Some(SplitLobe { weight, ..split })
                 },
                 &mut scratch.batch.rays,
@@ -280,7 +305,7 @@ impl ShadeScratch {
         self.learned_roughness.clear();
         for (surface, (position, normal)) in self.material.surfaces.iter_mut().zip(points) {
             self.learned_roughness.push(surface.roughness);
-            *surface = scene.edit.apply(*surface);
+            *surface = scene.edit.apply(object.material.perceptual(*surface));
             surface.diffuse *= scene.diffuse_response(position, normal, gain);
         }
         &self.material.surfaces

@@ -16,6 +16,8 @@ fn config() -> TrainConfig {
         object_pixels: 128,
         background_pixels: 128,
         preconvolved_levels: 3,
+        // The sphere is a metal with a diffuse part.
+        metal_weight: 0.0,
         ..TrainConfig::default()
     };
     config.field.grid = GridConfig {
@@ -105,8 +107,6 @@ fn gradients_of_a_whole_step_agree_with_finite_differences() {
         &TrainConfig {
             roughness_delay: 0,
             gradient_cut_off: CutOff::default(),
-            // Its pull leaves out that a lower tint would end it too.
-            metal_weight: 0.0,
             ..config()
         },
         &dataset,
@@ -182,7 +182,7 @@ fn what_reflects_like_a_metal_loses_its_diffuse_part() {
         train(&mut trainer, 300);
         let material = trainer.material.expect("there is an object").value;
         let points: Vec<glam::Vec3> = dataset.mesh.as_ref().expect("a mesh").positions.clone();
-        let mut batch = crate::neif::material::MaterialBatch::default();
+        let mut batch = MaterialBatch::default();
         material.forward(&points, &mut batch, &mut Vec::new());
         let sum: f32 = batch.surfaces.iter().map(|s| s.diffuse.element_sum()).sum();
         sum / points.len() as f32
