@@ -223,6 +223,7 @@ fn read_intrinsics(fields: &Fields<'_>, outer: Intrinsics) -> Result<Intrinsics,
         cx: fields.number("cx")?.or(outer.cx),
         cy: fields.number("cy")?.or(outer.cy),
         distortion: Distortion {
+            model: d.model,
             k1: k("k1", d.k1)?,
             k2: k("k2", d.k2)?,
             k3: k("k3", d.k3)?,

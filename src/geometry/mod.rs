@@ -5,6 +5,7 @@
 mod aabb;
 mod bvh;
 mod camera;
+mod distortion;
 mod fan;
 mod footprint;
 mod mesh;
@@ -16,7 +17,8 @@ mod wide_bvh;
 
 pub use aabb::Aabb;
 pub use bvh::{Hit, SurfaceTracer};
-pub use camera::{Camera, Distortion};
+pub use camera::Camera;
+pub use distortion::{Distortion, LensModel};
 pub use fan::Fan;
 pub use footprint::SurfaceFootprint;
 pub use mesh::{Mesh, MeshError};
