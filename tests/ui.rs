@@ -13,7 +13,7 @@ use neif::app::state::{EnvironmentContent, EnvironmentEntry, PathPurpose, Source
 use neif::app::training_state::{Level, Phase};
 use neif::app::viewport::Pictures;
 use neif::app::{AppState, Command, Effect, apply, keys, shell, theme};
-use neif::data::{Dataset, Photo, View};
+use neif::data::{Dataset, Origin, Photo, View};
 use neif::geometry::{Camera, Mesh};
 use neif::neif::distant::{DistantConfig, DistantLight};
 use neif::neif::{Environment, EnvironmentTransform, RoughnessEdit};
@@ -81,6 +81,7 @@ fn dataset() -> Arc<Dataset> {
     Arc::new(Dataset {
         name: "test".to_owned(),
         root: PathBuf::from("/capture"),
+        origin: Origin::default(),
         train: vec![
             view("a", Vec3::new(3.0, 0.0, 1.0)),
             view("b", Vec3::new(0.0, 3.0, 1.0)),

@@ -1,7 +1,7 @@
 //! Photos and masks from PNG, JPEG, EXR and Radiance HDR files, and 8-bit PNG writing.
 //!
 //! Sizes are checked before anything is decoded, so a small file that claims to be huge costs
-//! nothing. EXIF rotation is ignored on purpose: camera poses describe the pixels as stored.
+//! nothing. Pixels are given as stored, whatever EXIF says about how to hold them: see `orientation`.
 
 use std::io::BufReader;
 use std::path::Path;
@@ -10,6 +10,7 @@ use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{DynamicImage, ExtendedColorType, ImageEncoder as _, ImageReader};
 
 use super::exr_image::read_exr_linear;
+use super::mask_color::coverage_of;
 use super::{DataError, Mask, Photo, write_atomically};
 
 /// The longest side accepted.
@@ -30,7 +31,8 @@ pub fn read_photo(path: &Path) -> Result<Photo, DataError> {
     decode(path).map(|decoded| decoded.photo)
 }
 
-/// Reads an object mask: the grey value of an opaque picture, the alpha of a transparent one.
+/// Reads an object mask: the grey value of an opaque picture, the alpha of a transparent one; in a
+/// coloured picture the object is what has not the colour of the border.
 ///
 /// Masks stored as 0 and 1 are stretched to 0 and 255.
 pub fn read_mask(path: &Path) -> Result<Mask, DataError> {
@@ -50,7 +52,7 @@ pub fn read_mask(path: &Path) -> Result<Mask, DataError> {
     let mut mask = alpha_of(&picture).unwrap_or_else(|| Mask {
         width: picture.width(),
         height: picture.height(),
-        coverage: picture.to_luma8().into_raw(),
+        coverage: coverage_of(&picture),
     });
     if mask.coverage.iter().all(|c| *c <= 1) {
         for c in &mut mask.coverage {

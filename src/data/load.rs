@@ -1,52 +1,54 @@
-//! Reads a capture: finds its files, decides the splits, decodes the photos in parallel.
-//!
-//! Splits are those of `transforms_{train,val,test}.json` where these exist. A single
-//! `transforms.json` is split by position among its existing photos: every 8th is for testing,
-//! and with 16 or more, those 4 after them for validation. Test views never train.
+//! Reads a capture: has its photos listed, decodes them in parallel, reads the mesh.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use super::listing::list_capture;
 use super::mesh_io::{find_mesh, read_mesh};
-use super::problem::first_names;
 use super::views::load_views;
+use super::world_up::world_up;
 use super::{
-    DataError, Dataset, Frame, LoadOptions, MeshPlacement, Problem, Severity, View, read_frames,
+    DataError, Dataset, Frame, LoadOptions, MeshPlacement, Origin, Problem, Severity, View,
 };
 use crate::geometry::Mesh;
 
-/// Fewest photos in a single `transforms.json` for any to be set aside for testing.
-const MIN_PHOTOS_FOR_TEST: usize = 8;
-/// Fewest for some to be set aside for validation too.
-const MIN_PHOTOS_FOR_VAL: usize = 16;
-/// Fewest training views, where no validation file exists, for some to be set aside.
-const MIN_TRAIN_FOR_VAL: usize = 20;
-
 impl Dataset {
-    /// Reads the capture at `path`: a folder, or a `transforms*.json` in one.
+    /// Reads the capture at `path`: a folder, or the file in one that lists the cameras.
     ///
     /// Views that cannot be read are left out and reported in [`Dataset::problems`]. Errors when
-    /// there is no capture, its JSON is wrong, no view is left, or a mesh that was asked for by
-    /// name cannot be read. Decoding runs on the current rayon pool.
+    /// there is no capture, its list of cameras is wrong, no view is left, or a mesh that was
+    /// asked for by name cannot be read. Decoding runs on the current rayon pool.
     pub fn load(path: &Path, options: &LoadOptions<'_>) -> Result<Self, DataError> {
-        let mut problems = Vec::new();
-        let (root, mut frames) = find_frames(path, &mut problems)?;
-        if !options.splits.train {
-            frames.train.clear();
-        }
-        if !options.splits.val {
-            frames.val.clear();
-        }
-        if !options.splits.test {
-            frames.test.clear();
-        }
+        let listing = list_capture(path)?;
+        let mut problems = listing.problems;
+        let wanted =
+            |is_wanted: bool, frames: Vec<Frame>| if is_wanted { frames } else { Vec::new() };
+        let frames = [
+            wanted(options.splits.train, listing.train),
+            wanted(options.splits.val, listing.val),
+            wanted(options.splits.test, listing.test),
+        ];
         let decoded = decode_splits(path, &frames, options, &mut problems)?;
+        let root = listing.root;
         let (mesh, mesh_path) = load_mesh(&root, options, &mut problems)?;
         problems.sort_by_key(|problem| problem.severity);
+        let views = || {
+            decoded
+                .train
+                .iter()
+                .chain(&decoded.val)
+                .chain(&decoded.test)
+        };
+        let up = world_up(views().map(|view| view.camera));
         Ok(Self {
             name: folder_name(&root),
             root,
+            origin: Origin {
+                recognised: listing.recognised,
+                points: listing.points.map(Arc::new),
+                up: Some(options.up.unwrap_or(up)),
+            },
             train: decoded.train,
             val: decoded.val,
             test: decoded.test,
@@ -56,145 +58,6 @@ impl Dataset {
             problems,
         })
     }
-}
-
-/// The listed frames by split.
-#[derive(Debug, Default)]
-struct SplitFrames {
-    train: Vec<Frame>,
-    val: Vec<Frame>,
-    test: Vec<Frame>,
-}
-
-/// The capture's root folder and its frames.
-fn find_frames(
-    path: &Path,
-    problems: &mut Vec<Problem>,
-) -> Result<(PathBuf, SplitFrames), DataError> {
-    let is_json = path
-        .extension()
-        .is_some_and(|e| e.eq_ignore_ascii_case("json"));
-    if !path.exists() {
-        let missing = std::io::Error::from(std::io::ErrorKind::NotFound);
-        return Err(DataError::io(path, missing));
-    }
-    if path.is_file() && !is_json {
-        return Err(DataError::NotADataset {
-            path: path.to_owned(),
-            problem: "expected a folder or a transforms.json".to_owned(),
-        });
-    }
-    let root = if is_json {
-        path.parent().unwrap_or_else(|| Path::new("")).to_owned()
-    } else {
-        path.to_owned()
-    };
-    let split_file = |split: &str| root.join(format!("transforms_{split}.json"));
-    let names_a_split = ["train", "val", "test"]
-        .iter()
-        .any(|s| path == split_file(s));
-    if (names_a_split || !is_json) && split_file("train").is_file() {
-        let frames = read_split_files(&split_file, problems)?;
-        return Ok((root, frames));
-    }
-    let single = if is_json {
-        path.to_owned()
-    } else {
-        root.join("transforms.json")
-    };
-    if !single.is_file() {
-        return Err(DataError::NotADataset {
-            path: path.to_owned(),
-            problem: "neither transforms_train.json nor transforms.json is in it".to_owned(),
-        });
-    }
-    let frames = split_by_position(keep_existing(read_frames(&single)?, problems), problems);
-    Ok((root, frames))
-}
-
-fn read_split_files(
-    split_file: &dyn Fn(&str) -> PathBuf,
-    problems: &mut Vec<Problem>,
-) -> Result<SplitFrames, DataError> {
-    let mut read = |split: &str| {
-        let json = split_file(split);
-        if json.is_file() {
-            Ok(Some(keep_existing(read_frames(&json)?, problems)))
-        } else {
-            Ok::<_, DataError>(None)
-        }
-    };
-    let mut train = read("train")?.unwrap_or_default();
-    let val = read("val")?;
-    let test = read("test")?.unwrap_or_default();
-    let val = val.unwrap_or_else(|| {
-        if train.len() < MIN_TRAIN_FOR_VAL {
-            return Vec::new();
-        }
-        let (val, rest) = std::mem::take(&mut train)
-            .into_iter()
-            .enumerate()
-            .partition::<Vec<_>, _>(|(i, _)| i % 10 == 9);
-        train = without_index(rest);
-        let what = format!(
-            "no transforms_val.json: every 10th training view ({}) is kept for validation",
-            val.len()
-        );
-        problems.push(Problem::new(Severity::Note, what, ""));
-        without_index(val)
-    });
-    Ok(SplitFrames { train, val, test })
-}
-
-fn without_index(frames: Vec<(usize, Frame)>) -> Vec<Frame> {
-    frames.into_iter().map(|(_, frame)| frame).collect()
-}
-
-/// Splits the frames of a single file by position; see the module's header.
-fn split_by_position(frames: Vec<Frame>, problems: &mut Vec<Problem>) -> SplitFrames {
-    let n = frames.len();
-    let mut split = SplitFrames::default();
-    for (i, frame) in frames.into_iter().enumerate() {
-        if n >= MIN_PHOTOS_FOR_TEST && i % 8 == 0 {
-            split.test.push(frame);
-        } else if n >= MIN_PHOTOS_FOR_VAL && i % 8 == 4 {
-            split.val.push(frame);
-        } else {
-            split.train.push(frame);
-        }
-    }
-    let what = format!(
-        "no split files: of {n} photos {} train, {} validate, {} test (by position, every 8th)",
-        split.train.len(),
-        split.val.len(),
-        split.test.len()
-    );
-    problems.push(Problem::new(Severity::Note, what, ""));
-    split
-}
-
-/// The frames whose photo exists; the others become one problem.
-fn keep_existing(frames: Vec<Frame>, problems: &mut Vec<Problem>) -> Vec<Frame> {
-    let n_listed = frames.len();
-    let Some(json) = frames.first().map(|frame| frame.json.clone()) else {
-        return frames;
-    };
-    let (existing, missing): (Vec<_>, Vec<_>) =
-        frames.into_iter().partition(|frame| frame.photo.is_file());
-    if !missing.is_empty() {
-        let names: Vec<String> = missing
-            .iter()
-            .map(|frame| frame.photo.display().to_string())
-            .collect();
-        let what = format!(
-            "{} of {n_listed} listed photos are missing: {}",
-            missing.len(),
-            first_names(&names)
-        );
-        let advice = "they are left out; restore the files or remove the frames";
-        problems.push(Problem::new(Severity::Warning, what, advice).in_file(json));
-    }
-    existing
 }
 
 /// The views by split.
@@ -208,16 +71,12 @@ struct Decoded {
 /// Decodes all splits in one parallel pass.
 fn decode_splits(
     path: &Path,
-    frames: &SplitFrames,
+    [train, val, test]: &[Vec<Frame>; 3],
     options: &LoadOptions<'_>,
     problems: &mut Vec<Problem>,
 ) -> Result<Decoded, DataError> {
-    let (n_train, n_val) = (frames.train.len(), frames.val.len());
-    let all: Vec<Frame> = [&frames.train, &frames.val, &frames.test]
-        .into_iter()
-        .flatten()
-        .cloned()
-        .collect();
+    let (n_train, n_val) = (train.len(), val.len());
+    let all: Vec<Frame> = [train, val, test].into_iter().flatten().cloned().collect();
     let n_done = AtomicUsize::new(0);
     let loaded = load_views(&all, &|| {
         let done = n_done.fetch_add(1, Ordering::Relaxed) + 1;

@@ -4,22 +4,39 @@
 //! what it can, reports what it could not as [`Problem`]s, and fails only when nothing is left.
 
 mod atomic;
+mod blended_mvs;
 mod bundled;
+mod capture_path;
 mod check;
+mod colmap;
 mod error;
 mod exr_image;
+mod frame;
+mod idr;
 mod image;
 mod json_fields;
+mod listing;
+mod llff;
 mod load;
+mod mask_color;
 mod mesh_io;
+mod neilf;
+mod npy;
+mod orientation;
 mod photo;
+mod photo_folder;
+mod points;
 mod problem;
 mod relight;
+mod splits;
 pub mod tensor_file;
 #[cfg(test)]
 mod test_capture;
+#[cfg(test)]
+mod test_formats;
 mod transforms_json;
 mod views;
+mod world_up;
 
 use std::fmt;
 use std::path::PathBuf;
@@ -33,17 +50,25 @@ use crate::geometry::{Camera, Mesh};
 pub use atomic::write_atomically;
 pub use bundled::bundled_assets;
 pub use check::{
-    CameraSummary, DatasetReport, LensSummary, MaskAgreement, MaskSummary, MeshSummary, Resolution,
-    SplitCounts, check,
+    CameraSummary, DatasetReport, LensSummary, MaskAgreement, MaskSummary, MeshSummary,
+    PointSummary, Resolution, SplitCounts, check,
+};
+pub use colmap::{
+    ColmapCamera, ColmapImage, ColmapPoint, Keep, Model as ColmapModel, Observation,
+    read_colmap_model,
 };
 pub use error::DataError;
 pub use exr_image::{ExrSample, read_exr_linear, write_exr};
+pub use frame::{Frame, Intrinsics};
 pub use image::{read_mask, read_photo, write_png_srgb};
+pub use listing::{Listing, list_capture};
 pub use mesh_io::{Texture, TexturedMesh, find_mesh, read_mesh, write_glb, write_textured_glb};
 pub use photo::{Mask, Photo};
+pub use points::PointCloud;
 pub use problem::{Problem, Severity};
 pub use relight::{EnvironmentMove, RelightApply, RelightCase};
-pub use transforms_json::{Frame, Intrinsics, read_frames};
+pub use transforms_json::read_frames;
+pub use world_up::world_up;
 
 /// A capture in memory.
 #[derive(Clone, Debug)]
@@ -52,6 +77,8 @@ pub struct Dataset {
     pub name: String,
     /// The folder that file paths are relative to.
     pub root: PathBuf,
+    /// What the capture was read from.
+    pub origin: Origin,
     /// Views to learn from.
     pub train: Vec<View>,
     /// Views for early stopping and choosing settings.
@@ -73,6 +100,17 @@ impl Dataset {
     pub fn views(&self) -> impl Iterator<Item = &View> {
         self.train.iter().chain(&self.val).chain(&self.test)
     }
+}
+
+/// What a capture was read from, beyond its views.
+#[derive(Clone, Debug, Default)]
+pub struct Origin {
+    /// The layout and the files that it was told by, for people.
+    pub recognised: String,
+    /// The reconstruction's points, where the layout has them.
+    pub points: Option<Arc<PointCloud>>,
+    /// The direction that is up in the world, unit: as given, else told from the cameras.
+    pub up: Option<Vec3>,
 }
 
 /// One posed photo.
@@ -164,6 +202,8 @@ pub struct LoadOptions<'a> {
     pub mesh: Option<PathBuf>,
     /// How the mesh file lies in the capture's world.
     pub mesh_placement: MeshPlacement,
+    /// The direction that is up in the world, where it is not to be told from the cameras.
+    pub up: Option<Vec3>,
     /// Called with (views done, views in all) from the decoding threads.
     pub on_progress: &'a (dyn Fn(usize, usize) + Sync),
 }
@@ -175,6 +215,7 @@ impl Default for LoadOptions<'_> {
             splits: Splits::ALL,
             mesh: None,
             mesh_placement: MeshPlacement::default(),
+            up: None,
             on_progress: &|_, _| (),
         }
     }
@@ -186,6 +227,7 @@ impl fmt::Debug for LoadOptions<'_> {
             .field("splits", &self.splits)
             .field("mesh", &self.mesh)
             .field("mesh_placement", &self.mesh_placement)
+            .field("up", &self.up)
             .finish_non_exhaustive()
     }
 }

@@ -4,22 +4,23 @@
 //! w, h, k1..k4, p1, p2` or `camera_angle_x`, for the file or for a frame (which wins). Every
 //! number is checked here; what leaves this file is finite and usable.
 
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 
 use glam::{Affine3A, Mat3, Vec3};
 use serde_json::Value;
 
-use super::DataError;
+use super::capture_path::{path_below, with_extension};
 use super::json_fields::Fields;
-use crate::geometry::{Camera, Distortion};
+use super::splits::{SplitLists, photo_key};
+use super::{DataError, Frame, Intrinsics};
+use crate::geometry::{Distortion, LensModel};
 
 /// How far above the JSON's folder a path may climb: `relight/<edit>/edit.json` refers to
 /// `../../test_mask`.
 const MAX_CLIMB: usize = 2;
-/// Extensions tried for names without one, as NeRF-synthetic writes them.
-const EXTENSIONS: [&str; 5] = ["png", "jpg", "jpeg", "exr", "hdr"];
 /// Camera models that [`Distortion`] can express.
-const CAMERA_MODELS: [&str; 7] = [
+const CAMERA_MODELS: [&str; 8] = [
+    "OPENCV_FISHEYE",
     "OPENCV",
     "FULL_OPENCV",
     "PINHOLE",
@@ -29,113 +30,11 @@ const CAMERA_MODELS: [&str; 7] = [
     "PERSPECTIVE",
 ];
 
-/// One listed photo, not yet read.
-#[derive(Clone, Debug)]
-pub struct Frame {
-    /// Position in the file's `frames`.
-    pub index: usize,
-    /// The photo's file name without extension.
-    pub name: String,
-    /// The photo; its extension is completed where the file exists.
-    pub photo: PathBuf,
-    /// The object mask, where one is named.
-    pub mask: Option<PathBuf>,
-    /// For relighting ground truth: which test view the camera is that of.
-    pub test_index: Option<usize>,
-    /// The pose: rotation and position.
-    pub world_from_camera: Affine3A,
-    /// The lens.
-    pub intrinsics: Intrinsics,
-    /// The file that lists it, for messages.
-    pub json: PathBuf,
-}
-
-/// A lens as declared; lengths in pixels of a picture of the declared size.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Intrinsics {
-    /// `w, h`.
-    pub size: Option<(u32, u32)>,
-    /// `fl_x`.
-    pub fl_x: Option<f32>,
-    /// `fl_y`.
-    pub fl_y: Option<f32>,
-    /// `camera_angle_x` in radians.
-    pub camera_angle_x: Option<f32>,
-    /// `camera_angle_y` in radians.
-    pub camera_angle_y: Option<f32>,
-    /// `cx`.
-    pub cx: Option<f32>,
-    /// `cy`.
-    pub cy: Option<f32>,
-    /// `k1..k4, p1, p2`.
-    pub distortion: Distortion,
-}
-
-impl Frame {
-    /// The camera for a photo of the given size, and whether the declared lens had to be scaled
-    /// to it (photos shrunk after calibration).
-    ///
-    /// Errors when the photo's aspect is not the declared one.
-    pub fn camera(&self, photo_width: u32, photo_height: u32) -> Result<(Camera, bool), DataError> {
-        let lens = &self.intrinsics;
-        let (width, height) = lens.size.unwrap_or((photo_width, photo_height));
-        let (w, h) = (width as f32, height as f32);
-        let focal_of = |angle: f32, side: f32| 0.5 * side / (0.5 * angle).tan();
-        let fx = lens.fl_x.or(lens.camera_angle_x.map(|a| focal_of(a, w)));
-        let fy = lens.fl_y.or(lens.camera_angle_y.map(|a| focal_of(a, h)));
-        let (Some(fx), Some(fy)) = (fx.or(fy), fy.or(fx)) else {
-            return Err(self.error("fl_x", "neither fl_x nor camera_angle_x is given"));
-        };
-        let camera = Camera {
-            width,
-            height,
-            fx,
-            // NeRF-synthetic gives the angle in x only; pixels are square there.
-            fy: if lens.fl_y.is_none() && lens.fl_x.is_some() {
-                fx
-            } else {
-                fy
-            },
-            cx: lens.cx.unwrap_or(0.5 * w),
-            cy: lens.cy.unwrap_or(0.5 * h),
-            distortion: lens.distortion,
-            world_from_camera: self.world_from_camera,
-        };
-        if (width, height) == (photo_width, photo_height) {
-            return Ok((camera, false));
-        }
-        let expected_width = w * photo_height as f32 / h;
-        if (expected_width - photo_width as f32).abs() > 0.01 * photo_width as f32 + 1.0 {
-            return Err(self.error(
-                "w",
-                format!(
-                    "the photo {} is {photo_width} x {photo_height}, but w x h is {width} x {height}",
-                    self.photo.display()
-                ),
-            ));
-        }
-        Ok((camera.resized(photo_width, photo_height), true))
-    }
-
-    fn error(&self, field: &str, problem: impl Into<String>) -> DataError {
-        DataError::Field {
-            path: self.json.clone(),
-            frame: Some(self.index),
-            field: field.to_owned(),
-            problem: problem.into(),
-        }
-    }
-}
-
 /// Reads the frames that `json` lists, in its order; photos are not opened.
 ///
 /// Errors name the frame's index and the field. Absolute paths are refused.
 pub fn read_frames(json: &Path) -> Result<Vec<Frame>, DataError> {
-    let text = std::fs::read_to_string(json).map_err(|e| DataError::io(json, e))?;
-    let value: Value = serde_json::from_str(&text).map_err(|source| DataError::Json {
-        path: json.to_owned(),
-        source,
-    })?;
+    let value = read_value(json)?;
     let top = Fields {
         json,
         frame: None,
@@ -165,13 +64,37 @@ pub fn read_frames(json: &Path) -> Result<Vec<Frame>, DataError> {
         .collect()
 }
 
+/// nerfstudio's `train_filenames`, `val_filenames` and `test_filenames`, where a file has them.
+pub(super) fn split_lists(json: &Path) -> Result<Option<SplitLists>, DataError> {
+    let value = read_value(json)?;
+    let list = |name: &str| {
+        let names = value.get(name)?.as_array()?.iter();
+        Some(names.filter_map(Value::as_str).map(photo_key).collect())
+    };
+    let lists = SplitLists {
+        source: "the file's own lists",
+        train: list("train_filenames"),
+        val: list("val_filenames"),
+        test: list("test_filenames"),
+    };
+    Ok((lists.val.is_some() || lists.test.is_some()).then_some(lists))
+}
+
+fn read_value(json: &Path) -> Result<Value, DataError> {
+    let text = std::fs::read_to_string(json).map_err(|e| DataError::io(json, e))?;
+    serde_json::from_str(&text).map_err(|source| DataError::Json {
+        path: json.to_owned(),
+        source,
+    })
+}
+
 fn read_frame(fields: &Fields<'_>, index: usize, lens: Intrinsics) -> Result<Frame, DataError> {
     let declared = fields
         .string("file_path")?
         .ok_or_else(|| fields.error("file_path", "missing"))?;
-    let photo = with_extension(resolve(fields, "file_path", declared)?);
+    let photo = resolve(fields, "file_path", declared)?;
     let mask = match fields.string("mask_path")? {
-        Some(declared) => Some(with_extension(resolve(fields, "mask_path", declared)?)),
+        Some(declared) => Some(resolve(fields, "mask_path", declared)?),
         None => None,
     };
     Ok(Frame {
@@ -188,7 +111,8 @@ fn read_frame(fields: &Fields<'_>, index: usize, lens: Intrinsics) -> Result<Fra
             .map(|i| i as usize),
         world_from_camera: read_pose(fields)?,
         intrinsics: read_intrinsics(fields, lens)?,
-        json: fields.json.to_owned(),
+        depth_range: None,
+        listed_in: fields.json.to_owned(),
     })
 }
 
@@ -202,10 +126,6 @@ fn read_intrinsics(fields: &Fields<'_>, outer: Intrinsics) -> Result<Intrinsics,
         );
         return Err(fields.error("camera_model", problem));
     }
-    if fields.value.get("is_fisheye") == Some(&Value::Bool(true)) {
-        let problem = "fisheye lenses are not supported; undistort the photos first";
-        return Err(fields.error("is_fisheye", problem));
-    }
     let size = match (fields.side("w")?, fields.side("h")?) {
         (Some(w), Some(h)) => Some((w, h)),
         (None, None) => outer.size,
@@ -214,6 +134,14 @@ fn read_intrinsics(fields: &Fields<'_>, outer: Intrinsics) -> Result<Intrinsics,
     };
     let k = |name: &str, outer: f32| Ok::<f32, DataError>(fields.number(name)?.unwrap_or(outer));
     let d = outer.distortion;
+    let named = fields.string("camera_model")?.map(str::to_ascii_uppercase);
+    let is_fisheye = fields.value.get("is_fisheye") == Some(&Value::Bool(true));
+    let model = match named.as_deref() {
+        Some("OPENCV_FISHEYE") => LensModel::Fisheye,
+        _ if is_fisheye => LensModel::Fisheye,
+        Some(_) => LensModel::Perspective,
+        None => d.model,
+    };
     Ok(Intrinsics {
         size,
         fl_x: fields.positive("fl_x")?.or(outer.fl_x),
@@ -223,6 +151,7 @@ fn read_intrinsics(fields: &Fields<'_>, outer: Intrinsics) -> Result<Intrinsics,
         cx: fields.number("cx")?.or(outer.cx),
         cy: fields.number("cy")?.or(outer.cy),
         distortion: Distortion {
+            model,
             k1: k("k1", d.k1)?,
             k2: k("k2", d.k2)?,
             k3: k("k3", d.k3)?,
@@ -296,54 +225,10 @@ fn rotation_of(x: Vec3, y: Vec3, z: Vec3) -> Result<Mat3, &'static str> {
 
 /// The file that a declared relative path means, without leaving the capture.
 fn resolve(fields: &Fields<'_>, field: &str, declared: &str) -> Result<PathBuf, DataError> {
-    let portable = declared.replace('\\', "/");
     let folder = fields.json.parent().unwrap_or_else(|| Path::new(""));
-    let mut below: Vec<&std::ffi::OsStr> = Vec::new();
-    let mut climb = 0;
-    for component in Path::new(&portable).components() {
-        match component {
-            Component::Normal(part) => below.push(part),
-            Component::CurDir => (),
-            Component::ParentDir => {
-                if below.pop().is_none() {
-                    climb += 1;
-                }
-            }
-            Component::RootDir | Component::Prefix(_) => {
-                return Err(fields.error(field, format!("\"{declared}\" is an absolute path")));
-            }
-        }
-    }
-    // Drive letters are prefixes on Windows only; refuse them everywhere.
-    let has_drive = portable.as_bytes().get(1) == Some(&b':');
-    if below.is_empty() || has_drive || portable.contains('\0') {
-        return Err(fields.error(field, format!("\"{declared}\" is not a relative file path")));
-    }
-    if climb > MAX_CLIMB {
-        return Err(fields.error(field, format!("\"{declared}\" leads out of the capture")));
-    }
-    let mut path = folder.to_owned();
-    path.extend(std::iter::repeat_n("..", climb));
-    path.extend(below);
-    Ok(path)
-}
-
-/// `path`, or where that does not exist, `path` with a picture's extension that does.
-fn with_extension(path: PathBuf) -> PathBuf {
-    if path.is_file() {
-        return path;
-    }
-    let name = path.file_name().unwrap_or_default().to_os_string();
-    EXTENSIONS
-        .iter()
-        .map(|extension| {
-            let mut name = name.clone();
-            name.push(".");
-            name.push(extension);
-            path.with_file_name(name)
-        })
-        .find(|candidate| candidate.is_file())
-        .unwrap_or(path)
+    let path = path_below(folder, declared, MAX_CLIMB);
+    path.map(with_extension)
+        .map_err(|problem| fields.error(field, problem))
 }
 
 #[cfg(test)]
@@ -481,13 +366,44 @@ mod tests {
             assert!(message.contains("transforms.json"), "{message}");
         }
         let mut fisheye = valid();
-        fisheye["camera_model"] = json!("OPENCV_FISHEYE");
+        fisheye["camera_model"] = json!("EQUIRECTANGULAR");
         assert!(
             read(&fisheye)
                 .unwrap_err()
                 .to_string()
                 .contains("camera_model"),
-            "fisheye"
+            "equirectangular"
+        );
+    }
+
+    #[test]
+    fn fisheye_lenses_and_nerfstudio_s_own_splits_are_read() {
+        let mut json = valid();
+        json["camera_model"] = json!("OPENCV_FISHEYE");
+        let lens = |json: &Value| read(json).unwrap()[0].intrinsics.distortion;
+        assert_eq!(
+            (lens(&json).model, lens(&json).k1),
+            (LensModel::Fisheye, 0.01),
+            "by name"
+        );
+        let mut json = valid();
+        json["is_fisheye"] = json!(true);
+        assert_eq!(lens(&json).model, LensModel::Fisheye, "by flag");
+        json["train_filenames"] = json!(["./train/r_0"]);
+        json["test_filenames"] = json!(["train/r_1.png"]);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("transforms.json");
+        std::fs::write(&path, json.to_string()).unwrap();
+        super::super::test_formats::write_photos(&folder.path().join("train"), 2);
+        for i in 0..2 {
+            let photo = folder.path().join(format!("train/000{i}.png"));
+            std::fs::rename(photo, folder.path().join(format!("train/r_{i}.png"))).unwrap();
+        }
+        let listing = super::super::list_capture(&path).unwrap();
+        assert_eq!(
+            (listing.train[0].index, listing.test[0].index),
+            (0, 1),
+            "splits"
         );
     }
 

@@ -1,92 +1,13 @@
-//! Perspective cameras with `OpenCV` lens distortion: pixels to rays and points to pixels.
+//! Cameras with lens distortion: pixels to rays and points to pixels.
 //!
 //! Axes are OpenGL's: x right, y up, the camera looks along -z. Pixel coordinates are continuous
 //! with y down; pixel `(0, 0)` covers `[0, 1) x [0, 1)`, so its centre is `(0.5, 0.5)`.
 
-use glam::{Affine3A, Mat2, Vec2, Vec3};
+use glam::{Affine3A, Vec2, Vec3};
 
-use super::Ray;
+use super::{Distortion, Ray};
 
-/// Newton steps that undo the distortion. Phone lenses converge in 3; the rest is reserve.
-const N_UNDISTORT_STEPS: usize = 8;
-
-/// Lens distortion, in `OpenCV`'s image axes (x right, y down, unit focal length).
-///
-/// With `r2 = x^2 + y^2`, `radial = 1 + k1 r2 + k2 r2^2 + k3 r2^3 + k4 r2^4`:
-/// `x' = x radial + 2 p1 x y + p2 (r2 + 2 x^2)`, `y' = y radial + p1 (r2 + 2 y^2) + 2 p2 x y`.
-/// `k4` is the coefficient of `r^8`, as nerfstudio means it; it is not the rational denominator
-/// that `OpenCV`'s own eight-parameter model calls k4, nor a fisheye coefficient.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Distortion {
-    /// Radial, `r^2`.
-    pub k1: f32,
-    /// Radial, `r^4`.
-    pub k2: f32,
-    /// Radial, `r^6`.
-    pub k3: f32,
-    /// Radial, `r^8`.
-    pub k4: f32,
-    /// Tangential.
-    pub p1: f32,
-    /// Tangential.
-    pub p2: f32,
-}
-
-impl Distortion {
-    /// Whether the lens does not distort at all.
-    pub fn is_none(&self) -> bool {
-        *self == Self::default()
-    }
-
-    /// The distorted image point of the ideal one `p`, and the Jacobian of that map.
-    fn distort(&self, p: Vec2) -> (Vec2, Mat2) {
-        let Self {
-            k1,
-            k2,
-            k3,
-            k4,
-            p1,
-            p2,
-        } = *self;
-        let (x, y) = (p.x, p.y);
-        let r2 = p.length_squared();
-        let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * (k3 + r2 * k4)));
-        // d radial / d r2
-        let slope = k1 + r2 * (2.0 * k2 + r2 * (3.0 * k3 + r2 * 4.0 * k4));
-        let distorted = Vec2::new(
-            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
-            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
-        );
-        let off_diagonal = 2.0 * x * y * slope + 2.0 * p1 * x + 2.0 * p2 * y;
-        let jacobian = Mat2::from_cols(
-            Vec2::new(
-                radial + 2.0 * x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x,
-                off_diagonal,
-            ),
-            Vec2::new(
-                off_diagonal,
-                radial + 2.0 * y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x,
-            ),
-        );
-        (distorted, jacobian)
-    }
-
-    /// The ideal image point that the lens moves to `distorted` (Newton's method, fixed cost).
-    fn undistort(&self, distorted: Vec2) -> Vec2 {
-        let mut p = distorted;
-        for _ in 0..N_UNDISTORT_STEPS {
-            let (image, jacobian) = self.distort(p);
-            // Where the lens folds the picture over itself the step would run away: stop there.
-            if jacobian.determinant() < 1e-3 {
-                break;
-            }
-            p -= jacobian.inverse() * (image - distorted);
-        }
-        if p.is_finite() { p } else { distorted }
-    }
-}
-
-/// A posed perspective camera.
+/// A posed camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     /// Picture width in pixels.
@@ -136,11 +57,9 @@ impl Camera {
 
     /// The world ray through the picture point `(x_px, y_px)`; a pixel's centre is at `+ 0.5`.
     pub fn ray(&self, x_px: f32, y_px: f32) -> Ray {
-        let mut p = Vec2::new((x_px - self.cx) / self.fx, (y_px - self.cy) / self.fy);
-        if !self.distortion.is_none() {
-            p = self.distortion.undistort(p);
-        }
-        let direction = Vec3::new(p.x, -p.y, -1.0);
+        let p = Vec2::new((x_px - self.cx) / self.fx, (y_px - self.cy) / self.fy);
+        // From the image's axes (y down, z forward) to the camera's.
+        let direction = self.distortion.direction_of(p) * Vec3::new(1.0, -1.0, -1.0);
         Ray {
             origin: self.position(),
             direction: self
@@ -152,22 +71,13 @@ impl Camera {
 
     /// The picture point at which `p_world` appears, in pixels; may lie outside the picture.
     ///
-    /// `None` for points behind the camera and for those so far outside the field of view that
-    /// the distortion polynomial folds back.
+    /// `None` for points that the lens does not see: behind the camera (a fisheye lens sees some of
+    /// those) and so far outside the field of view that the distortion polynomial folds back.
     pub fn project(&self, p_world: Vec3) -> Option<Vec2> {
         let p_camera = self.world_from_camera.inverse().transform_point3(p_world);
-        // Written so that NaN is refused as well.
-        if !(p_camera.z < 0.0 && p_camera.is_finite()) {
-            return None;
-        }
-        let mut p = Vec2::new(p_camera.x, -p_camera.y) / -p_camera.z;
-        if !self.distortion.is_none() {
-            let (distorted, jacobian) = self.distortion.distort(p);
-            if jacobian.determinant() < 1e-3 {
-                return None;
-            }
-            p = distorted;
-        }
+        let p = self
+            .distortion
+            .image_of(p_camera * Vec3::new(1.0, -1.0, -1.0))?;
         let pixel = Vec2::new(p.x * self.fx + self.cx, p.y * self.fy + self.cy);
         pixel.is_finite().then_some(pixel)
     }
@@ -240,14 +150,24 @@ mod tests {
         }
     }
 
+    fn fisheye() -> Distortion {
+        Distortion {
+            model: super::super::LensModel::Fisheye,
+            k1: -0.03,
+            k2: 0.006,
+            ..Distortion::default()
+        }
+    }
+
     proptest! {
         #[test]
         fn a_point_on_a_pixels_ray_projects_to_that_pixel(
             x in 0.0_f32..450.0, y in 0.0_f32..800.0, t in 0.1_f32..100.0
         ) {
-            let camera = phone();
-            let pixel = camera.project(camera.ray(x, y).at(t)).unwrap();
-            prop_assert!((pixel - Vec2::new(x, y)).length() < 0.02, "{pixel}");
+            for camera in [phone(), Camera { distortion: fisheye(), ..phone() }] {
+                let pixel = camera.project(camera.ray(x, y).at(t)).unwrap();
+                prop_assert!((pixel - Vec2::new(x, y)).length() < 0.02, "{pixel}");
+            }
         }
     }
 

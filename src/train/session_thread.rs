@@ -130,6 +130,7 @@ impl Worker {
             mesh: self.options.mesh.clone(),
             mesh_placement: self.options.mesh_placement,
             on_progress: &report,
+            ..LoadOptions::default()
         };
         let load = || Dataset::load(&self.options.dataset, &options);
         let mut dataset = self.pool.install(load)?;

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use crate::color::srgb_from_linear;
-use crate::data::{Dataset, Mask, Photo, View};
+use crate::data::{Dataset, Mask, Origin, Photo, View};
 use crate::geometry::{Camera, Mesh, Ray, SurfaceTracer, fibonacci_sphere};
 
 /// Half side of the box.
@@ -29,6 +29,7 @@ pub(super) fn sphere_in_a_box(n_views: usize, size: u32) -> Dataset {
     Dataset {
         name: "sphere in a box".to_owned(),
         root: PathBuf::from("formula"),
+        origin: Origin::default(),
         train: strip(train),
         val: strip(val),
         test: Vec::new(),

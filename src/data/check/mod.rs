@@ -22,6 +22,8 @@ pub struct DatasetReport {
     pub name: String,
     /// Its folder.
     pub root: PathBuf,
+    /// The layout that was recognised and the files that it was told by.
+    pub recognised: String,
     /// Views by split.
     pub views: SplitCounts,
     /// Picture sizes, most frequent first.
@@ -34,6 +36,10 @@ pub struct DatasetReport {
     pub lens: LensSummary,
     /// Where the cameras are.
     pub cameras: CameraSummary,
+    /// The direction that is up in the world.
+    pub up: Option<[f32; 3]>,
+    /// The reconstruction's points; `None` where the layout has none.
+    pub points: Option<PointSummary>,
     /// Object masks; `None` when no view has one.
     pub masks: Option<MaskSummary>,
     /// The mesh; `None` when there is none.
@@ -86,6 +92,19 @@ pub struct CameraSummary {
     pub distance: [f32; 2],
     /// The diagonal of the box around the cameras, scene units.
     pub extent: f32,
+}
+
+/// The points of a reconstruction.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct PointSummary {
+    /// Points.
+    pub n_points: usize,
+    /// Median of how far off the photos see them, pixels; `None` where that was never computed.
+    pub median_error_px: Option<f32>,
+    /// Corners of the box around nine tenths of them along each axis.
+    pub min: [f32; 3],
+    /// The opposite corner.
+    pub max: [f32; 3],
 }
 
 /// Object masks.
@@ -165,6 +184,7 @@ pub fn check(dataset: &Dataset) -> DatasetReport {
     DatasetReport {
         name: dataset.name.clone(),
         root: dataset.root.clone(),
+        recognised: dataset.origin.recognised.clone(),
         views: SplitCounts {
             train: dataset.train.len(),
             val: dataset.val.len(),
@@ -175,6 +195,12 @@ pub fn check(dataset: &Dataset) -> DatasetReport {
         surroundings_visible: dataset.surroundings_visible,
         lens: statistics::lens_summary(dataset),
         cameras,
+        up: dataset.origin.up.map(|up| up.to_array()),
+        points: dataset
+            .origin
+            .points
+            .as_deref()
+            .and_then(statistics::point_summary),
         masks: statistics::mask_summary(dataset),
         mesh,
         agreement,

@@ -7,6 +7,7 @@ use super::DatasetReport;
 impl Display for DatasetReport {
     fn fmt(&self, f: &mut Formatter<'_>) -> Result {
         writeln!(f, "{}  ({})", self.name, self.root.display())?;
+        line(f, "format", format_args!("{}", self.recognised))?;
         let n = self.views;
         line(
             f,
@@ -65,6 +66,22 @@ impl DatasetReport {
             format_args!(
                 "{distance} units from ({x:.3}, {y:.3}, {z:.3}), spread over {:.3}",
                 c.extent
+            ),
+        )?;
+        if let Some([x, y, z]) = self.up {
+            line(f, "up", format_args!("({x:.3}, {y:.3}, {z:.3})"))?;
+        }
+        let Some(points) = &self.points else {
+            return Ok(());
+        };
+        let error = points.median_error_px;
+        let error = error.map_or(String::new(), |e| format!(", seen to {e:.2} px (median)"));
+        line(
+            f,
+            "points",
+            format_args!(
+                "{}{error}, nine tenths from {:.3?} to {:.3?}",
+                points.n_points, points.min, points.max
             ),
         )
     }

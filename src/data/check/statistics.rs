@@ -5,8 +5,8 @@ use std::path::PathBuf;
 
 use glam::{Mat3, Vec3};
 
-use super::{CameraSummary, LensSummary, MaskSummary, MeshSummary, Resolution};
-use crate::data::{Dataset, Problem, Severity};
+use super::{CameraSummary, LensSummary, MaskSummary, MeshSummary, PointSummary, Resolution};
+use crate::data::{Dataset, PointCloud, Problem, Severity};
 use crate::geometry::{Aabb, Mesh};
 
 /// Distance from the origin, in sizes of the capture, from which single precision is too coarse for it: positions are
@@ -56,6 +56,29 @@ pub(super) fn camera_summary(dataset: &Dataset) -> CameraSummary {
         distance: range(axes.iter().map(|(p, _)| p.distance(look_at))),
         extent: Aabb::from_points(axes.iter().map(|(p, _)| *p)).diagonal(),
     }
+}
+
+/// `None` for a cloud without points.
+pub(super) fn point_summary(cloud: &PointCloud) -> Option<PointSummary> {
+    let sorted = |values: &mut dyn Iterator<Item = f32>| {
+        let mut values: Vec<f32> = values.collect();
+        values.sort_by(f32::total_cmp);
+        values
+    };
+    let errors = sorted(&mut cloud.errors_px.iter().copied().filter(|e| *e >= 0.0));
+    let (mut min, mut max) = ([0.0; 3], [0.0; 3]);
+    for axis in 0..3 {
+        let along = sorted(&mut cloud.positions.iter().map(|p| p[axis]));
+        // Stray points lie anywhere; nine tenths say where the scene is.
+        min[axis] = *along.get(along.len() / 20)?;
+        max[axis] = *along.get(along.len() - 1 - along.len() / 20)?;
+    }
+    Some(PointSummary {
+        n_points: cloud.positions.len(),
+        median_error_px: errors.get(errors.len() / 2).copied(),
+        min,
+        max,
+    })
 }
 
 pub(super) fn mask_summary(dataset: &Dataset) -> Option<MaskSummary> {

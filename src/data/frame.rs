@@ -1,0 +1,146 @@
+//! A listed photo with its pose and lens, as every reader hands it on: not yet decoded.
+
+use std::path::PathBuf;
+
+use glam::{Affine3A, DMat3, DVec3};
+
+use super::DataError;
+use crate::geometry::{Camera, Distortion};
+
+/// One listed photo, not yet read.
+#[derive(Clone, Debug)]
+pub struct Frame {
+    /// Position in the file's `frames`.
+    pub index: usize,
+    /// The photo's file name without extension.
+    pub name: String,
+    /// The photo; its extension is completed where the file exists.
+    pub photo: PathBuf,
+    /// The object mask, where one is named.
+    pub mask: Option<PathBuf>,
+    /// For relighting ground truth: which test view the camera is that of.
+    pub test_index: Option<usize>,
+    /// The pose: rotation and position.
+    pub world_from_camera: Affine3A,
+    /// The lens.
+    pub intrinsics: Intrinsics,
+    /// Nearest and farthest distance along the view that the capture declares, scene units.
+    pub depth_range: Option<[f32; 2]>,
+    /// The file that lists it, for messages.
+    pub listed_in: PathBuf,
+}
+
+/// A lens as declared; lengths in pixels of a picture of the declared size.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Intrinsics {
+    /// `w, h`.
+    pub size: Option<(u32, u32)>,
+    /// `fl_x`.
+    pub fl_x: Option<f32>,
+    /// `fl_y`.
+    pub fl_y: Option<f32>,
+    /// `camera_angle_x` in radians.
+    pub camera_angle_x: Option<f32>,
+    /// `camera_angle_y` in radians.
+    pub camera_angle_y: Option<f32>,
+    /// `cx`.
+    pub cx: Option<f32>,
+    /// `cy`.
+    pub cy: Option<f32>,
+    /// `k1..k4, p1, p2`.
+    pub distortion: Distortion,
+}
+
+impl Frame {
+    /// The camera for a photo of the given size, and whether the declared lens had to be scaled
+    /// to it (photos shrunk after calibration).
+    ///
+    /// Errors when the photo's aspect is not the declared one.
+    pub fn camera(&self, photo_width: u32, photo_height: u32) -> Result<(Camera, bool), DataError> {
+        let lens = &self.intrinsics;
+        let (width, height) = lens.size.unwrap_or((photo_width, photo_height));
+        let (w, h) = (width as f32, height as f32);
+        let focal_of = |angle: f32, side: f32| 0.5 * side / (0.5 * angle).tan();
+        let fx = lens.fl_x.or(lens.camera_angle_x.map(|a| focal_of(a, w)));
+        let fy = lens.fl_y.or(lens.camera_angle_y.map(|a| focal_of(a, h)));
+        let (Some(fx), Some(fy)) = (fx.or(fy), fy.or(fx)) else {
+            return Err(self.error("fl_x", "neither fl_x nor camera_angle_x is given"));
+        };
+        let camera = Camera {
+            width,
+            height,
+            fx,
+            // NeRF-synthetic gives the angle in x only; pixels are square there.
+            fy: if lens.fl_y.is_none() && lens.fl_x.is_some() {
+                fx
+            } else {
+                fy
+            },
+            cx: lens.cx.unwrap_or(0.5 * w),
+            cy: lens.cy.unwrap_or(0.5 * h),
+            distortion: lens.distortion,
+            world_from_camera: self.world_from_camera,
+        };
+        if (width, height) == (photo_width, photo_height) {
+            return Ok((camera, false));
+        }
+        let expected_width = w * photo_height as f32 / h;
+        if (expected_width - photo_width as f32).abs() > 0.01 * photo_width as f32 + 1.0 {
+            return Err(self.error(
+                "w",
+                format!(
+                    "the photo {} is {photo_width} x {photo_height}, but w x h is {width} x {height}",
+                    self.photo.display()
+                ),
+            ));
+        }
+        Ok((camera.resized(photo_width, photo_height), true))
+    }
+
+    fn error(&self, field: &str, problem: impl Into<String>) -> DataError {
+        DataError::Field {
+            path: self.listed_in.clone(),
+            frame: Some(self.index),
+            field: field.to_owned(),
+            problem: problem.into(),
+        }
+    }
+}
+
+/// The pose of a camera given as computer vision does: `p_camera = rotation p_world + translation`
+/// with x right, y down, z forward. Rotation must be one.
+pub(super) fn world_from_opencv(rotation: DMat3, translation: DVec3) -> Affine3A {
+    let world_from_camera = rotation.transpose();
+    let position = -(world_from_camera * translation);
+    let axes = DMat3::from_cols(
+        world_from_camera.x_axis,
+        -world_from_camera.y_axis,
+        -world_from_camera.z_axis,
+    );
+    Affine3A::from_mat3_translation(axes.as_mat3(), position.as_vec3())
+}
+
+/// Whether a matrix is a rotation up to rounding: files with four digits are within 1e-3.
+pub(super) fn is_rotation(m: DMat3) -> bool {
+    const TOLERANCE: f64 = 0.02;
+    let off = m.transpose() * m - DMat3::IDENTITY;
+    let largest = off
+        .to_cols_array()
+        .iter()
+        .fold(0.0, |a: f64, b| a.max(b.abs()));
+    // Written so that NaN is refused as well.
+    largest < TOLERANCE && m.determinant() > 0.0
+}
+
+/// The rotation and translation in the 16 numbers of a matrix, row by row.
+pub(super) fn rotation_and_translation(rows: &[f64]) -> Option<(DMat3, DVec3)> {
+    let column = |j: usize| {
+        Some(DVec3::new(
+            *rows.get(j)?,
+            *rows.get(4 + j)?,
+            *rows.get(8 + j)?,
+        ))
+    };
+    let rotation = DMat3::from_cols(column(0)?, column(1)?, column(2)?);
+    Some((rotation, column(3)?)).filter(|_| is_rotation(rotation))
+}

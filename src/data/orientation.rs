@@ -1,0 +1,126 @@
+//! Photos that are stored on their side, with a note in the file (EXIF) of how to hold them.
+//!
+//! Poses describe the pixels as stored (COLMAP) or as shown (tools that convert the photos first).
+//! The declared size tells: where it is that of the photo on its side, the photo is turned.
+
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+
+use image::metadata::Orientation;
+use image::{ImageDecoder as _, ImageReader};
+
+use super::{Mask, Photo};
+
+/// How a photo is to be held; as it is stored where the file does not say or cannot be read.
+pub(super) fn orientation_of(path: &Path) -> Orientation {
+    File::open(path)
+        .ok()
+        .and_then(|file| {
+            ImageReader::new(BufReader::new(file))
+                .with_guessed_format()
+                .ok()
+        })
+        .and_then(|reader| reader.into_decoder().ok())
+        .and_then(|mut decoder| decoder.orientation().ok())
+        .unwrap_or(Orientation::NoTransforms)
+}
+
+/// Whether width and height change places.
+pub(super) fn lies_on_its_side(orientation: Orientation) -> bool {
+    matches!(
+        orientation,
+        Orientation::Rotate90
+            | Orientation::Rotate270
+            | Orientation::Rotate90FlipH
+            | Orientation::Rotate270FlipH
+    )
+}
+
+/// The photo as it is to be held.
+pub(super) fn turned_photo(photo: Photo, orientation: Orientation) -> Photo {
+    let (w, h) = (photo.width(), photo.height());
+    match photo {
+        Photo::Rgb8 { pixels, .. } => {
+            let (width, height, pixels) = turned(w, h, &pixels, orientation);
+            Photo::Rgb8 {
+                width,
+                height,
+                pixels,
+            }
+        }
+        Photo::Ldr { pixels, .. } => {
+            let (width, height, pixels) = turned(w, h, &pixels, orientation);
+            Photo::Ldr {
+                width,
+                height,
+                pixels,
+            }
+        }
+        Photo::Hdr { pixels, .. } => {
+            let (width, height, pixels) = turned(w, h, &pixels, orientation);
+            Photo::Hdr {
+                width,
+                height,
+                pixels,
+            }
+        }
+    }
+}
+
+/// The mask as it is to be held.
+pub(super) fn turned_mask(mask: &Mask, orientation: Orientation) -> Mask {
+    let (width, height, coverage) = turned(mask.width, mask.height, &mask.coverage, orientation);
+    Mask {
+        width,
+        height,
+        coverage,
+    }
+}
+
+/// Pixels of a `w` x `h` picture, turned: new width, new height, pixels.
+fn turned<T: Copy>(w: u32, h: u32, pixels: &[T], orientation: Orientation) -> (u32, u32, Vec<T>) {
+    let (width, height) = if lies_on_its_side(orientation) {
+        (h, w)
+    } else {
+        (w, h)
+    };
+    let source = |x: u32, y: u32| match orientation {
+        Orientation::NoTransforms => (x, y),
+        Orientation::FlipHorizontal => (w - 1 - x, y),
+        Orientation::Rotate180 => (w - 1 - x, h - 1 - y),
+        Orientation::FlipVertical => (x, h - 1 - y),
+        // Mirrored along a diagonal, and clockwise turns.
+        Orientation::Rotate90FlipH => (y, x),
+        Orientation::Rotate90 => (y, h - 1 - x),
+        Orientation::Rotate270FlipH => (w - 1 - y, h - 1 - x),
+        Orientation::Rotate270 => (w - 1 - y, x),
+    };
+    let turned = (0..height)
+        .flat_map(|y| (0..width).map(move |x| (x, y)))
+        .map(|(x, y)| {
+            let (x, y) = source(x, y);
+            pixels[y as usize * w as usize + x as usize]
+        })
+        .collect();
+    (width, height, turned)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_orientation_turns_as_the_image_crate_does() {
+        let picture = image::GrayImage::from_fn(3, 2, |x, y| image::Luma([(10 * y + x) as u8]));
+        for exif in 1..=8 {
+            let orientation = Orientation::from_exif(exif).unwrap();
+            let mut expected = image::DynamicImage::ImageLuma8(picture.clone());
+            expected.apply_orientation(orientation);
+            let expected = expected.to_luma8();
+            let (width, height, pixels) = turned(3, 2, picture.as_raw(), orientation);
+            assert_eq!((width, height), expected.dimensions(), "{orientation:?}");
+            assert_eq!(&pixels, expected.as_raw(), "{orientation:?}");
+        }
+    }
+}
