@@ -15,8 +15,8 @@ use super::paper::material::PaperMaterialBatch;
 const N_OUT: usize = 16;
 /// Shift of the diffuse output: training starts at `softplus(-2) = 0.13`, a dark grey.
 const DIFFUSE_SHIFT: f32 = -2.0;
-/// Shift of the roughness output: training starts at about 0.1.
-const ROUGHNESS_SHIFT: f32 = -2.4;
+/// Shift of the roughness output: training starts at about 0.3.
+const ROUGHNESS_SHIFT: f32 = -0.85;
 /// Least learned roughness: below it the lobe is narrower than any pixel, and the gradient is lost.
 const ROUGHNESS_MIN: f32 = 0.02;
 
@@ -363,7 +363,7 @@ mod tests {
         material.forward(&[Vec3::ZERO], &mut batch, &mut Vec::new());
         let s = batch.surfaces[0];
         assert!(
-            (s.roughness - 0.1).abs() < 0.05 && (s.tint - 0.5).abs().max_element() < 0.1,
+            (s.roughness - 0.3).abs() < 0.1 && (s.tint - 0.5).abs().max_element() < 0.1,
             "{s:?}"
         );
     }

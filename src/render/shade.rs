@@ -24,6 +24,10 @@ use crate::neif::shading::{fresnel, outgoing};
 const TILE: usize = 64;
 /// Change of roughness from which one cone, which the photos taught at the learned roughness, counts nothing.
 const UNTAUGHT: f32 = 0.05;
+/// Learned roughness up to which one cone serves in other surroundings too, and the distance from there to where it
+/// counts nothing.
+const SHARP: f32 = 0.2;
+const SHARP_TO_WIDE: f32 = 0.1;
 
 /// Working memory of one thread, reused from call to call.
 #[derive(Debug, Default)]
@@ -157,12 +161,14 @@ fn shade_paths(
                 roughness: learned[start],
                 ..Surface::default()
             });
-            let change = (roughness - taught.roughness).abs();
-            let weight = if is_own_light {
-                (change / UNTAUGHT).min(1.0)
+            let change = (roughness - taught.roughness).abs() / UNTAUGHT;
+            // Of other surroundings, sharp cones are as good as of the own ones.
+            let is_wide = if is_own_light {
+                0.0
             } else {
-                1.0
+                (learned[start] - SHARP) / SHARP_TO_WIDE
             };
+            let weight = change.max(is_wide).clamp(0.0, 1.0);
             let surface = |k: usize| {
                 // One cone is as wide as it was when it was taught.
                 let is_taught = !is_split || k == 0 && weight < 1.0;
@@ -187,7 +193,7 @@ fn shade_paths(
                 &motion,
                 frame,
                 |rays| {
-                    if !is_split {
+                    if !is_split || weight <= 0.0 {
                         return None;
                     }
                     let cones = lobe_cones(&path[0].point, roughness, of_pixel(number));
