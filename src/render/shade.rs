@@ -146,65 +146,20 @@ fn shade_paths(
     if let Some(values) = unlit(scene, paths, &starts, &scratch.material.surfaces, layer) {
         return values;
     }
-    let frame = scene.environment.frame();
-    let (is_split, is_own_light) = (scene.has_new_lobes(), scene.has_own_light());
+    let aim = Aim {
+        object,
+        motion: &motion,
+        frame: scene.environment.frame(),
+        has_new_lobes: scene.has_new_lobes(),
+        has_own_light: scene.has_own_light(),
+    };
     scratch.batch.rays.clear();
     scratch.lit.clear();
     let lit: Vec<Range<usize>> = paths
         .iter()
         .zip(&starts)
         .enumerate()
-        .map(|(number, (path, &start))| {
-            let (surfaces, learned) = (&scratch.material.surfaces, &scratch.learned_roughness);
-            let roughness = surfaces[start].roughness;
-            let taught = object.material.perceptual(Surface {
-                roughness: learned[start],
-                ..Surface::default()
-            });
-            let change = (roughness - taught.roughness).abs() / UNTAUGHT;
-            // Of other surroundings, sharp cones are as good as of the own ones.
-            let is_wide = if is_own_light {
-                0.0
-            } else {
-                (learned[start] - SHARP) / SHARP_TO_WIDE
-            };
-            let weight = change.max(is_wide).clamp(0.0, 1.0);
-            let surface = |k: usize| {
-                // One cone is as wide as it was when it was taught.
-                let is_taught = !is_split || k == 0 && weight < 1.0;
-                let surface = surfaces[start + k];
-                let roughness = if is_taught {
-                    learned[start + k]
-                } else {
-                    surface.roughness
-                };
-                (
-                    start + k,
-                    Surface {
-                        roughness,
-                        ..surface
-                    },
-                )
-            };
-            let first = scratch.lit.len();
-            let n = light_path::aim_with(
-                path,
-                surface,
-                &motion,
-                frame,
-                |rays| {
-                    if !is_split || weight <= 0.0 {
-                        return None;
-                    }
-                    let cones = lobe_cones(&path[0].point, roughness, of_pixel(number));
-                    let split = split_lobe(object, path, cones, &motion, frame, rays)?;
-                    Some(SplitLobe { weight, ..split })
-                },
-                &mut scratch.batch.rays,
-                &mut scratch.lit,
-            );
-            first..first + n
-        })
+        .map(|(number, (path, &start))| aim.path(path, start, of_pixel(number), scratch))
         .collect();
     scratch.light(scene);
     let gain = scene.edit.specular_gain();
@@ -231,39 +186,101 @@ fn shade_paths(
         .collect()
 }
 
-/// Adds those of a lobe's cones that leave the object to `rays`; nothing without cones.
-fn split_lobe(
-    object: &ObjectModel,
-    path: &[PathVertex],
-    cones: impl Iterator<Item = LobeCone>,
-    motion: &EnvironmentFromWorld,
-    frame: &FieldFrame,
-    rays: &mut Vec<FieldRay>,
-) -> Option<SplitLobe> {
-    let (tracer, point) = (&object.tracer, &path[0].point);
-    let first = rays.len();
-    let mut n_blocked = 0_u32;
-    for LobeCone { axis, lobe } in cones {
-        let ray = Ray {
-            origin: point.position,
-            direction: axis,
+/// From surfaces to the rays that their lobes need.
+struct Aim<'a> {
+    object: &'a ObjectModel,
+    motion: &'a EnvironmentFromWorld,
+    frame: &'a FieldFrame,
+    has_new_lobes: bool,
+    has_own_light: bool,
+}
+
+impl Aim<'_> {
+    /// Adds the rays of a path whose first surface is number `start` of the scratch; its lit vertices.
+    fn path(
+        &self,
+        path: &[PathVertex],
+        start: usize,
+        of_pixel: PathOfPixel,
+        scratch: &mut ShadeScratch,
+    ) -> Range<usize> {
+        let (surfaces, learned) = (&scratch.material.surfaces, &scratch.learned_roughness);
+        let roughness = surfaces[start].roughness;
+        let weight = self.split_weight(roughness, learned[start]);
+        let surface = |k: usize| {
+            let mut surface = surfaces[start + k];
+            // One cone is as wide as it was when it was taught.
+            if !self.has_new_lobes || k == 0 && weight < 1.0 {
+                surface.roughness = learned[start + k];
+            }
+            (start + k, surface)
         };
-        // Without a next vertex nothing is there that could block.
-        if path.len() > 1 && tracer.occluded(&ray, tracer.self_distance(), f32::INFINITY) {
-            n_blocked += 1;
-        } else {
-            rays.push(light_path::first_lobe_ray(
-                point, axis, &lobe, motion, frame,
-            ));
-        }
+        let split = |rays: &mut Vec<FieldRay>| {
+            if weight <= 0.0 {
+                return None;
+            }
+            let cones = lobe_cones(&path[0].point, roughness, of_pixel);
+            let split = self.split_lobe(path, cones, rays)?;
+            Some(SplitLobe { weight, ..split })
+        };
+        let first = scratch.lit.len();
+        let (rays, lit) = (&mut scratch.batch.rays, &mut scratch.lit);
+        let n = light_path::aim_with(path, surface, self.motion, self.frame, split, rays, lit);
+        first..first + n
     }
-    let n = rays.len() - first;
-    (n + n_blocked as usize > 0).then(|| SplitLobe {
-        first,
-        n,
-        blocked: n_blocked as f32 / (n as f32 + n_blocked as f32),
-        weight: 1.0,
-    })
+
+    /// How much several cones count against the one that photos taught, `[0, 1]`.
+    fn split_weight(&self, roughness: f32, learned: f32) -> f32 {
+        if !self.has_new_lobes {
+            return 0.0;
+        }
+        let taught = self.object.material.perceptual(Surface {
+            roughness: learned,
+            ..Surface::default()
+        });
+        let change = (roughness - taught.roughness).abs() / UNTAUGHT;
+        // Of other surroundings, sharp cones are as good as of the own ones.
+        let is_wide = if self.has_own_light {
+            0.0
+        } else {
+            (learned - SHARP) / SHARP_TO_WIDE
+        };
+        change.max(is_wide).clamp(0.0, 1.0)
+    }
+
+    /// Adds those of a lobe's cones that leave the object to `rays`; nothing without cones.
+    fn split_lobe(
+        &self,
+        path: &[PathVertex],
+        cones: impl Iterator<Item = LobeCone>,
+        rays: &mut Vec<FieldRay>,
+    ) -> Option<SplitLobe> {
+        let (tracer, point) = (&self.object.tracer, &path[0].point);
+        let first = rays.len();
+        let mut n_blocked = 0_u32;
+        for LobeCone { axis, lobe } in cones {
+            let ray = Ray {
+                origin: point.position,
+                direction: axis,
+            };
+            // Without a next vertex nothing is there that could block.
+            if path.len() > 1 && tracer.occluded(&ray, tracer.self_distance(), f32::INFINITY) {
+                n_blocked += 1;
+            } else {
+                let (motion, frame) = (self.motion, self.frame);
+                rays.push(light_path::first_lobe_ray(
+                    point, axis, &lobe, motion, frame,
+                ));
+            }
+        }
+        let n = rays.len() - first;
+        (n + n_blocked as usize > 0).then(|| SplitLobe {
+            first,
+            n,
+            blocked: n_blocked as f32 / (n as f32 + n_blocked as f32),
+            weight: 1.0,
+        })
+    }
 }
 
 /// Layers that need no light.
