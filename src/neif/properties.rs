@@ -201,7 +201,9 @@ proptest! {
         // The series where coth k - 1/k cancels in double precision too.
         let exact = if k < 1e-2 { k / 3.0 - k.powi(3) / 45.0 } else { 1.0 / k.tanh() - 1.0 / k };
         let found = f64::from(mean_length(kappa));
-        prop_assert!((found - exact).abs() <= 2e-5 * exact, "{found}, not {exact}");
+        // Denormal numbers have fewer digits.
+        let least = f64::from(f32::MIN_POSITIVE) * f64::from(f32::EPSILON);
+        prop_assert!((found - exact).abs() <= 2e-5 * exact + least, "{found}, not {exact}");
     }
 
     #[test]

@@ -19,6 +19,8 @@ use crate::neif::{Environment, EnvironmentTransform, SurfaceField};
 
 /// Largest ratio: a surface that was in the dark knows too little of its colour to show more.
 const MAX_RATIO: f32 = 16.0;
+/// Largest ratio of one place's light to another's that is believed.
+const MAX_QUOTIENT: f32 = 4096.0;
 /// Share of the mean light that is added to both sides of the ratio: in the dark it approaches the ratio of the means.
 const FLOOR: f32 = 0.02;
 /// Weight of the mean light against a probe's: counts only where no probe is near.
@@ -191,7 +193,8 @@ impl DiffuseLight {
         Some(light)
     }
 
-    /// Present over trained irradiance at a surface point, per colour, in `[0, 16]`; 1 where there never was light.
+    /// Present over trained irradiance at a surface point, per colour: at least 0, at most 16 times that of the means over
+    /// the object, and 4096; 1 where there never was light. Light that is twice as bright gives twice the ratio.
     pub fn ratio(&self, position: Vec3, normal: Vec3) -> Vec3 {
         let trained = &self.trained;
         let (mut now, mut then, mut sum) = (Vec3::ZERO, Vec3::ZERO, FAR_WEIGHT);
@@ -204,7 +207,8 @@ impl DiffuseLight {
                 sum += weight;
             });
         let rest = FAR_WEIGHT + FLOOR * sum;
-        quotient(now + rest * self.mean, then + rest * trained.mean)
+        let most = MAX_RATIO * quotient(self.mean, trained.mean);
+        quotient(now + rest * self.mean, then + rest * trained.mean).min(most)
     }
 
     /// The light that it is compared with.
@@ -213,11 +217,11 @@ impl DiffuseLight {
     }
 }
 
-/// `a / b` per colour, in `[0, 16]`; 1 where `b` is no positive number.
+/// `a / b` per colour, in `[0, 4096]`; 1 where `b` is no positive number.
 fn quotient(a: Vec3, b: Vec3) -> Vec3 {
     let one = |a: f32, b: f32| {
         if b > f32::MIN_POSITIVE && a.is_finite() && b.is_finite() {
-            (a / b).clamp(0.0, MAX_RATIO)
+            (a / b).clamp(0.0, MAX_QUOTIENT)
         } else {
             1.0
         }
