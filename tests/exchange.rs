@@ -177,7 +177,11 @@ fn matched_surroundings_do_not_depend_on_their_exposure() {
     );
     let plain = picture("plain_matched", "--env sky.exr --env-match");
     let lit = picture("lit_matched", "--env bright.safetensors --env-match");
-    assert!(same_picture(&plain, &lit), "matched pictures are the same");
+    let open = |path: &Path| image::open(path).expect("a picture").to_rgb8();
+    // A code at most by rounding.
+    for (a, b) in open(&plain).iter().zip(open(&lit).iter()) {
+        assert!(a.abs_diff(*b) <= 1, "{a} against {b}");
+    }
     let brighter = picture(
         "brighter",
         "--env bright.safetensors --env-match --env-exposure 1",
