@@ -85,7 +85,7 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
         out: args.out.as_deref(),
         lpips: lpips.as_ref(),
     };
-    let (results, _) = bench.measure(&run.scene, &views, args.split.as_str())?;
+    let results = bench.measure(&run.scene, &views, args.split.as_str(), None)?;
     let Relit { relight, gained } = if args.relight {
         bench.relight(&run.scene, &root, &args.env, args.env_match)?
     } else {
@@ -146,18 +146,20 @@ struct Bench<'a> {
 }
 
 impl Bench<'_> {
-    /// Measures the views; writes their pictures into the folder `set` below the output folder.
+    /// Measures the views; writes their pictures into the folder `set` below the output folder, and into `pictures`
+    /// where they are asked for.
     fn measure(
         &mut self,
         scene: &Scene,
         views: &[View],
         set: &str,
-    ) -> Result<(Vec<ViewMetrics>, Vec<Picture>), Failure> {
+        mut pictures: Option<&mut Vec<Picture>>,
+    ) -> Result<Vec<ViewMetrics>, Failure> {
         let folder = self.out.map(|out| out.join(set));
         if let Some(folder) = &folder {
             scenes::make_folder(folder)?;
         }
-        let (mut rows, mut pictures) = (Vec::new(), Vec::new());
+        let mut rows = Vec::new();
         let mut saved: Result<(), Failure> = Ok(());
         let display = &mut self.display;
         let mut on_view = |i: usize, view: &View, picture: &Picture| {
@@ -165,7 +167,9 @@ impl Bench<'_> {
             if let (Some(folder), Ok(())) = (&folder, &saved) {
                 saved = save_pictures(folder, view, picture, &mut rows);
             }
-            pictures.push(picture.clone());
+            if let Some(pictures) = &mut pictures {
+                pictures.push(picture.clone());
+            }
         };
         let results = evaluate_views(scene, views, self.lpips, self.cancel, &mut on_view);
         saved?;
@@ -177,7 +181,7 @@ impl Bench<'_> {
             let contact_sheet = sheet::grid(&rows, SHEET_COLUMNS);
             sheet::save(&folder.join("contact_sheet.png"), &contact_sheet)?;
         }
-        Ok((results, pictures))
+        Ok(results)
     }
 
     /// Measures every edit that has ground truth.
@@ -203,7 +207,9 @@ impl Bench<'_> {
                         edited.transform = scenes::matched(&edited, &scene.environment)?;
                     }
                     let set = format!("relight/{}", case.name);
-                    let (results, pictures) = self.measure(&edited, &case.views, &set)?;
+                    let mut pictures = Vec::new();
+                    let kept = Some(&mut pictures);
+                    let results = self.measure(&edited, &case.views, &set, kept)?;
                     let gained = after_one_gain(&case.views, &pictures);
                     relit_all.gained.insert(case.name.clone(), gained);
                     relit_all.relight.insert(case.name, mean_of_views(&results));

@@ -102,23 +102,20 @@ fn read_camera(
     let text = std::fs::read_to_string(file).map_err(|e| DataError::io(file, e))?;
     let camera = parse(&text).map_err(fail)?;
     let [fx, fy, cx, cy] = camera.lens;
+    let pose = world_from_opencv(camera.rotation, camera.translation);
+    let lens = Intrinsics {
+        fl_x: Some(fx as f32),
+        fl_y: Some(fy as f32),
+        // Ours has the first pixel's centre at one half.
+        cx: Some((cx + 0.5) as f32),
+        cy: Some((cy + 0.5) as f32),
+        ..Intrinsics::default()
+    };
+    let photo = photo.unwrap_or_else(|| folder.join(format!("{name}.jpg")));
     Ok(Frame {
-        index,
-        photo: photo.unwrap_or_else(|| folder.join(format!("{name}.jpg"))),
         name,
-        mask: None,
-        test_index: None,
-        world_from_camera: world_from_opencv(camera.rotation, camera.translation),
-        intrinsics: Intrinsics {
-            fl_x: Some(fx as f32),
-            fl_y: Some(fy as f32),
-            // Ours has the first pixel's centre at one half.
-            cx: Some((cx + 0.5) as f32),
-            cy: Some((cy + 0.5) as f32),
-            ..Intrinsics::default()
-        },
         depth_range: camera.depth_range,
-        listed_in: file.to_owned(),
+        ..Frame::new(index, photo, pose, lens, file)
     })
 }
 

@@ -1,6 +1,6 @@
 //! A listed photo with its pose and lens, as every reader hands it on: not yet decoded.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use glam::{Affine3A, DMat3, DVec3};
 
@@ -51,7 +51,35 @@ pub struct Intrinsics {
     pub distortion: Distortion,
 }
 
+/// Whether a declared number can be a side of a picture, pixels.
+pub(super) fn is_side_px(side: f64) -> bool {
+    (1.0..=1e6).contains(&side)
+}
+
 impl Frame {
+    /// A photo, named as its file, with pose and lens and nothing else known of it.
+    pub(super) fn new(
+        index: usize,
+        photo: PathBuf,
+        world_from_camera: Affine3A,
+        intrinsics: Intrinsics,
+        listed_in: &Path,
+    ) -> Self {
+        Self {
+            index,
+            name: photo
+                .file_stem()
+                .map_or_else(String::new, |stem| stem.to_string_lossy().into_owned()),
+            photo,
+            mask: None,
+            test_index: None,
+            world_from_camera,
+            intrinsics,
+            depth_range: None,
+            listed_in: listed_in.to_owned(),
+        }
+    }
+
     /// The camera for a photo of the given size, and whether the declared lens had to be scaled
     /// to it (photos shrunk after calibration).
     ///

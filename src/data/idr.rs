@@ -182,26 +182,16 @@ fn decompose(projection: DMat4) -> Result<Decomposed, &'static str> {
 
 fn frame(file: &Path, index: usize, photo: PathBuf, camera: &Decomposed) -> Frame {
     let k = &camera.k;
-    Frame {
-        index,
-        name: photo
-            .file_stem()
-            .map_or_else(String::new, |stem| stem.to_string_lossy().into_owned()),
-        photo,
-        mask: None,
-        test_index: None,
-        world_from_camera: world_from_opencv(camera.rotation, camera.translation),
-        intrinsics: Intrinsics {
-            fl_x: Some(k.x_axis.x as f32),
-            fl_y: Some(k.y_axis.y as f32),
-            // Ours has the first pixel's centre at one half.
-            cx: Some((k.z_axis.x + 0.5) as f32),
-            cy: Some((k.z_axis.y + 0.5) as f32),
-            ..Intrinsics::default()
-        },
-        depth_range: None,
-        listed_in: file.to_owned(),
-    }
+    let pose = world_from_opencv(camera.rotation, camera.translation);
+    let lens = Intrinsics {
+        fl_x: Some(k.x_axis.x as f32),
+        fl_y: Some(k.y_axis.y as f32),
+        // Ours has the first pixel's centre at one half.
+        cx: Some((k.z_axis.x + 0.5) as f32),
+        cy: Some((k.z_axis.y + 0.5) as f32),
+        ..Intrinsics::default()
+    };
+    Frame::new(index, photo, pose, lens, file)
 }
 
 #[cfg(test)]

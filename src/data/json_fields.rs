@@ -5,6 +5,7 @@ use std::path::Path;
 use serde_json::{Map, Value};
 
 use super::DataError;
+use super::frame::is_side_px;
 
 /// A JSON object with the place it stands at, for messages.
 pub(super) struct Fields<'a> {
@@ -74,7 +75,7 @@ impl Fields<'_> {
     /// A picture side; some files write `1080.0`.
     pub(super) fn side(&self, field: &str) -> Result<Option<u32>, DataError> {
         let side = self.number_that(field, "a picture size", |v| {
-            (1.0..=1e6).contains(&v) && v.fract() == 0.0
+            is_side_px(v.into()) && v.fract() == 0.0
         })?;
         Ok(side.map(|v| v as u32))
     }

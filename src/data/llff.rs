@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{Affine3A, DMat3, DVec3};
 
-use super::frame::is_rotation;
+use super::frame::{is_rotation, is_side_px};
 use super::listing::{Found, Listed};
 use super::npy::{Array, read_npy};
 use super::photo_folder::{list_pictures, photo_folders};
@@ -99,30 +99,22 @@ fn frame(file: &Path, array: &Array, index: usize, photo: PathBuf) -> Result<Fra
     if !is_rotation(rotation) {
         return Err(fail("axes", "not a rotation"));
     }
-    let is_side = |v: f64| (1.0..=1e6).contains(&v);
-    if !is_side(height) || !is_side(width) {
+    if !is_side_px(height) || !is_side_px(width) {
         return Err(fail("height, width", "not a picture size"));
     }
     if focal <= 0.0 {
         return Err(fail("focal length", "not greater than 0"));
     }
+    let pose = Affine3A::from_mat3_translation(rotation.as_mat3(), position.as_vec3());
+    let lens = Intrinsics {
+        // Sizes of photos shrunk after calibration may come with a fraction.
+        size: Some((width.round() as u32, height.round() as u32)),
+        fl_x: Some(focal as f32),
+        ..Intrinsics::default()
+    };
     Ok(Frame {
-        index,
-        name: photo
-            .file_stem()
-            .map_or_else(String::new, |stem| stem.to_string_lossy().into_owned()),
-        photo,
-        mask: None,
-        test_index: None,
-        world_from_camera: Affine3A::from_mat3_translation(rotation.as_mat3(), position.as_vec3()),
-        intrinsics: Intrinsics {
-            // Sizes of photos shrunk after calibration may come with a fraction.
-            size: Some((width.round() as u32, height.round() as u32)),
-            fl_x: Some(focal as f32),
-            ..Intrinsics::default()
-        },
         depth_range: Some([row[15] as f32, row[16] as f32]),
-        listed_in: file.to_owned(),
+        ..Frame::new(index, photo, pose, lens, file)
     })
 }
 

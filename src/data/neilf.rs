@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use serde_json::Value;
 
 use super::capture_path::{path_below, with_extension};
-use super::frame::{rotation_and_translation, world_from_opencv};
+use super::frame::{is_side_px, rotation_and_translation, world_from_opencv};
 use super::json_fields::Fields;
 use super::listing::{Found, Listed};
 use super::{DataError, Frame, Intrinsics};
@@ -133,33 +133,22 @@ fn frame(fields: &Fields<'_>, index: usize, photo: PathBuf) -> Result<Frame, Dat
         None => None,
         Some(_) => Some(numbers("size", "/size", 2)?),
     };
-    let is_side = |v: f64| (1.0..=1e6).contains(&v);
     if size
         .as_ref()
-        .is_some_and(|size| !size.iter().all(|v| is_side(*v)))
+        .is_some_and(|size| !size.iter().all(|v| is_side_px(*v)))
     {
         return Err(fields.error("size", "not a picture size"));
     }
-    Ok(Frame {
-        index,
-        name: photo
-            .file_stem()
-            .map_or_else(String::new, |stem| stem.to_string_lossy().into_owned()),
-        photo,
-        mask: None,
-        test_index: None,
-        world_from_camera: world_from_opencv(rotation, translation),
-        intrinsics: Intrinsics {
-            size: size.map(|size| (size[0] as u32, size[1] as u32)),
-            fl_x: Some(focal[0] as f32),
-            fl_y: Some(focal[1] as f32),
-            cx: Some(center[0] as f32),
-            cy: Some(center[1] as f32),
-            ..Intrinsics::default()
-        },
-        depth_range: None,
-        listed_in: fields.json.to_owned(),
-    })
+    let pose = world_from_opencv(rotation, translation);
+    let lens = Intrinsics {
+        size: size.map(|size| (size[0] as u32, size[1] as u32)),
+        fl_x: Some(focal[0] as f32),
+        fl_y: Some(focal[1] as f32),
+        cx: Some(center[0] as f32),
+        cy: Some(center[1] as f32),
+        ..Intrinsics::default()
+    };
+    Ok(Frame::new(index, photo, pose, lens, fields.json))
 }
 
 /// The numbers of a list of numbers or of lists of numbers.

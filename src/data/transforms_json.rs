@@ -97,22 +97,12 @@ fn read_frame(fields: &Fields<'_>, index: usize, lens: Intrinsics) -> Result<Fra
         Some(declared) => Some(resolve(fields, "mask_path", declared)?),
         None => None,
     };
+    let (pose, lens) = (read_pose(fields)?, read_intrinsics(fields, lens)?);
+    let test_index = fields.value.get("test_index").and_then(Value::as_u64);
     Ok(Frame {
-        index,
-        name: photo
-            .file_stem()
-            .map_or_else(String::new, |stem| stem.to_string_lossy().into_owned()),
-        photo,
         mask,
-        test_index: fields
-            .value
-            .get("test_index")
-            .and_then(Value::as_u64)
-            .map(|i| i as usize),
-        world_from_camera: read_pose(fields)?,
-        intrinsics: read_intrinsics(fields, lens)?,
-        depth_range: None,
-        listed_in: fields.json.to_owned(),
+        test_index: test_index.map(|i| i as usize),
+        ..Frame::new(index, photo, pose, lens, fields.json)
     })
 }
 

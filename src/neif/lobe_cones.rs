@@ -12,11 +12,11 @@ use super::lobe::Lobe;
 use super::shading::SurfacePoint;
 use crate::geometry::orthonormal_basis;
 
-/// Roughness whose lobe one cone stands for, and how many cones a pixel has for a lobe of twice that roughness.
+/// Roughness up to which one cone stands for the lobe.
 const SHARP: f32 = 0.05;
-/// Cones of a pixel at roughness 0.4, and by what power of the roughness their number grows.
+/// Cones of a pixel at roughness 0.4; their number grows with the square of it.
 const CONES_AT_04: f32 = 32.0;
-/// Most and least cones of a pixel whose lobe is split.
+/// Least and most cones of a pixel whose lobe is split.
 const CONES: [f32; 2] = [4.0, 64.0];
 /// Most cones of a pixel that has one path only: a picture in motion.
 const CONES_IN_MOTION: f32 = 6.0;

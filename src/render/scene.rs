@@ -64,9 +64,7 @@ impl Scene {
             (Some(_), Some(lit)) => gain * lit.light.ratio(position, normal),
         }
     }
-}
 
-impl Scene {
     /// Whether the surroundings are those that the object was trained in; they may be moved. Unknown ones count as such.
     pub fn has_own_light(&self) -> bool {
         let own = self.trained_in.as_ref();

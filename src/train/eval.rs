@@ -73,13 +73,7 @@ pub fn evaluate_views(
     let mut results = Vec::with_capacity(views.len());
     for (index, view) in views.iter().enumerate() {
         let picture = render(scene, &view.camera, Layer::Final, cancel, &|_| {})?;
-        let truth: Vec<[f32; 3]> = (0..picture.pixels.len())
-            .map(|i| view.photo.srgb(i))
-            .collect();
-        let mask: Option<Vec<f32>> = view
-            .mask
-            .as_ref()
-            .map(|mask| (0..truth.len()).map(|i| mask.share(i)).collect());
+        let (truth, mask) = truth_and_mask(view, picture.pixels.len());
         let width = picture.width as usize;
         let mut metrics = compare(&picture.pixels, &truth, mask.as_deref(), width);
         metrics.lpips = lpips.and_then(|lpips| lpips.distance(&truth, &picture.pixels, width));
@@ -100,21 +94,24 @@ pub fn evaluate_object(
     let mut results = Vec::with_capacity(views.len());
     for view in views {
         let picture = render_neilf(model, &view.camera, cancel)?;
-        let truth: Vec<[f32; 3]> = (0..picture.pixels.len())
-            .map(|i| view.photo.srgb(i))
-            .collect();
-        let metrics = view
-            .mask
-            .as_ref()
-            .map(|mask| {
-                let mask: Vec<f32> = (0..truth.len()).map(|i| mask.share(i)).collect();
-                compare_object(&picture.pixels, &truth, &mask)
-            })
+        let (truth, mask) = truth_and_mask(view, picture.pixels.len());
+        let metrics = mask
+            .map(|mask| compare_object(&picture.pixels, &truth, &mask))
             .unwrap_or_default();
         let name = view.name.clone();
         results.push(ViewMetrics { name, metrics });
     }
     Some(results)
+}
+
+/// The photo's first `n` pixels, sRGB, and the object's share of each where there is a mask.
+fn truth_and_mask(view: &View, n: usize) -> (Vec<[f32; 3]>, Option<Vec<f32>>) {
+    let truth = (0..n).map(|i| view.photo.srgb(i)).collect();
+    let mask = view.mask.as_ref();
+    (
+        truth,
+        mask.map(|mask| (0..n).map(|i| mask.share(i)).collect()),
+    )
 }
 
 /// The mean of the measures over views.
@@ -161,11 +158,7 @@ pub fn after_one_gain(views: &[View], pictures: &[Picture]) -> ImageMetrics {
                     })
                 })
                 .collect();
-            let truth: Vec<[f32; 3]> = (0..gained.len()).map(|i| view.photo.srgb(i)).collect();
-            let mask: Option<Vec<f32>> = view
-                .mask
-                .as_ref()
-                .map(|mask| (0..truth.len()).map(|i| mask.share(i)).collect());
+            let (truth, mask) = truth_and_mask(view, gained.len());
             compare(&gained, &truth, mask.as_deref(), picture.width as usize)
         })
         .collect();

@@ -173,19 +173,13 @@ fn frames_of(model: &Model, listed_in: &Path, photos: &Path) -> Result<Vec<Frame
             return Err(error("camera id", problem));
         };
         let photo = path_below(photos, &image.name, 0).map_err(|problem| error("name", problem))?;
+        let (pose, lens) = (image.world_from_camera, camera.intrinsics);
         Ok(Frame {
-            index,
             name: Path::new(&image.name)
                 .with_extension("")
                 .to_string_lossy()
                 .replace(['/', '\\'], "_"),
-            photo,
-            mask: None,
-            test_index: None,
-            world_from_camera: image.world_from_camera,
-            intrinsics: camera.intrinsics,
-            depth_range: None,
-            listed_in: listed_in.to_owned(),
+            ..Frame::new(index, photo, pose, lens, listed_in)
         })
     };
     model.images.iter().enumerate().map(frame).collect()
