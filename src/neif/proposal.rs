@@ -5,6 +5,7 @@
 //! samples a ray. Hard occupancy pruning measured 3 dB worse: it prunes before the geometry is found.
 
 use super::contraction::{expand, unit_cube};
+use super::kernels::math::{bf16_from_f32, f32_from_bf16};
 use super::kernels::{dispatch, fma, math};
 
 /// Cells per axis of the grid over all contracted space.
@@ -12,13 +13,15 @@ const OUTER_SIDE: usize = 96;
 /// Cells per axis of the grid over the inner box.
 const INNER_SIDE: usize = 128;
 /// Equal steps from the origin to the inner box's far side.
-const INNER_STEPS: usize = 64;
+const INNER_STEPS: usize = 48;
 /// A cell that is empty for good: no running mean gets there.
 const VOID: u16 = 0;
 /// Cells of the inner grid, which come first.
 const INNER_CELLS: u32 = (INNER_SIDE * INNER_SIDE * INNER_SIDE) as u32;
 /// Steps beyond it, equal in `s / (1 + s)`.
-const OUTER_STEPS: usize = 48;
+const OUTER_STEPS: usize = 32;
+/// Where the last of them ends, in half sides of the inner box beyond it.
+const REACH: f32 = 48.0;
 /// Look-ups a ray.
 pub const N_STEPS: usize = INNER_STEPS + OUTER_STEPS;
 /// Density of cells never seen, per field unit: faint, so that unknown space is looked at but hides nothing.
@@ -210,11 +213,21 @@ pub struct Placement {
     pub shift: f32,
 }
 
-/// The interval ends of one ray: `edges`: `[n_samples + 1]` distances, increasing.
-pub fn place_samples(grid: &DensityGrid, ray: &ConeRay, placement: Placement, edges: &mut [f32]) {
+dispatch! {
+    /// The interval ends of one ray: `edges`: `[n_samples + 1]` distances, increasing.
+    pub fn place_samples(grid: &DensityGrid, ray: &ConeRay, placement: Placement, edges: &mut [f32]) = place_samples_body
+}
+
+#[inline(always)]
+fn place_samples_body<const FMA: bool>(
+    grid: &DensityGrid,
+    ray: &ConeRay,
+    placement: Placement,
+    edges: &mut [f32],
+) {
     let mut weights = [0.0; N_STEPS];
     let split = split_distance(ray);
-    march(grid, ray, split, &mut weights);
+    march::<FMA>(grid, ray, split, &mut weights);
     invert_cdf(
         &spread_weights(&weights, placement.uniform_share),
         split,
@@ -223,13 +236,9 @@ pub fn place_samples(grid: &DensityGrid, ray: &ConeRay, placement: Placement, ed
     );
 }
 
-dispatch! {
-    /// Weights of all steps, composited front to back from the cached density.
-    fn march(grid: &DensityGrid, ray: &ConeRay, split: f32, weights: &mut [f32; N_STEPS]) = march_body
-}
-
+/// Weights of all steps, composited front to back from the cached density.
 #[inline(always)]
-fn march_body<const FMA: bool>(
+fn march<const FMA: bool>(
     grid: &DensityGrid,
     ray: &ConeRay,
     split: f32,
@@ -269,6 +278,7 @@ fn march_body<const FMA: bool>(
 }
 
 /// Distance where the ray leaves the inner box, or where it is about as far as the box when it misses it.
+#[inline(always)]
 fn split_distance(ray: &ConeRay) -> f32 {
     let mut far = f32::INFINITY;
     let mut near = 0.0_f32;
@@ -300,12 +310,12 @@ fn step_distance(step: f32, split: f32) -> f32 {
 /// Distance of a fractional step beyond the inner box.
 #[inline(always)]
 fn outer_distance(step: f32, split: f32) -> f32 {
-    // One step short of infinity: the last edge is at OUTER_STEPS box sizes.
-    let u = (step - INNER_STEPS as f32) / (OUTER_STEPS as f32 + 1.0);
+    let u = (step - INNER_STEPS as f32) * (REACH / (REACH + 1.0) / OUTER_STEPS as f32);
     split + u / (1.0 - u)
 }
 
 /// The greatest of each weight and its neighbours, plus the uniform share.
+#[inline(always)]
 fn spread_weights(weights: &[f32; N_STEPS], uniform_share: f32) -> [f32; N_STEPS] {
     let uniform = uniform_share / N_STEPS as f32;
     std::array::from_fn(|i| {
@@ -316,6 +326,7 @@ fn spread_weights(weights: &[f32; N_STEPS], uniform_share: f32) -> [f32; N_STEPS
 }
 
 /// Cuts the distribution at equal quantiles, shifted together by `shift` intervals.
+#[inline(always)]
 fn invert_cdf(weights: &[f32; N_STEPS], split: f32, shift: f32, edges: &mut [f32]) {
     let total: f32 = weights.iter().sum();
     let last = edges.len() - 1;
@@ -333,17 +344,6 @@ fn invert_cdf(weights: &[f32; N_STEPS], split: f32, shift: f32, edges: &mut [f32
         *edge = step_distance(step as f32 + fraction, split);
     }
     edges[last] = step_distance(N_STEPS as f32, split);
-}
-
-#[inline(always)]
-fn f32_from_bf16(bits: u16) -> f32 {
-    f32::from_bits(u32::from(bits) << 16)
-}
-
-#[inline(always)]
-fn bf16_from_f32(value: f32) -> u16 {
-    // Round to nearest: truncation alone would let the running mean sink for ever.
-    (value.to_bits().wrapping_add(0x8000) >> 16) as u16
 }
 
 #[cfg(test)]

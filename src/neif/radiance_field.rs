@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 use super::composite::{WIDTH, density};
 pub use super::field_batch::{CutOff, FieldBatch, FieldRay};
 use super::hash_grid::{
-    FEATURES, FeatureColumns, GridConfig, Level, SamplePoints, encode_level, footprint_gradient,
-    scatter_level,
+    FEATURES, FeatureColumns, GridConfig, Level, SamplePoints, encode_level, encode_level_bf16,
+    footprint_gradient, scatter_level,
 };
 use super::kernels::math;
 use super::mlp::{Mlp, Transposed, is_sane_width};
@@ -184,6 +184,23 @@ impl RadianceField {
         encode_level(
             &self.levels[level],
             &self.params[self.level_range(level)],
+            batch.samples.points(),
+            out,
+        );
+    }
+
+    /// [`Self::encode_level`] from `tables`, the grid's part of the parameters in bf16.
+    pub fn encode_level_bf16(
+        &self,
+        level: usize,
+        tables: &[u16],
+        batch: &FieldBatch,
+        out: &mut [f32],
+    ) {
+        let (range, head) = (self.level_range(level), self.n_network_params());
+        encode_level_bf16(
+            &self.levels[level],
+            &tables[range.start - head..range.end - head],
             batch.samples.points(),
             out,
         );
@@ -542,7 +559,8 @@ mod tests {
             CutOff::default(),
             &mut vec![0.0; n_networks],
         );
-        let numeric = (loss(&field, 0.021) - loss(&field, 0.019)) / 0.002;
+        // A wider difference meets a ReLU's kink.
+        let numeric = (loss(&field, 0.0202) - loss(&field, 0.0198)) / 0.0004;
         let analytic = f64::from(batch.d_lobe_variance[0]);
         assert!(
             (analytic - numeric).abs() < 3e-2 * numeric.abs(),

@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use crate::neif::kernels::dispatch;
+use crate::neif::kernels::math::bf16_from_f32;
 
 const BETA1: f32 = 0.9;
 const BETA2: f32 = 0.99;
@@ -41,6 +42,18 @@ impl Adam {
         rates: Rates,
         step: u64,
     ) {
+        self.update_rounded(params, gradient, &mut [], rates, step);
+    }
+
+    /// [`Self::update`] that also writes the tail in bf16 to `tail_bf16`, unless that is empty.
+    pub(super) fn update_rounded(
+        &mut self,
+        params: &mut [f32],
+        gradient: &mut [f32],
+        tail_bf16: &mut [u16],
+        rates: Rates,
+        step: u64,
+    ) {
         assert!(
             params.len() == self.first.len() && gradient.len() == params.len(),
             "adam: lengths differ"
@@ -50,18 +63,31 @@ impl Adam {
         let unbias = (bias2.sqrt() / bias1) as f32;
         let epsilon = EPSILON * bias2.sqrt() as f32;
         let (head, tail) = params.split_at_mut(rates.n_head);
+        let n_tail = tail.len();
         let (m_head, m_tail) = self.first.split_at_mut(rates.n_head);
         let (v_head, v_tail) = self.second.split_at_mut(rates.n_head);
         let (g_head, g_tail) = gradient.split_at_mut(rates.n_head);
         adam_block(head, m_head, v_head, g_head, [rates.head * unbias, epsilon]);
-        tail.par_chunks_mut(BLOCK)
+        let rate_epsilon = [rates.tail * unbias, epsilon];
+        let blocks = tail
+            .par_chunks_mut(BLOCK)
             .zip(m_tail.par_chunks_mut(BLOCK))
             .zip(
                 v_tail
                     .par_chunks_mut(BLOCK)
                     .zip(g_tail.par_chunks_mut(BLOCK)),
-            )
-            .for_each(|((p, m), (v, g))| adam_block(p, m, v, g, [rates.tail * unbias, epsilon]));
+            );
+        if tail_bf16.is_empty() {
+            blocks.for_each(|((p, m), (v, g))| adam_block(p, m, v, g, rate_epsilon));
+            return;
+        }
+        assert_eq!(tail_bf16.len(), n_tail, "adam: a copy of another length");
+        blocks
+            .zip(tail_bf16.par_chunks_mut(BLOCK))
+            .for_each(|(((p, m), (v, g)), copy)| {
+                adam_block(p, m, v, g, rate_epsilon);
+                store_bf16(p, copy);
+            });
     }
 }
 
@@ -74,6 +100,18 @@ pub(super) struct Rates {
     pub head: f32,
     /// The rate of the rest.
     pub tail: f32,
+}
+
+dispatch! {
+    /// Rounds `values` to bf16.
+    pub(super) fn store_bf16(values: &[f32], out: &mut [u16]) = store_bf16_body
+}
+
+#[inline(always)]
+fn store_bf16_body<const FMA: bool>(values: &[f32], out: &mut [u16]) {
+    for (out, value) in out.iter_mut().zip(values) {
+        *out = bf16_from_f32(*value);
+    }
 }
 
 dispatch! {
@@ -124,7 +162,9 @@ mod tests {
         };
         for step in 1..=20_u64 {
             let gradient: Vec<f32> = (0..3).map(|i| ((step * 3 + i) as f32).sin()).collect();
-            adam.update(&mut params, &mut gradient.clone(), rates, step);
+            let mut copy = [0; 2];
+            adam.update_rounded(&mut params, &mut gradient.clone(), &mut copy, rates, step);
+            assert_eq!(copy[1], bf16_from_f32(params[2]), "the tail's copy");
             for i in 0..3 {
                 let g = f64::from(gradient[i]);
                 m[i] = 0.9 * m[i] + 0.1 * g;

@@ -104,7 +104,7 @@ impl Trainer {
         ) = (gamma[0], gamma[1], gamma[2]);
         self.density = density;
         (self.step, self.updates, self.skipped) = (counters[0], counters[1], counters[2]);
-        self.transpose();
+        self.derive();
         Ok(())
     }
 }

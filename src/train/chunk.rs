@@ -27,7 +27,7 @@ const SMOOTHNESS_STRIDE: usize = 4;
 pub(super) const SMOOTHNESS_STEP: f32 = 0.004;
 
 /// Chunks a step is cut into.
-pub(super) const N_CHUNKS: usize = 8;
+pub(super) const N_CHUNKS: usize = 16;
 
 /// Mean reflectance up to which a surface may be a dielectric.
 const DIELECTRIC: f32 = 0.08;

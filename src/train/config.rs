@@ -89,9 +89,9 @@ impl Default for TrainConfig {
         Self {
             seed: 0,
             threads: 0,
-            object_pixels: 256,
-            background_pixels: 256,
-            samples_per_ray: 16,
+            object_pixels: 384,
+            background_pixels: 384,
+            samples_per_ray: 12,
             render_samples: 24,
             inner_box_scale: 1.1,
             field: FieldConfig {

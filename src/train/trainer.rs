@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 use rayon::prelude::*;
 
 use super::TrainError;
-use super::adam::{Adam, Rates};
+use super::adam::{Adam, Rates, store_bf16};
 use super::chunk::{Chunk, N_CHUNKS, StepContext};
 use super::config::TrainConfig;
 use super::pixels::PixelStore;
@@ -49,7 +49,10 @@ pub struct Trainer {
     pub(super) updates: u64,
     pub(super) skipped: u64,
     chunks: Vec<Chunk>,
+    /// Features of each level, `[n][4]` of all chunks.
     encoded: Vec<Vec<f32>>,
+    /// The field's grid in bf16, rewritten with every update: what a step encodes from, at half the cache lines.
+    tables: Vec<u16>,
     probes: Vec<FieldBatch>,
 }
 
@@ -138,6 +141,7 @@ impl Trainer {
             pixels,
             tracer,
             frame,
+            tables: vec![0; field.params.len() - field.n_network_params()],
             encoded: vec![Vec::new(); field.levels().len()],
             field: Learned::new(field, |f| f.params.len()),
             density,
@@ -150,7 +154,7 @@ impl Trainer {
             chunks: (0..N_CHUNKS).map(Chunk::new).collect(),
             probes: vec![FieldBatch::default(); N_CHUNKS],
         };
-        trainer.transpose();
+        trainer.derive();
         trainer
     }
 
@@ -280,8 +284,20 @@ impl Trainer {
         self.chunks = chunks;
     }
 
-    /// Encodes level by level over the whole step: each level's table stays in its core's cache.
+    /// Encodes the step from the tables in bf16.
     fn encode(&mut self) {
+        let tables = std::mem::take(&mut self.tables);
+        self.encode_by_level(|field, level, batch, out| {
+            field.encode_level_bf16(level, &tables, batch, out);
+        });
+        self.tables = tables;
+    }
+
+    /// Encodes level by level over the whole step: each level's table stays in its core's cache.
+    fn encode_by_level(
+        &mut self,
+        encode_level: impl Fn(&RadianceField, usize, &FieldBatch, &mut [f32]) + Sync,
+    ) {
         let (field, chunks) = (&self.field.value, &self.chunks);
         let n: usize = chunks.iter().map(|c| c.batch.n()).sum();
         self.encoded
@@ -293,7 +309,7 @@ impl Trainer {
                 let mut rest = out.as_mut_slice();
                 for chunk in chunks {
                     let (head, tail) = rest.split_at_mut(chunk.batch.n() * FEATURES);
-                    field.encode_level(level, &chunk.batch, head);
+                    encode_level(field, level, &chunk.batch, head);
                     rest = tail;
                 }
             });
@@ -351,6 +367,7 @@ impl Trainer {
         let (networks, mut grids) = self.field.gradient.split_at_mut(n_networks);
         let (field, density) = (&self.field.value, &mut self.density);
         let material = self.material.as_mut();
+        let parity = (self.step % 2) as usize;
         rayon::scope(|scope| {
             for (level, shape) in field.levels().iter().enumerate() {
                 let (table, rest) = grids.split_at_mut(shape.n_entries * FEATURES);
@@ -368,7 +385,8 @@ impl Trainer {
                 );
             });
             scope.spawn(move |_| {
-                for chunk in chunks {
+                // Every second chunk, in turn: the running means need no more, and each look is a cache miss.
+                for chunk in chunks.iter().skip(parity).step_by(2) {
                     chunk
                         .batch
                         .observe_densities(|cell, value| density.observe(cell, value));
@@ -405,9 +423,10 @@ impl Trainer {
             tail: decay * self.config.grid_rate,
         };
         let n_head = self.field.value.n_network_params();
-        self.field.adam.update(
+        self.field.adam.update_rounded(
             &mut self.field.value.params,
             &mut self.field.gradient,
+            &mut self.tables,
             rates(n_head),
             self.updates,
         );
@@ -434,7 +453,14 @@ impl Trainer {
         self.transpose();
     }
 
-    pub(super) fn transpose(&mut self) {
+    /// All that is derived from the parameters: after they were set from outside.
+    pub(super) fn derive(&mut self) {
+        let field = &self.field.value;
+        store_bf16(&field.params[field.n_network_params()..], &mut self.tables);
+        self.transpose();
+    }
+
+    fn transpose(&mut self) {
         self.field.value.transpose(&mut self.field.transposed);
         if let Some(m) = &mut self.material {
             m.value.transpose(&mut m.transposed);
@@ -493,7 +519,8 @@ impl Trainer {
     pub(super) fn loss_and_gradients(&mut self) -> (f64, Vec<f32>, Vec<f32>) {
         let density = self.density.clone();
         self.prepare();
-        self.encode();
+        // In single precision: the differences are smaller than the steps of bf16.
+        self.encode_by_level(RadianceField::encode_level);
         self.run_chunks();
         let sum = |f: fn(&Chunk) -> f64| self.chunks.iter().map(f).sum::<f64>();
         let background = sum(|c| c.loss.background) / self.config.background_pixels as f64;

@@ -260,7 +260,7 @@ fn steps_with_numbers_that_are_not_finite_are_skipped_and_counted() {
         "a skipped step learns nothing"
     );
     trainer.field.value.params[3] = kept;
-    trainer.transpose();
+    trainer.derive();
     assert!(!trainer.step(0.1).skipped, "training goes on");
 }
 

@@ -49,6 +49,18 @@ pub fn floor_small(x: f32) -> (f32, u32) {
     (floor, (floor + SHIFT).to_bits() & 0x007f_ffff)
 }
 
+/// A bf16, the upper half of an `f32`, as one.
+#[inline(always)]
+pub fn f32_from_bf16(bits: u16) -> f32 {
+    f32::from_bits(u32::from(bits) << 16)
+}
+
+/// The nearest bf16.
+#[inline(always)]
+pub fn bf16_from_f32(value: f32) -> u16 {
+    (value.to_bits().wrapping_add(0x8000) >> 16) as u16
+}
+
 /// The cube root of a positive normal `x`, relative error below 1e-6: a guess from the exponent, two Newton steps.
 #[inline(always)]
 pub fn cbrt(x: f32) -> f32 {
