@@ -83,7 +83,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let run = scenes::open_run(&args.run, args.cameras.dataset.as_deref())?;
     let mut scene = run.scene.clone();
     if args.env != Path::new("own") {
-        scene.environment = scenes::open_environment(&args.env)?;
+        scene.swap_environment(scenes::open_environment(&args.env)?);
     }
     if args.baked_diffuse {
         scene.trained_in = None;

@@ -139,6 +139,14 @@ impl Environment {
         &self.field
     }
 
+    /// Whether `other` holds the same field in the same place.
+    pub fn is_same_light(&self, other: &Self) -> bool {
+        let kind = |e: &Self| std::mem::discriminant(&e.field);
+        (self.place.frame, self.place.gamma) == (other.place.frame, other.place.gamma)
+            && kind(self) == kind(other)
+            && self.params() == other.params()
+    }
+
     /// All parameters of the field.
     pub fn params(&self) -> &[f32] {
         match &self.field {

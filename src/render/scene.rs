@@ -65,6 +65,15 @@ impl Scene {
         }
     }
 
+    /// Puts the object under other surroundings. Its own, read from a file again, stay its own: what was learned of them holds.
+    pub fn swap_environment(&mut self, environment: Arc<Environment>) {
+        let own = self.trained_in.as_ref();
+        self.environment = match own.filter(|own| own.is_same_light(&environment)) {
+            Some(own) => Arc::clone(own),
+            None => environment,
+        };
+    }
+
     /// Whether the surroundings are those that the object was trained in; they may be moved. Unknown ones count as such.
     pub fn has_own_light(&self) -> bool {
         let own = self.trained_in.as_ref();

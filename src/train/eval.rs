@@ -181,7 +181,7 @@ pub fn relit(
     if let Some(name) = &apply.environment_of {
         let environment = environments.get(name);
         let missing = || format!("the surroundings of `{name}` are not given");
-        relit.environment = Arc::clone(environment.ok_or_else(missing)?);
+        relit.swap_environment(Arc::clone(environment.ok_or_else(missing)?));
     }
     if let Some(moved) = apply.environment_transform {
         relit.transform = EnvironmentTransform {
