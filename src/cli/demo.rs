@@ -202,16 +202,10 @@ impl Gallery {
             .as_ref()
             .map(|object| object.tracer.mesh().bounds());
         let bounds = bounds.unwrap_or_else(|| scene.environment.inner_box());
-        let picture = panorama(
-            &scene.environment,
-            &scene.transform,
-            bounds.center(),
-            0.0,
-            PANORAMA_WIDTH,
-            self.cancel,
-        );
-        let picture = picture.ok_or(Failure::Interrupted)?;
-        let about = "the surroundings as the object's middle sees them";
+        let empty = scene.emptied(self.cancel).ok_or(Failure::Interrupted)?;
+        let picture = panorama(&empty, bounds.center(), 0.0, PANORAMA_WIDTH, self.cancel)
+            .ok_or(Failure::Interrupted)?;
+        let about = "the surroundings as the object's middle sees them, without its shadow";
         for (name, kind) in [
             ("panorama.png", PanoramaFile::Png),
             ("panorama.exr", PanoramaFile::Exr),

@@ -8,7 +8,7 @@ use std::{
 use glam::Vec3;
 use neif::color::srgb_from_linear;
 use neif::data::{ExrSample, write_exr, write_png_srgb};
-use neif::neif::{EnvironmentTransform, Storage};
+use neif::neif::Storage;
 use neif::render::{Picture, panorama as render_panorama};
 use neif::train::session::SessionOptions;
 
@@ -119,17 +119,10 @@ pub(crate) fn panorama(args: &PanoramaArgs) -> Result<(), Failure> {
             args.out.display()
         ))
     })?;
-    let environment = scenes::open_environment(&args.environment)?;
+    let scene = scenes::open_surroundings(&args.environment)?;
     let cancel = interrupt::install()?;
-    let transform = EnvironmentTransform::default();
-    let picture = render_panorama(
-        &environment,
-        &transform,
-        args.at,
-        args.roughness,
-        args.width,
-        cancel,
-    );
+    let scene = scene.emptied(cancel).ok_or(Failure::Interrupted)?;
+    let picture = render_panorama(&scene, args.at, args.roughness, args.width, cancel);
     let picture = picture.ok_or(Failure::Interrupted)?;
     kind.write(&args.out, &picture)?;
     output::line(&args.out.display().to_string())?;

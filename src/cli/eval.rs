@@ -107,7 +107,7 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
         relight_gained: gained,
         normal_mae_deg: truth.normals.mean_deg(),
         roughness_mae: truth.roughness.mean(),
-        pano_psnr: panorama_psnr(&run.scene.environment, &root, bench.cancel).or_unusable()?,
+        pano_psnr: panorama_psnr(&run.scene, &root, bench.cancel).or_unusable()?,
     };
     if interrupt::requested() {
         return Err(Failure::Interrupted);

@@ -188,8 +188,9 @@ fn write_environment(
         |o| o.tracer.mesh().bounds(),
     );
     let at = z_up_from_world * bounds.center();
-    let picture = panorama(&scene.environment, &transform, at, 0.0, width, cancel)
-        .ok_or(Failure::Interrupted)?;
+    let empty = scene.emptied(cancel).ok_or(Failure::Interrupted)?;
+    let empty = Scene { transform, ..empty };
+    let picture = panorama(&empty, at, 0.0, width, cancel).ok_or(Failure::Interrupted)?;
     let (width, height) = (picture.width, picture.height);
     write_exr(file, width, height, &picture.pixels, ExrSample::Float)?;
     Ok(())

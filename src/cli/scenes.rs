@@ -97,6 +97,16 @@ pub(crate) fn open_environment(path: &Path) -> Result<Arc<Environment>, Failure>
     Ok(Arc::new(Environment::open(file).or_unusable()?))
 }
 
+/// Opens surroundings with the object whose traces are in them, where they are a run's.
+pub(crate) fn open_surroundings(path: &Path) -> Result<Scene, Failure> {
+    if path.is_dir()
+        && let Ok(scene) = RunFolder::open(path).and_then(|folder| folder.scene())
+    {
+        return Ok(scene);
+    }
+    Ok(Scene::new(None, open_environment(path)?))
+}
+
 /// The scene's transform with its surroundings made as bright as `own`; the exposure that it has comes on top.
 pub(crate) fn matched(scene: &Scene, own: &Environment) -> Result<EnvironmentTransform, Failure> {
     let matched = scene.matched_to(own).ok_or_else(|| {

@@ -26,4 +26,6 @@ pub use fan::Fan;
 pub use footprint::SurfaceFootprint;
 pub use mesh::{Mesh, MeshError};
 pub use ray::Ray;
-pub use sampling::{fibonacci_sphere, orthonormal_basis, sample_vmf};
+pub use sampling::{
+    GOLDEN_ANGLE, fibonacci_sphere, irradiance_directions, orthonormal_basis, sample_vmf,
+};

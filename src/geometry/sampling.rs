@@ -1,18 +1,20 @@
 //! Directions: even ones over the sphere, random ones in a lobe, and frames about an axis.
 
-use std::f32::consts::{PI, TAU};
+use std::f32::consts::TAU;
 
 use glam::Vec3;
 
+/// Turn between neighbours of a sunflower, radians.
+pub const GOLDEN_ANGLE: f32 = 2.399_963_2;
+
 /// `n` unit directions spread evenly over the sphere (the Fibonacci lattice, z falling).
 pub fn fibonacci_sphere(n: usize) -> Vec<Vec3> {
-    let golden_angle = PI * (3.0 - 5.0_f64.sqrt() as f32);
     (0..n)
         .map(|i| {
             let z = 1.0 - (2.0 * i as f32 + 1.0) / n as f32;
             let r = (1.0 - z * z).max(0.0).sqrt();
             // The angle is reduced before the sine: at i = 1e6 the plain product has lost its fraction.
-            let phi = (i as f64 * f64::from(golden_angle) % std::f64::consts::TAU) as f32;
+            let phi = (i as f64 * f64::from(GOLDEN_ANGLE) % std::f64::consts::TAU) as f32;
             Vec3::new(r * phi.cos(), r * phi.sin(), z)
         })
         .collect()
@@ -30,6 +32,24 @@ pub fn orthonormal_basis(n: Vec3) -> (Vec3, Vec3) {
         Vec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x),
         Vec3::new(b, sign + n.y * n.y * a, -n.y),
     )
+}
+
+/// `n` unit directions of equal shares of the irradiance of a surface with unit `normal`, each with its cosine: a
+/// sunflower on the disc below the hemisphere (Vogel 1979), turned by `turn` radians.
+pub fn irradiance_directions(
+    normal: Vec3,
+    n: usize,
+    turn: f32,
+) -> impl Iterator<Item = (Vec3, f32)> {
+    let (tangent, bitangent) = orthonormal_basis(normal);
+    let share = 1.0 / n as f32;
+    (0..n).map(move |k| {
+        let radius2 = (k as f32 + 0.5) * share;
+        let (sin, cos) = (turn + k as f32 * GOLDEN_ANGLE).sin_cos();
+        let up = (1.0 - radius2).sqrt();
+        let across = (tangent * cos + bitangent * sin) * radius2.sqrt();
+        ((across + normal * up).normalize_or(normal), up)
+    })
 }
 
 /// A unit direction drawn from the von Mises–Fisher lobe of concentration `kappa` about `axis`.
@@ -57,6 +77,23 @@ pub fn sample_vmf(kappa: f32, axis: Vec3, u: [f32; 2]) -> Vec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn irradiance_directions_are_unit_above_the_surface_and_cosine_weighted() {
+        let normal = Vec3::new(0.6, 0.0, 0.8);
+        let n = 500;
+        let mut sum = Vec3::ZERO;
+        for (direction, up) in irradiance_directions(normal, n, 1.0) {
+            assert!(direction.is_normalized() && (direction.dot(normal) - up).abs() < 1e-5);
+            assert!(up > 0.0, "{up}");
+            sum += direction;
+        }
+        // The mean of the cosine over a cosine-weighted hemisphere is 2/3.
+        assert!(
+            (sum / n as f32 - normal * (2.0 / 3.0)).length() < 0.01,
+            "{sum}"
+        );
+    }
 
     #[test]
     fn fibonacci_directions_are_unit_and_balanced() {

@@ -22,6 +22,11 @@ impl FieldFrame {
     pub fn field_from_world(&self, p_world: Vec3) -> Vec3 {
         (p_world - self.center) / self.half_side
     }
+
+    /// Undoes [`Self::field_from_world`].
+    pub fn world_from_field(&self, p_field: Vec3) -> Vec3 {
+        p_field * self.half_side + self.center
+    }
 }
 
 /// A point in field coordinates contracted into `(-2, 2)³` (up to rounding), and the local scale of lengths there.

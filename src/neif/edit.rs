@@ -144,6 +144,16 @@ impl EnvironmentFromWorld {
         self.rotation * d_world
     }
 
+    /// Undoes [`Self::point`].
+    pub fn world_point(&self, p_environment: Vec3) -> Vec3 {
+        self.rotation.inverse() * (p_environment / self.inverse_scale) + self.translate
+    }
+
+    /// Undoes [`Self::direction`].
+    pub fn world_direction(&self, d_environment: Vec3) -> Vec3 {
+        self.rotation.inverse() * d_environment
+    }
+
     /// A world length in the environment's units.
     pub fn length(&self, length_world: f32) -> f32 {
         length_world * self.inverse_scale
@@ -174,10 +184,12 @@ mod tests {
             scale: 2.0,
             ..EnvironmentTransform::default()
         };
-        let back = transform
-            .environment_from_world()
-            .point(Vec3::new(0.0, 2.0, 1.0));
+        let motion = transform.environment_from_world();
+        let place = Vec3::new(0.0, 2.0, 1.0);
+        let back = motion.point(place);
         assert!((back - Vec3::X).length() < 1e-5, "{back:?}");
+        assert!((motion.world_point(back) - place).length() < 1e-5);
+        assert!((motion.world_direction(Vec3::X) - Vec3::Y).length() < 1e-5);
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use super::ground::Ground;
 use super::irradiance::DiffuseLight;
 use super::progressive::PreviewScene;
 use super::scene::Layer;
@@ -15,6 +16,7 @@ pub(super) struct Causes {
     tracer: Option<Arc<SurfaceTracer>>,
     environment: Arc<Environment>,
     transform: EnvironmentTransform,
+    ground: Option<Arc<Ground>>,
     trained_in: Option<Arc<Environment>>,
     diffuse_light: Option<Arc<DiffuseLight>>,
     material: Option<Arc<SurfaceField>>,
@@ -33,6 +35,7 @@ impl Causes {
                 .map(|object| Arc::clone(&object.tracer)),
             environment: Arc::clone(&scene.environment),
             transform: scene.transform,
+            ground: scene.ground.clone(),
             trained_in: scene.trained_in.clone(),
             diffuse_light: scene
                 .diffuse_light
@@ -52,7 +55,9 @@ impl Causes {
     }
 
     pub(super) fn same_light(&self, other: &Self) -> bool {
-        Arc::ptr_eq(&self.environment, &other.environment) && self.transform == other.transform
+        Arc::ptr_eq(&self.environment, &other.environment)
+            && self.transform == other.transform
+            && same(self.ground.as_ref(), other.ground.as_ref())
     }
 
     fn same_diffuse_light(&self, other: &Self) -> bool {

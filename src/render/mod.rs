@@ -4,6 +4,7 @@ pub mod bake;
 mod band;
 mod causes;
 pub mod gbuffer;
+pub mod ground;
 pub mod irradiance;
 pub mod metallic_roughness;
 pub mod neilf;

@@ -1,6 +1,5 @@
 //! Equirectangular panoramas: the environment as a point inside it sees it.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use glam::Vec3;
@@ -12,33 +11,27 @@ use super::shade::ShadeScratch;
 use crate::neif::lobe::Lobe;
 use crate::neif::proposal::ConeRay;
 use crate::neif::radiance_field::FieldRay;
-use crate::neif::{Environment, EnvironmentTransform};
 
-/// Linear radiance around the world point `at`, `width` x `width / 2`; `None` when cancelled.
+/// Linear radiance of a scene's surroundings around the world point `at`, `width` x `width / 2`; `None` when cancelled.
 ///
 /// `u = (x + 0.5)/w`, `v = (y + 0.5)/h`, azimuth `2π (0.5 - u)`, elevation `π (0.5 - v)`, direction
 /// `(cos el cos az, cos el sin az, sin el)`: z is up, the centre looks along +x. Roughness 0 is sharp, else every pixel is the
 /// lobe of that roughness.
 pub fn panorama(
-    environment: &Arc<Environment>,
-    transform: &EnvironmentTransform,
+    scene: &Scene,
     at: Vec3,
     roughness: f32,
     width: u32,
     cancel: &AtomicBool,
 ) -> Option<Picture> {
     let height = (width / 2).max(1);
-    let scene = Scene {
-        transform: *transform,
-        ..Scene::new(None, Arc::clone(environment))
-    };
     let mut pixels = vec![[0.0; 3]; (width * height) as usize];
     pixels
         .par_chunks_mut(width as usize)
         .enumerate()
         .for_each_init(ShadeScratch::default, |scratch, (y, row)| {
             if !cancel.load(Ordering::Relaxed) {
-                panorama_row(&scene, at, roughness, (y as u32, height), row, scratch);
+                panorama_row(scene, at, roughness, (y as u32, height), row, scratch);
             }
         });
     (!cancel.load(Ordering::Relaxed)).then_some(Picture {
@@ -95,8 +88,11 @@ fn panorama_row(
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
     use crate::data::{ExrSample, write_exr};
+    use crate::neif::EnvironmentTransform;
     use crate::neif::distant::{ImportOptions, import_environment};
 
     #[test]
@@ -121,7 +117,11 @@ mod tests {
             ..still
         };
         for (transform, at) in [(still, Vec3::ZERO), (moved, Vec3::splat(7.0))] {
-            let seen = panorama(&environment, &transform, at, 0.0, width, &cancel).unwrap();
+            let scene = Scene {
+                transform,
+                ..Scene::new(None, Arc::clone(&environment))
+            };
+            let seen = panorama(&scene, at, 0.0, width, &cancel).unwrap();
             assert_eq!((seen.width, seen.height), (width, height), "size");
             assert!(seen.pixels == pixels, "pixels");
         }

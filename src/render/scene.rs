@@ -7,6 +7,7 @@ use std::sync::atomic::AtomicBool;
 
 use glam::Vec3;
 
+use super::ground::{BakedGround, Ground};
 use super::irradiance::{DiffuseLights, KeyedLight, LightKey, Resolution};
 use crate::neif::environment::EnvironmentField;
 use crate::neif::exposure_match::matched;
@@ -26,6 +27,8 @@ pub struct Scene {
     /// The surroundings that the object was trained in: its diffuse part follows the light. `None` leaves it as it was
     /// learned, whatever the light, as the paper does.
     pub trained_in: Option<Arc<Environment>>,
+    /// What is done to the floor of the surroundings; made by [`Self::lit`].
+    pub ground: Option<Arc<Ground>>,
     /// The light at the surface, where it is not the trained one; made by [`Self::lit`].
     pub diffuse_light: Option<KeyedLight>,
 }
@@ -40,6 +43,7 @@ impl Scene {
             environment,
             transform: EnvironmentTransform::default(),
             edit: MaterialEdit::default(),
+            ground: None,
             diffuse_light: None,
         }
     }
@@ -54,6 +58,28 @@ impl Scene {
             return Some(self.clone());
         }
         DiffuseLights::default().fine(self, cancel)
+    }
+
+    /// The surroundings alone, without the traces that the object left in its own; `None` when cancelled.
+    pub fn emptied(&self, cancel: &AtomicBool) -> Option<Self> {
+        let own = self.trained_in.as_ref().filter(|_| self.has_own_light());
+        let baked = match (&self.object, own) {
+            (Some(object), Some(own)) => {
+                BakedGround::new(object, own, Resolution::FINE.ground, cancel)?
+            }
+            _ => None,
+        };
+        Some(Self {
+            object: None,
+            diffuse_light: None,
+            ground: baked.map(|baked| {
+                Arc::new(Ground {
+                    baked: Some(baked),
+                    shadow: None,
+                })
+            }),
+            ..self.clone()
+        })
     }
 
     /// Factor of the diffuse part at a surface point with the given unit normal; at least 0.

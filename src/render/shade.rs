@@ -309,6 +309,9 @@ impl ShadeScratch {
     /// Evaluates the environment along the batch's rays.
     pub(super) fn light(&mut self, scene: &Scene) {
         scene.environment.light(&mut self.batch, &mut self.light);
+        if let Some(ground) = &scene.ground {
+            ground.apply(&mut self.batch);
+        }
     }
 
     /// The edited surfaces at world points with unit normals, their diffuse part in the light of the scene.

@@ -7,7 +7,7 @@ use glam::Vec3;
 use super::scene::Scene;
 use crate::geometry::{Camera, Mesh, SurfaceTracer};
 use crate::neif::contraction::FieldFrame;
-use crate::neif::environment::{Environment, EnvironmentPlace};
+use crate::neif::environment::{Environment, EnvironmentField, EnvironmentPlace};
 use crate::neif::hash_grid::{GridConfig, LEAST_WEIGHT};
 use crate::neif::material::MaterialConfig;
 use crate::neif::proposal::DensityGrid;
@@ -74,7 +74,23 @@ pub(crate) fn fog(log: f32, slope: f32) -> Arc<Environment> {
     environment_of(field)
 }
 
+/// A floor of radiance 1 at world height `floor`, empty space above it, and fog far away.
+pub(crate) fn fog_above(floor: f32) -> Arc<Environment> {
+    let mut density = DensityGrid::default();
+    let fog = fog(0.0, 0.0);
+    let height = fog.frame().field_from_world(Vec3::Z * floor).z;
+    density.hollow(|x| x[2] > height);
+    match fog.field() {
+        EnvironmentField::Grid { field, .. } => with_density(field.clone(), density),
+        _ => unreachable!("fog is a grid"),
+    }
+}
+
 fn environment_of(field: RadianceField) -> Arc<Environment> {
+    with_density(field, DensityGrid::default())
+}
+
+fn with_density(field: RadianceField, density: DensityGrid) -> Arc<Environment> {
     let frame = FieldFrame {
         center: Vec3::ZERO,
         half_side: 2.0,
@@ -86,7 +102,7 @@ fn environment_of(field: RadianceField) -> Arc<Environment> {
         n_samples: 16,
         up: Vec3::Z,
     };
-    Arc::new(Environment::new(place, field, DensityGrid::default()))
+    Arc::new(Environment::new(place, field, density))
 }
 
 /// A tetrahedron about the origin with a random material.

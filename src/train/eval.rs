@@ -219,7 +219,7 @@ struct PanoramaTruth {
 /// # Errors
 /// When the file or one of its pictures is damaged.
 pub fn panorama_psnr(
-    environment: &Arc<Environment>,
+    scene: &Scene,
     root: &Path,
     cancel: &AtomicBool,
 ) -> Result<Option<f64>, DataError> {
@@ -236,13 +236,14 @@ pub fn panorama_psnr(
         path: json.clone(),
         source,
     })?;
-    let still = EnvironmentTransform::default();
-    let scene = Scene::new(None, Arc::clone(environment));
+    let Some(scene) = scene.emptied(cancel) else {
+        return Ok(None);
+    };
     let mut sum = 0.0;
     let mut count = 0;
     for truth in &list.panos {
         let (width, _, pixels) = read_exr_linear(&root.join(&truth.file))?;
-        let seen = panorama(environment, &still, truth.position, 0.0, width, cancel);
+        let seen = panorama(&scene, truth.position, 0.0, width, cancel);
         let Some(seen) = seen else {
             return Ok(None);
         };

@@ -14,8 +14,8 @@ use crate::render::Scene;
 /// What a [`DiffuseLight`] depends on; an `Arc` stands for its address.
 #[derive(Clone, Debug)]
 pub struct LightKey {
-    object: Arc<ObjectModel>,
-    trained_in: Arc<Environment>,
+    pub(super) object: Arc<ObjectModel>,
+    pub(super) trained_in: Arc<Environment>,
     pub(super) environment: Arc<Environment>,
     /// Without the gain: the light is proportional to that.
     pub(super) transform: EnvironmentTransform,
@@ -120,7 +120,9 @@ fn lit(level: &mut Level, scene: &Scene, cancel: &AtomicBool) -> Option<Scene> {
         Some(key) => Some(level.light(&key, cancel)?),
         None => None,
     };
+    let ground = diffuse_light.as_ref().and_then(|lit| lit.light.ground());
     Some(Scene {
+        ground: ground.cloned(),
         diffuse_light,
         ..scene.clone()
     })
@@ -186,7 +188,7 @@ impl Level {
                 &key.object.material,
             ),
         };
-        let Some(trained) = work.run(&key.trained_in, cancel) else {
+        let Some(trained) = work.run(key, cancel) else {
             self.work = Some((key.clone(), work));
             return None;
         };

@@ -16,6 +16,7 @@ use crate::neif::proposal::ConeRay;
 use crate::neif::radiance_field::{FieldBatch, FieldRay};
 use crate::neif::shading::fresnel;
 use crate::neif::{Environment, EnvironmentTransform, SurfaceField};
+use crate::render::ground::{BakedGround, Ground, Shadow};
 
 /// Largest ratio: a surface that was in the dark knows too little of its colour to show more.
 const MAX_RATIO: f32 = 16.0;
@@ -61,7 +62,11 @@ struct WorldCone {
 
 /// Radiance along the beams of each probe: empty until they were evaluated. Kept when interrupted.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Gathered(Vec<Vec<[f32; 3]>>);
+pub(super) struct Gathered {
+    /// What is done to the floor, once it was looked at.
+    ground: Option<Option<Arc<Ground>>>,
+    radiance: Vec<Vec<[f32; 3]>>,
+}
 
 /// An object in the light that it was trained in.
 #[derive(Debug)]
@@ -72,6 +77,7 @@ pub struct TrainedLight {
     ray_mean: Vec3,
     irradiance: Vec<Irradiance>,
     mean: Vec3,
+    ground: Option<Arc<BakedGround>>,
 }
 
 /// [`TrainedLight`] on its way.
@@ -99,13 +105,16 @@ impl TrainedWork {
     }
 
     /// Gathers the light of the surroundings where they were trained; `None` when cancelled, to be taken up again.
-    pub(super) fn run(&mut self, own: &Environment, cancel: &AtomicBool) -> Option<TrainedLight> {
+    pub(super) fn run(&mut self, key: &LightKey, cancel: &AtomicBool) -> Option<TrainedLight> {
         let still = EnvironmentTransform::default();
+        let own = &key.trained_in;
         if !self.gathered.run(&self.beams, own, &still, cancel) {
             return None;
         }
+        let resolution = self.transport.resolution.ground;
+        let ground = BakedGround::new(&key.object, own, resolution, cancel)?;
         let mut beams = std::mem::take(&mut self.beams);
-        let (transport, radiance) = (Arc::clone(&self.transport), &self.gathered.0);
+        let (transport, radiance) = (Arc::clone(&self.transport), &self.gathered.radiance);
         let first = irradiance(&beams, radiance, |beam| beam.bounce);
         let mean = mean_irradiance(&transport, &first);
         beams.par_iter_mut().flatten().for_each(|beam| {
@@ -122,11 +131,32 @@ impl TrainedWork {
             transport,
             beams,
             irradiance,
+            ground,
         })
     }
 }
 
 impl TrainedLight {
+    /// What is done to the floor of the surroundings of `key`; `None` when cancelled.
+    fn ground_in(&self, key: &LightKey, cancel: &AtomicBool) -> Option<Option<Arc<Ground>>> {
+        let is_own = Arc::ptr_eq(&key.trained_in, &key.environment);
+        let baked = self.ground.as_ref().filter(|_| is_own);
+        let shadow = Shadow::new(
+            &key.object,
+            &key.environment,
+            &key.transform,
+            baked.map(|baked| &**baked),
+            self.transport.resolution.ground,
+            cancel,
+        )?;
+        Some((baked.is_some() || shadow.is_some()).then(|| {
+            Arc::new(Ground {
+                baked: baked.cloned(),
+                shadow,
+            })
+        }))
+    }
+
     /// Diffuse reflectance of a surface point whose baked diffuse radiance is `diffuse`: `π C_d / E`, in `[0, 1]`.
     pub fn albedo(&self, position: Vec3, normal: Vec3, diffuse: Vec3) -> Vec3 {
         let (transport, irradiance) = (&self.transport, &self.irradiance);
@@ -160,6 +190,7 @@ pub struct DiffuseLight {
     trained: Arc<TrainedLight>,
     irradiance: Vec<Irradiance>,
     mean: Vec3,
+    ground: Option<Arc<Ground>>,
 }
 
 impl DiffuseLight {
@@ -171,19 +202,25 @@ impl DiffuseLight {
         gathered: &mut Gathered,
         cancel: &AtomicBool,
     ) -> Option<Self> {
+        if gathered.ground.is_none() {
+            gathered.ground = Some(trained.ground_in(key, cancel)?);
+        }
         if !gathered.run(&trained.beams, &key.environment, &key.transform, cancel) {
             return None;
         }
         let transport = &trained.transport;
         let start = quotient(gathered.mean(), trained.ray_mean);
         let mut light = Self {
-            irradiance: irradiance(&trained.beams, &gathered.0, |beam| beam.bounce * start),
+            irradiance: irradiance(&trained.beams, &gathered.radiance, |beam| {
+                beam.bounce * start
+            }),
             trained: Arc::clone(trained),
             mean: Vec3::ZERO,
+            ground: gathered.ground.clone().flatten(),
         };
         light.mean = mean_irradiance(transport, &light.irradiance);
         for _ in 0..BOUNCES {
-            light.irradiance = irradiance(&trained.beams, &gathered.0, |beam| {
+            light.irradiance = irradiance(&trained.beams, &gathered.radiance, |beam| {
                 beam.met.map_or(Vec3::ZERO, |(position, normal)| {
                     beam.bounce * light.ratio(position, normal)
                 })
@@ -209,6 +246,11 @@ impl DiffuseLight {
         let rest = FAR_WEIGHT + FLOOR * sum;
         let most = MAX_RATIO * quotient(self.mean, trained.mean);
         quotient(now + rest * self.mean, then + rest * trained.mean).min(most)
+    }
+
+    /// What is done to the floor of the surroundings.
+    pub fn ground(&self) -> Option<&Arc<Ground>> {
+        self.ground.as_ref()
     }
 
     /// The light that it is compared with.
@@ -343,8 +385,9 @@ impl Gathered {
         let motion = transform.environment_from_world();
         let frame = environment.frame();
         let to_field = motion.length(1.0) / frame.half_side;
-        self.0.resize(beams.len(), Vec::new());
-        self.0.par_iter_mut().zip(beams).for_each_init(
+        let ground = self.ground.clone().flatten();
+        self.radiance.resize(beams.len(), Vec::new());
+        self.radiance.par_iter_mut().zip(beams).for_each_init(
             <(FieldBatch, LightScratch)>::default,
             |(batch, scratch), (radiance, beams)| {
                 if !radiance.is_empty() || cancel.load(Ordering::Relaxed) {
@@ -377,17 +420,20 @@ impl Gathered {
                     return;
                 }
                 environment.light(batch, scratch);
+                if let Some(ground) = &ground {
+                    ground.apply(batch);
+                }
                 radiance.extend_from_slice(&batch.radiance);
             },
         );
-        self.0.iter().all(|radiance| !radiance.is_empty())
+        self.radiance.iter().all(|radiance| !radiance.is_empty())
     }
 
     /// Mean radiance along all rays.
     fn mean(&self) -> Vec3 {
         let mut sum = Vec3::ZERO;
         let mut n = 0;
-        for radiance in self.0.iter().flatten() {
+        for radiance in self.radiance.iter().flatten() {
             sum += Vec3::from(*radiance);
             n += 1;
         }

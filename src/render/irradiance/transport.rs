@@ -7,10 +7,8 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::probes::{Probe, Probes};
-use crate::geometry::{Hit, Ray, SurfaceTracer, orthonormal_basis};
-
-/// Turn between neighbouring cones about the normal, radians: the golden angle.
-const GOLDEN_ANGLE: f32 = 2.399_963_2;
+use crate::geometry::{GOLDEN_ANGLE, Hit, Ray, SurfaceTracer, irradiance_directions};
+use crate::render::ground::GroundResolution;
 
 /// How finely light is gathered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,6 +17,8 @@ pub struct Resolution {
     pub n_probes: usize,
     /// Cones over the hemisphere of each.
     pub n_cones: usize,
+    /// Of the floor.
+    pub ground: GroundResolution,
 }
 
 impl Resolution {
@@ -26,11 +26,19 @@ impl Resolution {
     pub const FINE: Self = Self {
         n_probes: 1024,
         n_cones: 64,
+        ground: GroundResolution {
+            side: 64,
+            n_directions: 192,
+        },
     };
     /// For pictures in motion.
     pub const COARSE: Self = Self {
         n_probes: 96,
         n_cones: 16,
+        ground: GroundResolution {
+            side: 24,
+            n_directions: 32,
+        },
     };
 }
 
@@ -75,6 +83,7 @@ pub struct Transport {
     pub(super) probes: Probes,
     /// Of each probe.
     pub(super) cones: Vec<Vec<Cone>>,
+    pub(super) resolution: Resolution,
 }
 
 impl Transport {
@@ -95,26 +104,21 @@ impl Transport {
                     .then(|| cones(tracer, probe, turn, resolution.n_cones))
             })
             .collect::<Option<Vec<_>>>()?;
-        Some(Self { probes, cones })
+        Some(Self {
+            probes,
+            cones,
+            resolution,
+        })
     }
 }
 
-/// Cones at equal shares of the cosine-weighted hemisphere: a sunflower on the disc below it (Vogel 1979).
+/// Cones at equal shares of the cosine-weighted hemisphere.
 fn cones(tracer: &SurfaceTracer, probe: &Probe, turn: f32, n: usize) -> Vec<Cone> {
-    let (tangent, bitangent) = orthonormal_basis(probe.normal);
-    let share = 1.0 / n as f32;
-    (0..n)
-        .map(|k| {
-            let radius2 = (k as f32 + 0.5) * share;
-            let (sin, cos) = (turn + k as f32 * GOLDEN_ANGLE).sin_cos();
-            let up = (1.0 - radius2).sqrt();
-            let across = (tangent * cos + bitangent * sin) * radius2.sqrt();
-            let direction = (across + probe.normal * up).normalize_or(probe.normal);
-            Cone {
-                direction,
-                weight: PI * share / up,
-                met: met(tracer, probe, direction),
-            }
+    irradiance_directions(probe.normal, n, turn)
+        .map(|(direction, up)| Cone {
+            direction,
+            weight: PI / (n as f32 * up),
+            met: met(tracer, probe, direction),
         })
         .collect()
 }

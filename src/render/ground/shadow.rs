@@ -1,0 +1,94 @@
+//! The shadow of the object on the floor of surroundings that are not those it was captured in, or not where they were.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use glam::Vec3;
+
+use super::baked::{BakedGround, FLOOR_LOOK, FLOOR_SLAB, half_side};
+use super::light::{Stand, look_down};
+use super::map::Map;
+use super::square::Square;
+use super::{GroundResolution, Reach, meet};
+use crate::neif::environment::EnvironmentField;
+use crate::neif::radiance_field::FieldRay;
+use crate::neif::{Environment, EnvironmentTransform, ObjectModel};
+
+/// Share of the square that must be floor.
+const LEAST_FLOOR: f32 = 0.1;
+
+/// The share of its light that an object leaves a floor.
+#[derive(Clone, Debug)]
+pub struct Shadow {
+    square: Square,
+    /// The share, and whether there is a floor.
+    share: Arc<Map>,
+}
+
+impl Shadow {
+    /// The shadow in surroundings at `transform`; `baked`: what is known of their floor. `Some(None)` when there is no
+    /// floor below the object, `None` when cancelled.
+    pub(crate) fn new(
+        object: &ObjectModel,
+        environment: &Environment,
+        transform: &EnvironmentTransform,
+        baked: Option<&BakedGround>,
+        resolution: GroundResolution,
+        cancel: &AtomicBool,
+    ) -> Option<Option<Self>> {
+        // What is infinitely far has no floor; the paper's network does not tell where its light comes from.
+        if !matches!(environment.field(), EnvironmentField::Grid { .. }) {
+            return Some(None);
+        }
+        let stand = Stand {
+            object,
+            environment,
+            motion: transform.environment_from_world(),
+        };
+        let foot = stand.foot();
+        let up = environment.up();
+        let half_side = half_side(foot.radius, foot.height);
+        // A known floor keeps its height, wherever the object went.
+        let lift = baked.map_or(0.0, |baked| (baked.square().center - foot.center).dot(up));
+        let square = Square::new(foot.center + lift * up, up, half_side, resolution.side);
+        let looks = look_down(
+            environment,
+            &square,
+            FLOOR_LOOK * half_side,
+            FLOOR_SLAB * half_side,
+        );
+        let floors: Vec<f32> = looks
+            .iter()
+            .enumerate()
+            .map(|(i, look)| {
+                let known = baked.and_then(|baked| baked.floor_at(square.point(i)));
+                look.1.max(known.unwrap_or(0.0)).min(1.0)
+            })
+            .collect();
+        if floors.iter().sum::<f32>() < LEAST_FLOOR * square.len() as f32 {
+            return Some(None);
+        }
+        let sky = stand.sky(foot.middle, resolution);
+        let shares = stand.shares(&square, &sky, cancel)?;
+        let values = shares
+            .iter()
+            .zip(&floors)
+            .map(|(share, floor)| share.light.extend(*floor))
+            .collect();
+        Some(Some(Self {
+            share: Arc::new(Map::new(square.side, values)),
+            square,
+        }))
+    }
+
+    /// Share of the radiance along a ray that is left, a colour.
+    pub(super) fn share(&self, ray: &FieldRay, reach: &Reach<'_>) -> Vec3 {
+        let Some((meeting, blur)) = meet(&self.square, ray) else {
+            return Vec3::ONE;
+        };
+        let share = self.share.at(meeting.place, blur);
+        let slab = FLOOR_SLAB * self.square.half_side;
+        let reached = reach.beyond(meeting.distance - slab / meeting.fall);
+        Vec3::ONE.lerp(share.truncate(), share.w * meeting.fade() * reached)
+    }
+}

@@ -1,0 +1,192 @@
+//! What is done to a floor, on surroundings that have a flat one of one brightness below far fog.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use glam::{Vec2, Vec3, Vec4};
+
+use super::map::Map;
+use super::*;
+use crate::geometry::test_mesh::ellipsoid;
+use crate::neif::environment::LightScratch;
+use crate::neif::proposal::ConeRay;
+use crate::neif::{Environment, EnvironmentTransform, ObjectModel};
+use crate::render::Scene;
+use crate::render::test_scene::{fog_above, object_of};
+
+static NEVER: AtomicBool = AtomicBool::new(false);
+const RESOLUTION: GroundResolution = GroundResolution {
+    side: 32,
+    n_directions: 96,
+};
+/// Height of the floor, world units.
+const FLOOR: f32 = -0.5;
+
+fn ball() -> Arc<ObjectModel> {
+    object_of(ellipsoid(Vec3::ZERO, Vec3::splat(0.5), 32), 3)
+}
+
+fn room() -> Arc<Environment> {
+    fog_above(FLOOR)
+}
+
+fn baked() -> Arc<BakedGround> {
+    let ground = BakedGround::new(&ball(), &room(), RESOLUTION, &NEVER);
+    ground.expect("not cancelled").expect("a floor")
+}
+
+/// Radiance of the room from a world point towards another, after `ground`.
+fn look(ground: Option<&Ground>, from: Vec3, to: Vec3) -> Vec3 {
+    let room = room();
+    let direction = (to - from).normalize_or_zero();
+    let mut batch = FieldBatch::default();
+    batch.rays.push(FieldRay {
+        cone: ConeRay {
+            origin: room.frame().field_from_world(from).to_array(),
+            direction: direction.to_array(),
+            ..ConeRay::default()
+        },
+        direction: direction.to_array(),
+        kappa: f32::INFINITY,
+    });
+    room.light(&mut batch, &mut LightScratch::default());
+    if let Some(ground) = ground {
+        ground.apply(&mut batch);
+    }
+    Vec3::from(batch.radiance[0])
+}
+
+#[test]
+fn a_shadow_is_taken_away_and_put_where_the_object_went() {
+    let still = EnvironmentTransform::default();
+    let baked = baked();
+    let shadow = |transform: &EnvironmentTransform| {
+        Shadow::new(
+            &ball(),
+            &room(),
+            transform,
+            Some(&baked),
+            RESOLUTION,
+            &NEVER,
+        )
+        .expect("not cancelled")
+        .expect("a floor")
+    };
+    let empty = Ground {
+        baked: Some(Arc::clone(&baked)),
+        shadow: None,
+    };
+    let as_it_was = Ground {
+        shadow: Some(shadow(&still)),
+        ..empty.clone()
+    };
+    let aside = EnvironmentTransform {
+        translate: Vec3::new(-0.8, 0.0, 0.0),
+        ..still
+    };
+    let moved = Ground {
+        shadow: Some(shadow(&aside)),
+        ..empty.clone()
+    };
+    let eye = Vec3::new(0.1, -1.6, 0.6);
+    let beside = Vec3::new(0.0, -0.45, FLOOR);
+    let seen = look(None, eye, beside);
+    assert!(
+        look(Some(&empty), eye, beside).cmpgt(seen * 1.3).all(),
+        "a shadow was taken away"
+    );
+    let back = look(Some(&as_it_was), eye, beside);
+    assert!(
+        (back / seen - 1.0).abs().max_element() < 0.02,
+        "{back} for {seen}"
+    );
+    // Surroundings that went to -x have the object at +x.
+    let new_place = beside + Vec3::new(0.8, 0.0, 0.0);
+    let new_shadow = look(Some(&moved), eye, new_place);
+    assert!(
+        new_shadow
+            .cmplt(0.8 * look(Some(&empty), eye, new_place))
+            .all(),
+        "{new_shadow}"
+    );
+    let old_place = look(Some(&moved), eye, beside);
+    assert!(old_place.cmpgt(seen * 1.1).all(), "{old_place} for {seen}");
+}
+
+#[test]
+fn walls_and_sky_and_what_lies_far_off_stay() {
+    let empty = Ground {
+        baked: Some(baked()),
+        shadow: None,
+    };
+    let eye = Vec3::new(0.1, -1.6, 0.6);
+    for to in [
+        Vec3::new(0.0, 0.0, 1.0),
+        Vec3::new(0.0, 9.0, 0.6),
+        Vec3::new(1.9, 1.9, FLOOR),
+    ] {
+        assert_eq!(look(Some(&empty), eye, to), look(None, eye, to), "{to}");
+    }
+}
+
+#[test]
+fn an_object_that_hovers_has_no_floor() {
+    let high = object_of(ellipsoid(Vec3::new(0.0, 0.0, 1.0), Vec3::splat(0.2), 16), 3);
+    let ground = BakedGround::new(&high, &room(), RESOLUTION, &NEVER);
+    assert!(ground.expect("not cancelled").is_none());
+    let cancelled = AtomicBool::new(true);
+    assert!(BakedGround::new(&ball(), &room(), RESOLUTION, &cancelled).is_none());
+}
+
+#[test]
+fn a_scene_has_a_ground_where_its_surroundings_moved() {
+    let scene = Scene::new(Some(ball()), room());
+    assert!(scene.lit(&NEVER).expect("not cancelled").ground.is_none());
+    let moved = Scene {
+        transform: EnvironmentTransform {
+            translate: Vec3::X,
+            ..EnvironmentTransform::default()
+        },
+        ..scene.clone()
+    };
+    let ground = moved.lit(&NEVER).expect("not cancelled").ground;
+    assert!(ground.is_some_and(|ground| ground.baked.is_some() && ground.shadow.is_some()));
+    let empty = scene.emptied(&NEVER).expect("not cancelled");
+    assert!(empty.object.is_none());
+    assert!(empty.ground.is_some_and(|ground| ground.shadow.is_none()));
+}
+
+#[test]
+fn what_is_not_known_comes_from_around_it() {
+    let side = 16;
+    let value = |i: usize| if i % side < 8 { 1.0 } else { 3.0 };
+    let values: Vec<Vec4> = (0..side * side).map(|i| Vec4::splat(value(i))).collect();
+    let mut known = vec![1.0; side * side];
+    let hole = |i: usize| (4..12).contains(&(i / side)) && (6..10).contains(&(i % side));
+    for (i, known) in known.iter_mut().enumerate() {
+        if hole(i) {
+            *known = 0.0;
+        }
+    }
+    let wrong: Vec<Vec4> = (0..values.len())
+        .map(|i| {
+            if hole(i) {
+                Vec4::splat(99.0)
+            } else {
+                values[i]
+            }
+        })
+        .collect();
+    let map = Map::filled(side, &wrong, &known);
+    for i in 0..side * side {
+        let place = (Vec2::new((i % side) as f32, (i / side) as f32) + 0.5) / 8.0 - 1.0;
+        let found = map.at(place, 0.0).x;
+        if hole(i) {
+            assert!((0.9..3.1).contains(&found), "{found} at {i}");
+        } else {
+            assert!((found - value(i)).abs() < 1e-5, "{found} at {i}");
+        }
+    }
+    let mean = Map::new(side, values).at(Vec2::ZERO, 1e9).x;
+    assert!((mean - 2.0).abs() < 1e-5, "{mean}");
+}
