@@ -280,6 +280,10 @@ impl Chunk {
     fn background_losses(&mut self, context: &StepContext<'_>) {
         let config = context.config;
         let scale = config.background_weight / config.background_pixels as f32;
+        let clipped_weight = match context.material {
+            Some(_) => config.clipped_weight,
+            None => config.clipped_weight_alone,
+        };
         for (sample, ray) in self.backgrounds.iter().zip(self.first_background_ray..) {
             let loss = pixel_loss(
                 context.display,
@@ -289,9 +293,14 @@ impl Chunk {
             self.loss.background += f64::from(loss.value);
             self.loss.d_gamma += f64::from(loss.d_gamma * scale);
             let radiance = Vec3::from(self.batch.radiance[ray]);
-            let (value, d) = clipped_pull(radiance, sample.target, config.clipped_radiance);
-            self.loss.background += f64::from(config.clipped_weight * value);
-            let d = d * config.clipped_weight;
+            let (value, d) = clipped_pull(
+                radiance,
+                sample.target,
+                config.clipped_radiance,
+                context.material.is_some(),
+            );
+            self.loss.background += f64::from(clipped_weight * value);
+            let d = d * clipped_weight;
             self.batch.d_radiance[ray] = ((loss.d_linear + d) * scale).to_array();
         }
     }

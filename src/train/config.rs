@@ -57,11 +57,13 @@ pub struct TrainConfig {
     pub preconvolved_levels: usize,
     /// Pull of the diffuse part of what reflects like a metal towards black: no real surface has both.
     pub metal_weight: f32,
-    /// Radiance that clipped light is pulled to, and the weight of that pull. A photo says no more of a lamp than that it
-    /// is brighter than white; left alone it stays there, and everything that is rough, or lit by it, is too dark.
+    /// Radiance that clipped light is pulled to. A photo says no more of a lamp than that it
+    /// is brighter than white; left alone it stays there or grows without end, and what is rough, or lit by it, is wrong.
     pub clipped_radiance: f32,
     /// Weight of that pull against object pixels.
     pub clipped_weight: f32,
+    /// Weight of that pull without an object: nothing else says how bright a lamp is.
+    pub clipped_weight_alone: f32,
     /// Steps before roughness is learned: while the environment is still blurred, every surface would seem a mirror,
     /// and a mirror gives no gradient back to roughness.
     pub roughness_delay: u32,
@@ -130,6 +132,7 @@ impl Default for TrainConfig {
             metal_weight: 0.01,
             clipped_radiance: 5.0,
             clipped_weight: 0.01,
+            clipped_weight_alone: 0.1,
             roughness_delay: 300,
             bounces: MAX_VERTICES - 1,
             subpixels: true,

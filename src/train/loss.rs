@@ -6,7 +6,7 @@ use crate::color::{srgb_from_linear, srgb_slope};
 use crate::neif::display::Display;
 
 /// Target from which a pixel counts as clipped: brighter predictions are not wrong.
-const CLIPPED: f32 = 0.998;
+pub(super) const CLIPPED: f32 = 0.998;
 /// Lower end of the logarithm in the exponent's gradient: `ln 0`.
 const TINY: f32 = 1e-6;
 
@@ -43,13 +43,19 @@ pub(super) fn pixel_loss(display: Display, linear: Vec3, target: [f32; 3]) -> Pi
     loss
 }
 
-/// `ln(radiance / light)²` in the colours whose target is clipped, where the light is below `radiance`, and its gradient
-/// by the light.
-pub(super) fn clipped_pull(light: Vec3, target: [f32; 3], radiance: f32) -> (f32, Vec3) {
+/// `ln(radiance / light)²` in the colours whose target is clipped, and its gradient by the light. What shines on an object may
+/// tell that a lamp is brighter: then it is pulled up only.
+pub(super) fn clipped_pull(
+    light: Vec3,
+    target: [f32; 3],
+    radiance: f32,
+    is_up_only: bool,
+) -> (f32, Vec3) {
     let (mut value, mut d_light) = (0.0, Vec3::ZERO);
     for c in 0..3 {
         // Below white the pixel's own error is at work.
-        if target[c] >= CLIPPED && light[c] >= 0.5 && light[c] < radiance {
+        let is_free = is_up_only && light[c] > radiance;
+        if target[c] >= CLIPPED && light[c] >= 0.5 && !is_free {
             let log = (radiance / light[c]).ln();
             value += log * log;
             d_light[c] = -2.0 * log / light[c];
@@ -94,18 +100,18 @@ mod tests {
     }
 
     #[test]
-    fn clipped_light_is_pulled_up_and_the_pull_ends_at_the_given_radiance() {
-        let (light, target) = (Vec3::new(0.9, 2.0, 0.3), [1.0, 1.0, 0.4]);
-        let (_, d) = clipped_pull(light, target, 5.0);
+    fn clipped_light_is_pulled_to_the_given_radiance_from_both_sides() {
+        let (light, target) = (Vec3::new(0.9, 20.0, 0.3), [1.0, 1.0, 0.4]);
+        let (_, d) = clipped_pull(light, target, 5.0, false);
         for c in 0..3 {
             let h = 1e-3;
-            let at = |s: f32| clipped_pull(light + Vec3::AXES[c] * s, target, 5.0).0;
+            let at = |s: f32| clipped_pull(light + Vec3::AXES[c] * s, target, 5.0, false).0;
             let numeric = (at(h) - at(-h)) / (2.0 * h);
             assert!((d[c] - numeric).abs() < 1e-2 * numeric.abs() + 1e-4, "{c}");
         }
-        assert!(d.x < 0.0 && d.y < 0.0 && d.z == 0.0, "{d}");
-        let (value, d) = clipped_pull(Vec3::splat(6.0), [1.0; 3], 5.0);
-        assert_eq!((value, d), (0.0, Vec3::ZERO), "brighter than that");
+        assert!(d.x < 0.0 && d.y > 0.0 && d.z == 0.0, "{d}");
+        let (_, d) = clipped_pull(light, target, 5.0, true);
+        assert!(d.x < 0.0 && d.y == 0.0, "{d}");
     }
 
     #[test]

@@ -63,6 +63,8 @@ pub(super) struct PixelOptions {
     pub max_pixels: usize,
     /// Blurred levels beside the sharp one.
     pub n_blurred: usize,
+    /// What clipped pixels count when blurred.
+    pub clipped_radiance: f32,
     /// How far object pixels are traced.
     pub paths: PathOptions,
 }
@@ -243,7 +245,13 @@ fn collect_view(
         .map(|level| SlotRandom::new(options.seed ^ 0x1b87, u64::from(index), level))
         .collect();
     let keep = |level: usize| random[level].uniform() < keep;
-    pixels.backgrounds = blurred_images(&view.photo, &is_background, options.n_blurred, keep);
+    pixels.backgrounds = blurred_images(
+        &view.photo,
+        &is_background,
+        options.n_blurred,
+        options.clipped_radiance,
+        keep,
+    );
     pixels
 }
 

@@ -4,6 +4,7 @@
 //! pixels. The paper prints a cone of `3 sigma r0`; matching the blurred pixel needs `r0 sqrt(1 + 12 sigma²)`, i.e. a
 //! variance of `sigma² + 1/12` pixels². Levels from 4 pixels on are stored at half the resolution each.
 
+use super::loss::CLIPPED;
 use super::pixel_set::PixelSet;
 use super::srgb_codes::SrgbCodes;
 use crate::color::{linear_from_srgb, srgb_from_linear};
@@ -30,12 +31,14 @@ pub(super) struct BlurredImage {
 #[derive(Clone, Copy, Default)]
 struct Weighted([f32; 4]);
 
-/// The pixels of `photo` that are background, sharp and at up to `n_blurred` levels of blur. `keep(level)` is asked
+/// The pixels of `photo` that are background, sharp and at up to `n_blurred` levels of blur, in which clipped pixels count as
+/// `clipped_radiance`. `keep(level)` is asked
 /// for each sample that holds background, in order.
 pub(super) fn blurred_images(
     photo: &Photo,
     is_background: &[bool],
     n_blurred: usize,
+    clipped_radiance: f32,
     mut keep: impl FnMut(usize) -> bool,
 ) -> Vec<BlurredImage> {
     let (mut width, mut height) = (photo.width(), photo.height());
@@ -51,7 +54,7 @@ pub(super) fn blurred_images(
     if n_blurred == 0 {
         return levels;
     }
-    let linear = linear_by_code();
+    let linear = linear_by_code(clipped_radiance);
     let mut weighted: Vec<Weighted> = (0..is_background.len())
         .map(|i| sharp(i).map_or_else(Weighted::default, |srgb| weigh(encode(srgb), &linear)))
         .collect();
@@ -124,10 +127,17 @@ fn encode(srgb: [f32; 3]) -> [u16; 3] {
     srgb.map(|v| (v.clamp(0.0, 1.0) * CODE_MAX + 0.5) as u16)
 }
 
-/// Linear value of every 16th code: the photos have 8 bits, and 4096 steps are finer.
-fn linear_by_code() -> Vec<f32> {
+/// Linear value of every 16th code: the photos have 8 bits, and 4096 steps are finer. Clipped ones are `clipped_radiance`.
+fn linear_by_code(clipped_radiance: f32) -> Vec<f32> {
     (0..=4096)
-        .map(|i| linear_from_srgb(i as f32 * 16.0 / CODE_MAX))
+        .map(|i| i as f32 * 16.0 / CODE_MAX)
+        .map(|srgb| {
+            if srgb >= CLIPPED {
+                clipped_radiance
+            } else {
+                linear_from_srgb(srgb)
+            }
+        })
         .collect()
 }
 

@@ -37,6 +37,11 @@ impl Prepared {
             seed: config.seed,
             max_pixels: config.max_pixels,
             n_blurred: config.preconvolved_levels,
+            // With an object the lamps' radiance is learned from what they shine on.
+            clipped_radiance: match tracer {
+                Some(_) => 1.0,
+                None => config.clipped_radiance,
+            },
             paths: PathOptions {
                 max_vertices: config.bounces + 1,
                 smooth: 1,

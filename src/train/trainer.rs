@@ -445,11 +445,14 @@ impl Trainer {
             head: decay * self.config.gamma_rate,
             tail: 0.0,
         };
-        let mut gamma = [self.gamma];
-        self.gamma_adam
-            .update(&mut gamma, &mut [d_gamma], rates, self.updates);
-        // Outside this range the transform is no display transform any more.
-        self.gamma = gamma[0].clamp(0.2, 5.0);
+        // Surroundings alone look the same with any exponent: theirs stays 1.
+        if self.material.is_some() {
+            let mut gamma = [self.gamma];
+            self.gamma_adam
+                .update(&mut gamma, &mut [d_gamma], rates, self.updates);
+            // Outside this range the transform is no display transform any more.
+            self.gamma = gamma[0].clamp(0.2, 5.0);
+        }
         self.transpose();
     }
 
