@@ -65,7 +65,7 @@ impl Scene {
         let own = self.trained_in.as_ref().filter(|_| self.has_own_light());
         let baked = match (&self.object, own) {
             (Some(object), Some(own)) => {
-                BakedGround::new(object, own, Resolution::FINE.ground, cancel)?
+                BakedGround::new(object, own, Resolution::FINE.ground, cancel).ok()?
             }
             _ => None,
         };

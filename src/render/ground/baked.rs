@@ -8,7 +8,7 @@ use glam::{Vec3, Vec4};
 use super::light::{Stand, lightness, look_down};
 use super::map::Map;
 use super::square::Square;
-use super::{GroundResolution, Reach, meet, smoothstep};
+use super::{Cancelled, GroundResolution, Reach, meet, smoothstep};
 use crate::neif::radiance_field::FieldRay;
 use crate::neif::{Environment, EnvironmentTransform, ObjectModel};
 
@@ -41,13 +41,13 @@ pub struct BakedGround {
 }
 
 impl BakedGround {
-    /// Looks at the floor that the object stood on. `Some(None)` when there is none, `None` when cancelled.
+    /// Looks at the floor that the object stood on; `None` when there is none.
     pub(crate) fn new(
         object: &ObjectModel,
         own: &Environment,
         resolution: GroundResolution,
         cancel: &AtomicBool,
-    ) -> Option<Option<Arc<Self>>> {
+    ) -> Result<Option<Arc<Self>>, Cancelled> {
         let stand = Stand {
             object,
             environment: own,
@@ -68,7 +68,7 @@ impl BakedGround {
             .collect();
         let on_floor: f32 = looks.iter().zip(&known).map(|(look, k)| look.1 * k).sum();
         if on_floor < LEAST_FLOOR * known.iter().sum::<f32>() {
-            return Some(None);
+            return Ok(None);
         }
         let floors: Vec<Vec4> = looks.iter().map(|look| Vec4::splat(look.1)).collect();
         let floors = Map::filled(square.side, &floors, &known);
@@ -88,7 +88,7 @@ impl BakedGround {
         let clean = Map::filled(square.side, &clean, &sure);
         let place = |i: usize| square.place_of(square.point(i));
         let n = square.len();
-        Some(Some(Arc::new(Self {
+        Ok(Some(Arc::new(Self {
             share: Map::new(
                 square.side,
                 (0..n)

@@ -5,8 +5,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::GroundResolution;
 use super::square::Square;
+use super::{Cancelled, GroundResolution};
 use crate::geometry::{Ray, irradiance_directions};
 use crate::neif::edit::EnvironmentFromWorld;
 use crate::neif::environment::LightScratch;
@@ -138,13 +138,13 @@ impl Stand<'_> {
         (tint + albedo).clamp(Vec3::ZERO, Vec3::splat(MAX_REFLECTANCE))
     }
 
-    /// What the object does to each point of a square; `None` when cancelled.
+    /// What the object does to each point of a square.
     pub(super) fn shares(
         &self,
         square: &Square,
         sky: &Sky,
         cancel: &AtomicBool,
-    ) -> Option<Vec<Share>> {
+    ) -> Result<Vec<Share>, Cancelled> {
         let reflectance = self.reflectance(sky);
         let (tracer, frame) = (&self.object.tracer, self.environment.frame());
         let start = tracer.self_distance();
@@ -190,7 +190,10 @@ impl Stand<'_> {
                 free(square.point(i))
             })
             .collect();
-        (!cancel.load(Ordering::Relaxed)).then(|| blurred(&shares, square.side))
+        if cancel.load(Ordering::Relaxed) {
+            return Err(Cancelled);
+        }
+        Ok(blurred(&shares, square.side))
     }
 }
 

@@ -33,8 +33,12 @@ pub struct GroundResolution {
     pub n_directions: usize,
 }
 
+/// The work was given up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Cancelled;
+
 /// What is done to the floor of the surroundings.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Ground {
     /// Taken away.
     pub baked: Option<Arc<BakedGround>>,
@@ -43,10 +47,18 @@ pub struct Ground {
 }
 
 impl Ground {
+    /// Whether nothing is done.
+    pub fn is_empty(&self) -> bool {
+        self.baked.is_none() && self.shadow.is_none()
+    }
+
     /// Corrects the radiance of an evaluated batch: [`FieldBatch::radiance`].
     pub fn apply(&self, batch: &mut FieldBatch) {
         let n_rays = batch.rays.len();
-        if n_rays == 0 || batch.weights().len() % n_rays != 0 || batch.weights().is_empty() {
+        if n_rays == 0
+            || !batch.weights().len().is_multiple_of(n_rays)
+            || batch.weights().is_empty()
+        {
             return;
         }
         let n = batch.weights().len() / n_rays;

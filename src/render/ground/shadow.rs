@@ -9,7 +9,7 @@ use super::baked::{BakedGround, FLOOR_LOOK, FLOOR_SLAB, half_side};
 use super::light::{Stand, look_down};
 use super::map::Map;
 use super::square::Square;
-use super::{GroundResolution, Reach, meet};
+use super::{Cancelled, GroundResolution, Reach, meet};
 use crate::neif::environment::EnvironmentField;
 use crate::neif::radiance_field::FieldRay;
 use crate::neif::{Environment, EnvironmentTransform, ObjectModel};
@@ -26,8 +26,8 @@ pub struct Shadow {
 }
 
 impl Shadow {
-    /// The shadow in surroundings at `transform`; `baked`: what is known of their floor. `Some(None)` when there is no
-    /// floor below the object, `None` when cancelled.
+    /// The shadow in surroundings at `transform`; `baked`: what is known of their floor. `None` when there is no
+    /// floor below the object.
     pub(crate) fn new(
         object: &ObjectModel,
         environment: &Environment,
@@ -35,10 +35,10 @@ impl Shadow {
         baked: Option<&BakedGround>,
         resolution: GroundResolution,
         cancel: &AtomicBool,
-    ) -> Option<Option<Self>> {
+    ) -> Result<Option<Self>, Cancelled> {
         // What is infinitely far has no floor; the paper's network does not tell where its light comes from.
         if !matches!(environment.field(), EnvironmentField::Grid { .. }) {
-            return Some(None);
+            return Ok(None);
         }
         let stand = Stand {
             object,
@@ -66,7 +66,7 @@ impl Shadow {
             })
             .collect();
         if floors.iter().sum::<f32>() < LEAST_FLOOR * square.len() as f32 {
-            return Some(None);
+            return Ok(None);
         }
         let sky = stand.sky(foot.middle, resolution);
         let shares = stand.shares(&square, &sky, cancel)?;
@@ -75,7 +75,7 @@ impl Shadow {
             .zip(&floors)
             .map(|(share, floor)| share.light.extend(*floor))
             .collect();
-        Some(Some(Self {
+        Ok(Some(Self {
             share: Arc::new(Map::new(square.side, values)),
             square,
         }))

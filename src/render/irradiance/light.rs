@@ -64,7 +64,7 @@ struct WorldCone {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Gathered {
     /// What is done to the floor, once it was looked at.
-    ground: Option<Option<Arc<Ground>>>,
+    ground: Option<Arc<Ground>>,
     radiance: Vec<Vec<[f32; 3]>>,
 }
 
@@ -112,7 +112,7 @@ impl TrainedWork {
             return None;
         }
         let resolution = self.transport.resolution.ground;
-        let ground = BakedGround::new(&key.object, own, resolution, cancel)?;
+        let ground = BakedGround::new(&key.object, own, resolution, cancel).ok()?;
         let mut beams = std::mem::take(&mut self.beams);
         let (transport, radiance) = (Arc::clone(&self.transport), &self.gathered.radiance);
         let first = irradiance(&beams, radiance, |beam| beam.bounce);
@@ -138,7 +138,7 @@ impl TrainedWork {
 
 impl TrainedLight {
     /// What is done to the floor of the surroundings of `key`; `None` when cancelled.
-    fn ground_in(&self, key: &LightKey, cancel: &AtomicBool) -> Option<Option<Arc<Ground>>> {
+    fn ground_in(&self, key: &LightKey, cancel: &AtomicBool) -> Option<Arc<Ground>> {
         let is_own = Arc::ptr_eq(&key.trained_in, &key.environment);
         let baked = self.ground.as_ref().filter(|_| is_own);
         let shadow = Shadow::new(
@@ -148,12 +148,11 @@ impl TrainedLight {
             baked.map(|baked| &**baked),
             self.transport.resolution.ground,
             cancel,
-        )?;
-        Some((baked.is_some() || shadow.is_some()).then(|| {
-            Arc::new(Ground {
-                baked: baked.cloned(),
-                shadow,
-            })
+        )
+        .ok()?;
+        Some(Arc::new(Ground {
+            baked: baked.cloned(),
+            shadow,
         }))
     }
 
@@ -216,7 +215,7 @@ impl DiffuseLight {
             }),
             trained: Arc::clone(trained),
             mean: Vec3::ZERO,
-            ground: gathered.ground.clone().flatten(),
+            ground: gathered.ground.clone().filter(|ground| !ground.is_empty()),
         };
         light.mean = mean_irradiance(transport, &light.irradiance);
         for _ in 0..BOUNCES {
@@ -385,7 +384,7 @@ impl Gathered {
         let motion = transform.environment_from_world();
         let frame = environment.frame();
         let to_field = motion.length(1.0) / frame.half_side;
-        let ground = self.ground.clone().flatten();
+        let ground = self.ground.clone();
         self.radiance.resize(beams.len(), Vec::new());
         self.radiance.par_iter_mut().zip(beams).for_each_init(
             <(FieldBatch, LightScratch)>::default,
