@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use glam::{Vec3, Vec4};
 
-use super::light::{Stand, lightness, look_down};
+use super::light::{Stand, is_floor, lightness, look_down};
 use super::map::Map;
 use super::square::Square;
 use super::{Cancelled, GroundResolution, Reach, meet, smoothstep};
@@ -25,8 +25,6 @@ const SEEN: [f32; 2] = [0.05, 0.25];
 const LIT: [f32; 2] = [0.08, 0.2];
 /// Least share that is divided by.
 const LEAST_SHARE: f32 = 0.05;
-/// Share of the known points that must lie on a floor.
-const LEAST_FLOOR: f32 = 0.3;
 
 /// The floor of surroundings without the shadow and the hidden part of the object that was captured in them.
 #[derive(Clone, Debug)]
@@ -66,8 +64,8 @@ impl BakedGround {
                     * smoothstep(LIT[0], LIT[1], lightness(share.light))
             })
             .collect();
-        let on_floor: f32 = looks.iter().zip(&known).map(|(look, k)| look.1 * k).sum();
-        if on_floor < LEAST_FLOOR * known.iter().sum::<f32>() {
+        let floor: Vec<f32> = looks.iter().map(|look| look.1).collect();
+        if !is_floor(&shares, &floor, &known) {
             return Ok(None);
         }
         let floors: Vec<Vec4> = looks.iter().map(|look| Vec4::splat(look.1)).collect();

@@ -264,6 +264,17 @@ pub(super) fn look_down(
     looks.into_iter().flatten().collect()
 }
 
+/// Whether there is a floor in most of the shadow, of what is known: `floor` and `known` in `[0, 1]` each point.
+pub(super) fn is_floor(shares: &[Share], floor: &[f32], known: &[f32]) -> bool {
+    let (mut on, mut all) = (0.0, 0.0);
+    for ((share, floor), known) in shares.iter().zip(floor).zip(known) {
+        let shadow = known * (1.0 - lightness(share.light));
+        on += floor * shadow;
+        all += shadow;
+    }
+    on > 0.5 * all
+}
+
 /// Lightness of a share: its mean over the colours.
 pub(super) fn lightness(share: Vec3) -> f32 {
     share.element_sum() / 3.0

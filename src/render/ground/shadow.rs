@@ -6,16 +6,13 @@ use std::sync::atomic::AtomicBool;
 use glam::Vec3;
 
 use super::baked::{BakedGround, FLOOR_LOOK, FLOOR_SLAB, half_side};
-use super::light::{Stand, look_down};
+use super::light::{Stand, is_floor, look_down};
 use super::map::Map;
 use super::square::Square;
 use super::{Cancelled, GroundResolution, Reach, meet};
 use crate::neif::environment::EnvironmentField;
 use crate::neif::radiance_field::FieldRay;
 use crate::neif::{Environment, EnvironmentTransform, ObjectModel};
-
-/// Share of the square that must be floor.
-const LEAST_FLOOR: f32 = 0.1;
 
 /// The share of its light that an object leaves a floor.
 #[derive(Clone, Debug)]
@@ -65,11 +62,11 @@ impl Shadow {
                 look.1.max(known.unwrap_or(0.0)).min(1.0)
             })
             .collect();
-        if floors.iter().sum::<f32>() < LEAST_FLOOR * square.len() as f32 {
-            return Ok(None);
-        }
         let sky = stand.sky(foot.middle, resolution);
         let shares = stand.shares(&square, &sky, cancel)?;
+        if !is_floor(&shares, &floors, &vec![1.0; floors.len()]) {
+            return Ok(None);
+        }
         let values = shares
             .iter()
             .zip(&floors)

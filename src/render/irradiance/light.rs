@@ -140,6 +140,10 @@ impl TrainedLight {
     /// What is done to the floor of the surroundings of `key`; `None` when cancelled.
     fn ground_in(&self, key: &LightKey, cancel: &AtomicBool) -> Option<Arc<Ground>> {
         let is_own = Arc::ptr_eq(&key.trained_in, &key.environment);
+        if is_own && self.ground.is_none() {
+            // Its shadow lies where it lay.
+            return Some(Arc::default());
+        }
         let baked = self.ground.as_ref().filter(|_| is_own);
         let shadow = Shadow::new(
             &key.object,
