@@ -112,6 +112,8 @@ mod tests {
         assert!(d.x < 0.0 && d.y > 0.0 && d.z == 0.0, "{d}");
         let (_, d) = clipped_pull(light, target, 5.0, true);
         assert!(d.x < 0.0 && d.y == 0.0, "{d}");
+        let (value, d) = clipped_pull(Vec3::splat(6.0), [1.0; 3], 5.0, true);
+        assert_eq!((value, d), (0.0, Vec3::ZERO), "brighter than that");
     }
 
     #[test]
