@@ -10,6 +10,7 @@ mod export;
 mod failure;
 mod info;
 mod interrupt;
+mod mesh;
 mod output;
 mod render;
 mod scenes;
@@ -49,6 +50,8 @@ enum Command {
     Eval(eval::EvalArgs),
     /// Render pictures of a trained run, with edits and other light
     Render(render::RenderArgs),
+    /// Make a mesh of the object from the masks of a capture
+    Mesh(mesh::MeshArgs),
     /// Write the object with baked textures for other programs (glTF), and its surroundings
     Export(export::ExportArgs),
     /// Measure this program on this machine
@@ -75,6 +78,7 @@ pub(crate) fn run(started: Instant) -> Result<(), Failure> {
         Some(Command::Train(args)) => train::run(&args, started),
         Some(Command::Eval(args)) => eval::run(&args),
         Some(Command::Render(args)) => render::run(&args),
+        Some(Command::Mesh(args)) => mesh::run(&args, started),
         Some(Command::Export(args)) => export::run(&args),
         Some(Command::Bench(command)) => bench::run(&command),
         Some(Command::Env(env::EnvCommand::Train(args))) => env::train(&args, started),

@@ -7,12 +7,16 @@ mod atlas;
 mod bvh;
 mod camera;
 mod charts;
+mod components;
 mod distortion;
 mod fan;
 mod footprint;
+mod iso_surface;
 mod mesh;
 mod ray;
+mod redistance;
 mod sampling;
+mod scalar_grid;
 #[cfg(test)]
 pub(crate) mod test_mesh;
 mod wide_bvh;
@@ -24,8 +28,10 @@ pub use camera::Camera;
 pub use distortion::{Distortion, LensModel};
 pub use fan::Fan;
 pub use footprint::SurfaceFootprint;
+pub use iso_surface::iso_surface;
 pub use mesh::{Mesh, MeshError};
 pub use ray::Ray;
 pub use sampling::{
     GOLDEN_ANGLE, fibonacci_sphere, irradiance_directions, orthonormal_basis, sample_vmf,
 };
+pub use scalar_grid::{Corners, ScalarGrid};

@@ -32,6 +32,7 @@ pub mod session;
 mod session_thread;
 pub mod snapshot;
 mod srgb_codes;
+pub mod stage_one;
 #[cfg(test)]
 mod test_scene;
 pub mod trainer;

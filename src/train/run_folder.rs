@@ -288,6 +288,15 @@ impl RunFolder {
         Ok(snapshot.scene())
     }
 
+    /// The mesh that the run was trained on; `None` where only the surroundings were.
+    ///
+    /// # Errors
+    /// When the file is damaged.
+    pub fn mesh(&self) -> Result<Option<Mesh>, RunFolderError> {
+        let file = self.file(MESH);
+        Ok(file.exists().then(|| read_mesh(&file)).transpose()?)
+    }
+
     /// Saves the settings alone, before the first step.
     ///
     /// # Errors

@@ -14,12 +14,15 @@ use crate::train::events::{Finish, FinishReason, TrainCommand, TrainEvent};
 use crate::train::run::Run;
 use crate::train::run_folder::RunFolder;
 use crate::train::session::{SessionError, SessionOptions, Shared, Start};
+use crate::train::stage_one::{self, StageOneError, StageOneOptions};
 
 /// Training then takes only time that nothing else wants, and the window stays smooth (measured:
 /// 25 frames per second instead of 13).
 const LOWEST_PRIORITY: i32 = 19;
 /// What the person reads while photos are decoded.
 const READING: &str = "Reading the capture";
+/// What the person reads while a mesh is made of the masks.
+const MAKING_MESH: &str = "Making the object's mesh from its masks";
 /// What the person reads while pixels are traced.
 const PREPARING: &str = "Preparing the training pixels";
 
@@ -93,7 +96,11 @@ impl Worker {
         if let (Some(path), Start::Fresh) = (&options.run, options.start) {
             RunFolder::check_free(path)?;
         }
-        let dataset = Arc::new(self.load()?);
+        let mut dataset = self.load()?;
+        if !self.complete_mesh(&mut dataset)? {
+            return Ok(None);
+        }
+        let dataset = Arc::new(dataset);
         let folder = match (&options.run, options.start) {
             (None, _) => None,
             (Some(path), Start::Fresh) => Some(RunFolder::create(path)?),
@@ -139,6 +146,31 @@ impl Worker {
             dataset.train.append(&mut dataset.test);
         }
         Ok(dataset)
+    }
+
+    /// Gives the capture a mesh where it has masks and none: a run that goes on keeps its own, a
+    /// new one makes it. False when it was told to stop meanwhile.
+    fn complete_mesh(&self, dataset: &mut Dataset) -> Result<bool, SessionError> {
+        let options = &self.options;
+        if options.environment_only || !stage_one::is_needed(dataset) {
+            return Ok(true);
+        }
+        if let (Some(path), Start::Continue | Start::Replan) = (&options.run, options.start) {
+            dataset.mesh = RunFolder::open(path)?.mesh()?.map(Arc::new);
+            return Ok(true);
+        }
+        let report = |fraction| self.loading(MAKING_MESH, fraction);
+        let settings = StageOneOptions::within(options.started, options.budget);
+        let make = || stage_one::make_mesh(dataset, &settings, &self.shared.stop, &report);
+        match self.pool.install(make) {
+            Ok(mesh) => dataset.mesh = Some(Arc::new(mesh)),
+            Err(StageOneError::Cancelled) => return Ok(false),
+            Err(error) => {
+                let message = format!("only the surroundings are trained: {error}");
+                self.events.send(TrainEvent::Warning(message));
+            }
+        }
+        Ok(true)
     }
 
     fn loading(&self, what: &str, fraction: f32) {

@@ -42,8 +42,8 @@ fn find_mask_faults(dataset: &Dataset, problems: &mut Vec<Problem>) {
         add(problems, Severity::Warning, &without, "without a mask", "");
         if dataset.mesh.is_none() {
             let what = "the views have masks, but there is no mesh of the object";
-            let advice = "only the surroundings can be trained; name a mesh with --mesh";
-            problems.push(Problem::new(Severity::Warning, what, advice));
+            let advice = "training makes one from the masks first; name your own with --mesh";
+            problems.push(Problem::new(Severity::Note, what, advice));
         }
     }
     let black = views_whose_mask(&|mask| mask.mean() == 0.0);

@@ -1,0 +1,125 @@
+//! The nodes of a grid that lie near its zero surface, and a stiff sheet through them.
+
+use rayon::prelude::*;
+
+use crate::geometry::ScalarGrid;
+
+/// No node.
+const NONE: u32 = u32::MAX;
+/// Nodes a task; sums are taken by chunk in order, so that the threads do not change a bit.
+const CHUNK: usize = 1 << 13;
+
+/// Nodes near the surface, numbered; a number is called slot.
+#[derive(Debug)]
+pub(super) struct Band {
+    /// `[n]` index of each slot's node.
+    pub(super) nodes: Vec<u32>,
+    slot_of_node: Vec<u32>,
+    /// `[n]` slots of the six neighbours; a node with them all feels the sheet's bending.
+    neighbours: Vec<[u32; 6]>,
+}
+
+impl Band {
+    /// The nodes whose value is less than `reach` cells from zero.
+    pub(super) fn new(grid: &ScalarGrid, reach: f32) -> Self {
+        let limit = reach * grid.cell;
+        let mut slot_of_node = vec![NONE; grid.values.len()];
+        let mut nodes = Vec::new();
+        for (node, value) in grid.values.iter().enumerate() {
+            if value.abs() < limit {
+                slot_of_node[node] = nodes.len() as u32;
+                nodes.push(node as u32);
+            }
+        }
+        let strides = grid.strides();
+        let neighbours = nodes
+            .par_iter()
+            .map(|node| {
+                let node = *node as usize;
+                let place = grid.place(node);
+                std::array::from_fn(|i| {
+                    let axis = i / 2;
+                    if i % 2 == 0 {
+                        if place[axis] > 0 {
+                            slot_of_node[node - strides[axis]]
+                        } else {
+                            NONE
+                        }
+                    } else if place[axis] + 1 < grid.size[axis] {
+                        slot_of_node[node + strides[axis]]
+                    } else {
+                        NONE
+                    }
+                })
+            })
+            .collect();
+        Self {
+            nodes,
+            slot_of_node,
+            neighbours,
+        }
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.nodes.len()
+    }
+
+    /// The slot of a node.
+    pub(super) fn slot(&self, node: usize) -> Option<usize> {
+        let slot = self.slot_of_node[node];
+        (slot != NONE).then_some(slot as usize)
+    }
+
+    /// `out = L u`: the sum of the neighbours less six times the node, zero where one is missing.
+    pub(super) fn laplacian(&self, u: &[f32], out: &mut [f32]) {
+        out.par_chunks_mut(CHUNK)
+            .enumerate()
+            .for_each(|(chunk, out)| {
+                let first = chunk * CHUNK;
+                for (i, out) in out.iter_mut().enumerate() {
+                    let neighbours = &self.neighbours[first + i];
+                    *out = if neighbours.contains(&NONE) {
+                        0.0
+                    } else {
+                        let sum: f32 = neighbours.iter().map(|n| u[*n as usize]).sum();
+                        sum - 6.0 * u[first + i]
+                    };
+                }
+            });
+    }
+
+    /// `out = scale * LT v`, where `v` is zero at nodes that lack a neighbour.
+    pub(super) fn laplacian_transposed(&self, v: &[f32], scale: f32, out: &mut [f32]) {
+        out.par_chunks_mut(CHUNK)
+            .enumerate()
+            .for_each(|(chunk, out)| {
+                let first = chunk * CHUNK;
+                for (i, out) in out.iter_mut().enumerate() {
+                    let neighbours = self.neighbours[first + i].iter().filter(|n| **n != NONE);
+                    let sum: f32 = neighbours.map(|n| v[*n as usize]).sum();
+                    *out = scale * (sum - 6.0 * v[first + i]);
+                }
+            });
+    }
+}
+
+/// The dot product, the same on any number of threads.
+pub(super) fn dot(a: &[f32], b: &[f32]) -> f64 {
+    let chunks: Vec<f64> = a
+        .par_chunks(CHUNK)
+        .zip(b.par_chunks(CHUNK))
+        .map(|(a, b)| a.iter().zip(b).map(|(a, b)| f64::from(a * b)).sum())
+        .collect();
+    chunks.iter().sum()
+}
+
+/// `y += factor * x`.
+pub(super) fn add_scaled(y: &mut [f32], factor: f32, x: &[f32]) {
+    y.par_chunks_mut(CHUNK)
+        .zip(x.par_chunks(CHUNK))
+        .for_each(|(y, x)| {
+            for (y, x) in y.iter_mut().zip(x) {
+                *y += factor * x;
+            }
+        });
+}

@@ -1,0 +1,248 @@
+//! The fairest surface that has the given outlines: signed distances on a grid, pulled onto the
+//! rays that graze the object and bent as little as possible between them.
+//!
+//! Each round finds where every grazing ray comes nearest to the surface and solves the linear
+//! least squares `sum w (phi(x))^2 + stiffness sum (L phi)^2` for the change of `phi`, with a
+//! one-sided term that keeps `phi` above the distance to the hull. `L phi` is the surface's
+//! curvature; distances to a sphere or a plane have the least bending energy for their outline,
+//! whatever their size.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::band::{Band, add_scaled, dot};
+use super::silhouette::Silhouette;
+use crate::geometry::{Ray, ScalarGrid};
+
+/// Cells on either side of the surface that move with it.
+const BAND: f32 = 3.5;
+/// Cells on either side to which distances are kept.
+pub(super) const REACH: f32 = 6.0;
+/// Distance in cells at which a ray's weight has fallen to a half: what is further off belongs to another surface.
+const DOUBT: f32 = 1.0;
+
+/// Steps along a ray.
+const MAX_STEPS: usize = 2048;
+
+/// How a surface is faired.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Fairing {
+    /// Weight of the bending, in cells.
+    pub(super) stiffness: f32,
+    /// Weight of the hull.
+    pub(super) hull: f32,
+    /// Weight of staying put, which keeps a round's changes where they are linear.
+    pub(super) inertia: f32,
+    /// Steps of conjugate gradients.
+    pub(super) steps: usize,
+}
+
+/// A linear condition: a weighted sum of values around a point should be zero.
+#[derive(Clone, Copy, Debug)]
+struct Condition {
+    slots: [u32; 8],
+    weights: [f32; 8],
+    weight: f32,
+    /// The value there now, in cells.
+    value: f32,
+}
+
+/// One round. `hull` has the same nodes as `phi`. Returns the mean distance of the rays from the
+/// surface, in cells.
+pub(super) fn round(
+    phi: &mut ScalarGrid,
+    hull: &ScalarGrid,
+    silhouettes: &[Silhouette],
+    fairing: &Fairing,
+) -> f32 {
+    let band = Band::new(phi, BAND);
+    let conditions: Vec<Condition> = silhouettes
+        .par_iter()
+        .flat_map_iter(|silhouette| {
+            let (phi, band) = (&*phi, &band);
+            silhouette
+                .outline
+                .iter()
+                .filter_map(move |at| condition(phi, band, &silhouette.ray(*at)))
+        })
+        .collect();
+    let sum: f32 = conditions.iter().map(|c| c.value.abs()).sum();
+    let residual = sum / conditions.len().max(1) as f32;
+    let system = System::new(phi, hull, &band, &conditions, fairing);
+    let change = system.solve(fairing.steps);
+    for (slot, node) in band.nodes.iter().enumerate() {
+        // A change of more than a cell is beyond what the round knows.
+        phi.values[*node as usize] += change[slot].clamp(-1.0, 1.0) * phi.cell;
+    }
+    phi.redistance(REACH);
+    residual
+}
+
+/// The condition that a grazing ray sets, if it comes near the surface.
+fn condition(phi: &ScalarGrid, band: &Band, ray: &Ray) -> Option<Condition> {
+    let at = nearest_approach(phi, ray)?;
+    let corners = phi.corners(at);
+    let mut slots = [0; 8];
+    for (slot, node) in slots.iter_mut().zip(corners.nodes) {
+        *slot = band.slot(node)? as u32;
+    }
+    let value: f32 = corners
+        .nodes
+        .iter()
+        .zip(corners.weights)
+        .map(|(node, weight)| weight * phi.values[*node] / phi.cell)
+        .sum();
+    Some(Condition {
+        slots,
+        weights: corners.weights,
+        weight: 1.0 / (1.0 + (value / DOUBT).powi(2)),
+        value,
+    })
+}
+
+/// Where along the ray the value is least; `None` for rays that miss the grid.
+fn nearest_approach(phi: &ScalarGrid, ray: &Ray) -> Option<Vec3> {
+    let bounds = phi.bounds();
+    let inverse = ray.direction.recip();
+    let (a, b) = (
+        (bounds.min - ray.origin) * inverse,
+        (bounds.max - ray.origin) * inverse,
+    );
+    let start = a.min(b).max_element().max(0.0);
+    let end = a.max(b).min_element();
+    let (mut t, mut best_t, mut best) = (start, start, f32::INFINITY);
+    // Bounded, as a step may be lost in the rounding of a far camera's distances.
+    for _ in 0..MAX_STEPS {
+        if t >= end {
+            break;
+        }
+        let value = phi.sample(ray.at(t));
+        if value < best {
+            (best, best_t) = (value, t);
+        }
+        t += (0.7 * value.abs()).max(0.5 * phi.cell);
+    }
+    // Closer, by halves.
+    if best == f32::INFINITY {
+        return None;
+    }
+    let mut step = 0.5 * phi.cell;
+    for _ in 0..5 {
+        for t in [best_t - step, best_t + step] {
+            let value = phi.sample(ray.at(t));
+            if value < best {
+                (best, best_t) = (value, t);
+            }
+        }
+        step *= 0.5;
+    }
+    Some(ray.at(best_t))
+}
+
+/// The normal equations of a round, values in cells.
+struct System<'a> {
+    band: &'a Band,
+    conditions: &'a [Condition],
+    stiffness: f32,
+    /// `[n]` weight of each node's own term.
+    diagonal: Vec<f32>,
+    right: Vec<f32>,
+}
+
+impl<'a> System<'a> {
+    fn new(
+        phi: &ScalarGrid,
+        hull: &ScalarGrid,
+        band: &'a Band,
+        conditions: &'a [Condition],
+        fairing: &Fairing,
+    ) -> Self {
+        let values: Vec<f32> = band
+            .nodes
+            .iter()
+            .map(|node| phi.values[*node as usize] / phi.cell)
+            .collect();
+        let mut curvature = vec![0.0; band.len()];
+        band.laplacian(&values, &mut curvature);
+        let mut right = vec![0.0; band.len()];
+        band.laplacian_transposed(&curvature, -fairing.stiffness, &mut right);
+        let mut diagonal = vec![fairing.inertia; band.len()];
+        for (slot, node) in band.nodes.iter().enumerate() {
+            let missing = hull.values[*node as usize] / phi.cell - values[slot];
+            if missing > 0.0 {
+                diagonal[slot] += fairing.hull;
+                right[slot] += fairing.hull * missing.min(1.0);
+            }
+        }
+        for condition in conditions {
+            for (slot, weight) in condition.slots.iter().zip(condition.weights) {
+                right[*slot as usize] -= condition.weight * weight * condition.value;
+            }
+        }
+        Self {
+            band,
+            conditions,
+            stiffness: fairing.stiffness,
+            diagonal,
+            right,
+        }
+    }
+
+    /// `out = A u`; `scratch` is as long.
+    fn apply(&self, u: &[f32], scratch: &mut [f32], out: &mut [f32]) {
+        self.band.laplacian(u, scratch);
+        self.band.laplacian_transposed(scratch, self.stiffness, out);
+        for ((out, u), d) in out.iter_mut().zip(u).zip(&self.diagonal) {
+            *out += d * u;
+        }
+        for condition in self.conditions {
+            let terms = condition.slots.iter().zip(condition.weights);
+            let value: f32 = terms
+                .clone()
+                .map(|(slot, weight)| weight * u[*slot as usize])
+                .sum();
+            for (slot, weight) in terms {
+                out[*slot as usize] += condition.weight * weight * value;
+            }
+        }
+    }
+
+    /// Conjugate gradients from zero.
+    fn solve(&self, steps: usize) -> Vec<f32> {
+        let n = self.band.len();
+        let mut u = vec![0.0; n];
+        let mut residual = self.right.clone();
+        let mut direction = residual.clone();
+        let (mut scratch, mut product) = (vec![0.0; n], vec![0.0; n]);
+        let mut energy = dot(&residual, &residual);
+        let end = 1e-6 * energy;
+        for _ in 0..steps {
+            if energy <= end {
+                break;
+            }
+            self.apply(&direction, &mut scratch, &mut product);
+            let step = energy / dot(&direction, &product).max(f64::MIN_POSITIVE);
+            add_scaled(&mut u, step as f32, &direction);
+            add_scaled(&mut residual, -step as f32, &product);
+            let before = energy;
+            energy = dot(&residual, &residual);
+            let keep = (energy / before) as f32;
+            direction
+                .par_iter_mut()
+                .zip(&residual)
+                .for_each(|(d, r)| *d = r + keep * *d);
+        }
+        u
+    }
+}
+
+impl Default for Fairing {
+    fn default() -> Self {
+        Self {
+            stiffness: 0.1,
+            hull: 0.3,
+            inertia: 0.02,
+            steps: 40,
+        }
+    }
+}

@@ -1,0 +1,160 @@
+//! The visual hull: what no silhouette cuts away.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::silhouette::Silhouette;
+use crate::geometry::{Aabb, ScalarGrid};
+
+/// Views from which one may be wrong about a point without carving it away.
+const VIEWS_FOR_DOUBT: usize = 12;
+/// Nodes on a side of the blocks that are looked at as a whole first.
+const BLOCK: usize = 8;
+/// Cells along the longest side while the object is searched.
+const SEARCH_CELLS: usize = 48;
+/// How often the search looks closer.
+const SEARCHES: usize = 4;
+
+/// How far `p` lies outside the hull, negative inside, scene units; a lower bound of the true
+/// distance. One view of many may err: the second largest of the views' distances counts.
+fn outside_by(silhouettes: &[Silhouette], p: Vec3) -> f32 {
+    let (mut largest, mut second, mut n) = (f32::NEG_INFINITY, f32::NEG_INFINITY, 0);
+    for silhouette in silhouettes {
+        let Some(by) = silhouette.outside_by(p) else {
+            continue;
+        };
+        n += 1;
+        if by > largest {
+            second = largest;
+            largest = by;
+        } else if by > second {
+            second = by;
+        }
+    }
+    match n {
+        // What no view sees is not the object.
+        0 => f32::MAX,
+        n if n >= VIEWS_FOR_DOUBT => second,
+        _ => largest,
+    }
+}
+
+/// Fills `grid` with the distance to the hull; false when told to stop.
+pub(super) fn fill(
+    silhouettes: &[Silhouette],
+    grid: &mut ScalarGrid,
+    go_on: &(dyn Fn() -> bool + Sync),
+) -> bool {
+    let frame = ScalarGrid {
+        origin: grid.origin,
+        cell: grid.cell,
+        size: grid.size,
+        values: Vec::new(),
+    };
+    let [nx, ny, nz] = frame.size;
+    let layer = nx * ny;
+    grid.values
+        .par_chunks_mut(BLOCK * layer)
+        .enumerate()
+        .for_each(|(slab, values)| {
+            let z0 = slab * BLOCK;
+            for y0 in (0..ny).step_by(BLOCK) {
+                for x0 in (0..nx).step_by(BLOCK) {
+                    if !go_on() {
+                        return;
+                    }
+                    let end = [
+                        (x0 + BLOCK).min(nx),
+                        (y0 + BLOCK).min(ny),
+                        (z0 + BLOCK).min(nz),
+                    ];
+                    let (low, high) = (
+                        frame.position([x0, y0, z0]),
+                        frame.position(end.map(|n| n - 1)),
+                    );
+                    let middle = outside_by(silhouettes, 0.5 * (low + high));
+                    // Distances in a picture grow a little faster than in space off its centre.
+                    let is_far = middle.abs() > 0.75 * (high - low).length();
+                    for z in z0..end[2] {
+                        for y in y0..end[1] {
+                            for x in x0..end[0] {
+                                values[(z - z0) * layer + y * nx + x] = if is_far {
+                                    middle
+                                } else {
+                                    outside_by(silhouettes, frame.position([x, y, z]))
+                                };
+                            }
+                        }
+                    }
+                }
+            }
+        });
+    go_on()
+}
+
+/// The box around the hull, found from the masks and cameras alone; `None` where the silhouettes
+/// have nothing in common or leave the object unbounded.
+pub(super) fn bounds(
+    silhouettes: &[Silhouette],
+    go_on: &(dyn Fn() -> bool + Sync),
+) -> Option<Aabb> {
+    let mut search = first_box(silhouettes)?;
+    for _ in 0..SEARCHES {
+        let mut grid = ScalarGrid::over(&search, SEARCH_CELLS, 0.0);
+        if !fill(silhouettes, &mut grid, go_on) {
+            return None;
+        }
+        let slack = grid.cell;
+        let inside = (0..grid.values.len()).filter(|i| grid.values[*i] < slack);
+        let found = Aabb::from_points(inside.map(|i| grid.position(grid.place(i))));
+        if found.is_empty() {
+            return None;
+        }
+        let closer = Aabb {
+            min: found.min - slack,
+            max: found.max + slack,
+        };
+        let shrinks = closer.extent().max_element() < 0.8 * search.extent().max_element();
+        search = closer;
+        if !shrinks {
+            break;
+        }
+    }
+    Some(search)
+}
+
+/// A cube that holds the object: around the point nearest to the middles of all silhouettes, as
+/// wide as the widest of them seen from there, doubled.
+fn first_box(silhouettes: &[Silhouette]) -> Option<Aabb> {
+    let discs: Vec<_> = silhouettes.iter().map(Silhouette::disc).collect();
+    let rays: Vec<_> = silhouettes
+        .iter()
+        .zip(&discs)
+        .map(|(s, disc)| s.ray(disc.0))
+        .collect();
+    // Least squares over the distances to the rays: sum (I - d dT) (p - o) = 0.
+    let (mut matrix, mut right) = (glam::DMat3::ZERO, glam::DVec3::ZERO);
+    for ray in &rays {
+        let d = ray.direction.as_dvec3();
+        let across = glam::DMat3::IDENTITY - glam::DMat3::from_cols(d * d.x, d * d.y, d * d.z);
+        matrix += across;
+        right += across * ray.origin.as_dvec3();
+    }
+    // Parallel rays meet nowhere.
+    if matrix.determinant() < 1e-6 * (rays.len() as f64).powi(3) {
+        return None;
+    }
+    let middle = (matrix.inverse() * right).as_vec3();
+    let radii = silhouettes
+        .iter()
+        .zip(&discs)
+        .map(|(silhouette, (_, reach_px))| {
+            let camera = &silhouette.camera;
+            reach_px * camera.pixel_angle() * camera.position().distance(middle)
+        });
+    let radius = 2.0 * radii.fold(0.0, f32::max);
+    (middle.is_finite() && radius > 0.0 && radius.is_finite()).then(|| Aabb {
+        min: middle - radius,
+        max: middle + radius,
+    })
+}

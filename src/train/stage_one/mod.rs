@@ -1,0 +1,215 @@
+//! Stage one: a mesh of the object where a capture has none, from its masks and cameras.
+//!
+//! The visual hull comes first, as signed distances on a grid; then the fairest surface within it
+//! whose outlines are those of the masks, to a fraction of a pixel. Nothing is asked of the
+//! photos' colours, which on glossy surfaces tell of the surroundings.
+
+mod band;
+mod compare;
+mod fairing;
+mod hull;
+mod silhouette;
+#[cfg(test)]
+mod tests;
+
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use rayon::prelude::*;
+
+use self::fairing::Fairing;
+use self::silhouette::Silhouette;
+use crate::data::{Dataset, View};
+use crate::geometry::{Aabb, Mesh, MeshError, ScalarGrid, iso_surface};
+use crate::train::plan::Budget;
+
+pub use compare::{MeshDifference, compare, silhouette_agreement};
+
+/// Silhouettes without which there is no shape.
+const MIN_VIEWS: usize = 3;
+/// Radius in pixels below which a silhouette shows no shape.
+const MIN_RADIUS_PX: f32 = 4.0;
+/// Cells around the hull in which the surface can move.
+const MARGIN_CELLS: f32 = 8.0;
+
+/// Share of the largest part's area below which a part is no part of the object: a thing seen in the background, or noise.
+const SPECK: f64 = 0.002;
+/// Most seconds that a run spends on its mesh.
+const MOST_SECS: f64 = 120.0;
+/// Budgets in seconds below which the grid is coarser, and its cells then.
+const SHORT_SECS: f64 = 45.0;
+const SHORT_CELLS: usize = 80;
+
+/// How a mesh is made.
+#[derive(Clone, Copy, Debug)]
+pub struct StageOneOptions {
+    /// Cells of the grid along the object's longest side.
+    pub n_cells: usize,
+    /// Rounds of fairing.
+    pub n_rounds: usize,
+    /// When to be done, with what there is by then.
+    pub deadline: Option<Instant>,
+}
+
+impl Default for StageOneOptions {
+    /// Under a minute on two cores for sixty photos.
+    fn default() -> Self {
+        Self {
+            n_cells: 144,
+            n_rounds: 8,
+            deadline: None,
+        }
+    }
+}
+
+impl StageOneOptions {
+    /// For a run that began at `started` and has `budget`: at most a third of its time.
+    pub fn within(started: Instant, budget: Budget) -> Self {
+        let Budget::Seconds(seconds) = budget else {
+            return Self::default();
+        };
+        let share = Duration::from_secs_f64((seconds / 3.0).clamp(0.0, MOST_SECS));
+        let is_short = seconds < SHORT_SECS;
+        Self {
+            n_cells: if is_short {
+                SHORT_CELLS
+            } else {
+                Self::default().n_cells
+            },
+            deadline: Some(started + share),
+            ..Self::default()
+        }
+    }
+}
+
+/// Why no mesh can be made.
+#[derive(Debug, thiserror::Error)]
+pub enum StageOneError {
+    /// Too few views have a mask with the object's edge in it.
+    #[error(
+        "{}: a mesh needs the object's outline in at least {needed} training views, but only {n_found} of {n_views} \
+         have a mask that shows it", dataset.display(), needed = MIN_VIEWS
+    )]
+    TooFewMasks {
+        /// The capture.
+        dataset: PathBuf,
+        /// Views with a usable mask.
+        n_found: usize,
+        /// Training views.
+        n_views: usize,
+    },
+    /// The object is a few pixels large.
+    #[error(
+        "{}: the object is too small in the masks to tell its shape: its radius is {radius_px:.1} pixels, and \
+         {needed} are needed", dataset.display(), needed = MIN_RADIUS_PX
+    )]
+    TooSmall {
+        /// The capture.
+        dataset: PathBuf,
+        /// Median radius of the silhouettes.
+        radius_px: f32,
+    },
+    /// The silhouettes do not meet.
+    #[error("{}: the masks have nothing in common: check that masks and cameras belong together", dataset.display())]
+    NothingInCommon {
+        /// The capture.
+        dataset: PathBuf,
+    },
+    /// No surface is left.
+    #[error("{}: no surface fits the masks: {source}", dataset.display())]
+    NoSurface {
+        /// The capture.
+        dataset: PathBuf,
+        /// What is wrong with it.
+        source: MeshError,
+    },
+    /// The person asked to stop.
+    #[error("cancelled")]
+    Cancelled,
+}
+
+/// Makes the mesh of the object that the masks of the training views show, in the capture's world
+/// frame, on the current thread pool. `on_progress` gets 0..1.
+///
+/// The same capture and options without a deadline give the same mesh on any number of threads.
+///
+/// # Errors
+/// When the masks show no shape, and when cancelled.
+pub fn make_mesh(
+    dataset: &Dataset,
+    options: &StageOneOptions,
+    cancel: &AtomicBool,
+    on_progress: &(dyn Fn(f32) + Sync),
+) -> Result<Mesh, StageOneError> {
+    let go_on = || !cancel.load(Ordering::Relaxed);
+    let root = || dataset.root.clone();
+    let silhouettes = silhouettes(dataset)?;
+    on_progress(0.05);
+    let bounds = hull::bounds(&silhouettes, &go_on);
+    if !go_on() {
+        return Err(StageOneError::Cancelled);
+    }
+    let bounds = bounds.ok_or_else(|| StageOneError::NothingInCommon { dataset: root() })?;
+    on_progress(0.1);
+    let margin = MARGIN_CELLS * bounds.extent().max_element() / options.n_cells as f32;
+    let bounds = Aabb {
+        min: bounds.min - margin,
+        max: bounds.max + margin,
+    };
+    let n_cells = options.n_cells + 2 * MARGIN_CELLS as usize;
+    let mut hull = ScalarGrid::over(&bounds, n_cells, 0.0);
+    if !hull::fill(&silhouettes, &mut hull, &go_on) {
+        return Err(StageOneError::Cancelled);
+    }
+    on_progress(0.2);
+    let mut phi = hull.clone();
+    phi.redistance(fairing::REACH);
+    for round in 0..options.n_rounds {
+        if !go_on() {
+            return Err(StageOneError::Cancelled);
+        }
+        if options
+            .deadline
+            .is_some_and(|deadline| Instant::now() >= deadline)
+        {
+            break;
+        }
+        fairing::round(&mut phi, &hull, &silhouettes, &Fairing::default());
+        on_progress(0.2 + 0.8 * (round + 1) as f32 / options.n_rounds as f32);
+    }
+    iso_surface(&phi)
+        .and_then(|mesh| mesh.without_specks(SPECK))
+        .map_err(|source| StageOneError::NoSurface {
+            dataset: root(),
+            source,
+        })
+}
+
+/// The silhouettes of the training views; errors when they are too few or too small.
+fn silhouettes(dataset: &Dataset) -> Result<Vec<Silhouette>, StageOneError> {
+    let found: Vec<Option<Silhouette>> = dataset.train.par_iter().map(Silhouette::new).collect();
+    let found: Vec<Silhouette> = found.into_iter().flatten().collect();
+    if found.len() < MIN_VIEWS {
+        return Err(StageOneError::TooFewMasks {
+            dataset: dataset.root.clone(),
+            n_found: found.len(),
+            n_views: dataset.train.len(),
+        });
+    }
+    let mut radii: Vec<f32> = found.iter().map(|s| s.disc().1).collect();
+    radii.sort_unstable_by(f32::total_cmp);
+    let radius_px = radii[radii.len() / 2];
+    if radius_px < MIN_RADIUS_PX {
+        return Err(StageOneError::TooSmall {
+            dataset: dataset.root.clone(),
+            radius_px,
+        });
+    }
+    Ok(found)
+}
+
+/// Whether the capture lacks a mesh and has masks to make one from.
+pub fn is_needed(dataset: &Dataset) -> bool {
+    dataset.mesh.is_none() && dataset.train.iter().any(|view: &View| view.mask.is_some())
+}

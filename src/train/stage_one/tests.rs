@@ -1,0 +1,195 @@
+//! Meshes from the masks of shapes that formulas describe.
+
+use std::f32::consts::TAU;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use glam::{Vec2, Vec3};
+
+use super::*;
+use crate::data::{Mask, Origin, Photo, View};
+use crate::geometry::Camera;
+
+/// Pixels on a side.
+const SIDE: u32 = 96;
+/// Rays along a pixel's side.
+const SUBPIXELS: u32 = 4;
+
+/// Signed distance to a shape.
+type Shape = fn(Vec3) -> f32;
+
+fn ball(p: Vec3) -> f32 {
+    p.distance(CENTER) - 0.5
+}
+
+/// Off the origin, so that nothing works by its being there.
+const CENTER: Vec3 = Vec3::new(3.0, -2.0, 1.0);
+
+fn torus(p: Vec3) -> f32 {
+    let p = p - CENTER;
+    Vec2::new(p.truncate().length() - 0.4, p.z).length() - 0.14
+}
+
+/// Two balls apart from each other.
+fn two_balls(p: Vec3) -> f32 {
+    let side = 0.4 * Vec3::X;
+    (p - CENTER - side)
+        .length()
+        .min((p - CENTER + side).length())
+        - 0.25
+}
+
+fn view(i: u32, n: u32, shape: Shape) -> View {
+    let azimuth = TAU * 0.618_034 * i as f32;
+    let height = 1.9 * (i as f32 + 0.5) / n as f32 - 0.95;
+    let level = (1.0 - height * height).sqrt();
+    let towards = Vec3::new(level * azimuth.cos(), level * azimuth.sin(), height);
+    let camera = Camera::look_at(CENTER + 2.0 * towards, CENTER, Vec3::Z, 0.7, SIDE, SIDE);
+    let hits = |x: f32, y: f32| {
+        let ray = camera.ray(x, y);
+        let mut t = 0.0;
+        for _ in 0..100 {
+            let d = shape(ray.at(t));
+            if d < 1e-4 {
+                return true;
+            }
+            t += d;
+            if t > 4.0 {
+                break;
+            }
+        }
+        false
+    };
+    let covered = |x: u32, y: u32| {
+        let n_hits = (0..SUBPIXELS * SUBPIXELS)
+            .filter(|k| {
+                let at = |i: u32| (i as f32 + 0.5) / SUBPIXELS as f32;
+                hits(x as f32 + at(k % SUBPIXELS), y as f32 + at(k / SUBPIXELS))
+            })
+            .count();
+        (255 * n_hits as u32 / (SUBPIXELS * SUBPIXELS)) as u8
+    };
+    let coverage = (0..SIDE * SIDE)
+        .map(|i| covered(i % SIDE, i / SIDE))
+        .collect();
+    View {
+        name: format!("r_{i}"),
+        camera,
+        photo: Photo::Rgb8 {
+            width: SIDE,
+            height: SIDE,
+            pixels: vec![[128; 3]; (SIDE * SIDE) as usize],
+        },
+        mask: Some(Mask {
+            width: SIDE,
+            height: SIDE,
+            coverage,
+        }),
+    }
+}
+
+fn capture(n: u32, shape: Shape) -> Dataset {
+    Dataset {
+        name: "shape".to_owned(),
+        root: "shape".into(),
+        origin: Origin::default(),
+        train: (0..n).map(|i| view(i, n, shape)).collect(),
+        val: Vec::new(),
+        test: Vec::new(),
+        mesh: None,
+        mesh_path: None,
+        surroundings_visible: true,
+        problems: Vec::new(),
+    }
+}
+
+fn make(dataset: &Dataset) -> Result<Mesh, StageOneError> {
+    let options = StageOneOptions {
+        n_cells: 64,
+        ..StageOneOptions::default()
+    };
+    make_mesh(dataset, &options, &AtomicBool::new(false), &|_| ())
+}
+
+/// Mean distance of the vertices from the shape, share of a unit, and the median angle of their
+/// normals to its gradient, degrees.
+fn errors(mesh: &Mesh, shape: Shape) -> (f32, f32) {
+    let n = mesh.positions.len() as f32;
+    let distance: f32 = mesh.positions.iter().map(|p| shape(*p).abs()).sum();
+    let gradient = |p: Vec3| {
+        let along = |axis: Vec3| shape(p + 1e-2 * axis) - shape(p - 1e-2 * axis);
+        Vec3::new(along(Vec3::X), along(Vec3::Y), along(Vec3::Z))
+    };
+    let pairs = mesh.positions.iter().zip(&mesh.normals);
+    let mut angles: Vec<f32> = pairs
+        .map(|(p, normal)| normal.angle_between(gradient(*p)).to_degrees())
+        .collect();
+    angles.sort_unstable_by(f32::total_cmp);
+    (distance / n, angles[angles.len() / 2])
+}
+
+#[test]
+fn a_ball_and_a_ring_are_found_to_a_fraction_of_a_pixel() {
+    // A pixel is 0.015 wide on the object.
+    for (shape, name) in [(ball as Shape, "ball"), (torus, "torus")] {
+        let mesh = make(&capture(30, shape)).unwrap();
+        let (distance, angle) = errors(&mesh, shape);
+        assert!(distance < 0.005, "{name}: {distance} units off");
+        assert!(angle < 3.0, "{name}: normals {angle} degrees off");
+    }
+}
+
+#[test]
+fn parts_that_stand_alone_stay_apart() {
+    let dataset = capture(24, two_balls);
+    let mesh = make(&dataset).unwrap();
+    let is_between = |p: &Vec3| (p.x - CENTER.x).abs() < 0.1;
+    assert!(
+        !mesh.positions.iter().any(|p| is_between(p)),
+        "nothing joins them"
+    );
+    let n_left = mesh.positions.iter().filter(|p| p.x < CENTER.x).count();
+    assert!(
+        n_left > 100 && mesh.positions.len() - n_left > 100,
+        "both are there"
+    );
+    let agreement = silhouette_agreement(&Arc::new(mesh), dataset.train.iter());
+    assert!(agreement.unwrap() > 0.97, "{agreement:?}");
+}
+
+#[test]
+fn a_few_wrong_mask_pixels_do_not_carve_the_object() {
+    let mut dataset = capture(30, ball);
+    for (i, view) in dataset.train.iter_mut().enumerate() {
+        let mask = view.mask.as_mut().unwrap();
+        // A hole within the object and a speck beside it, elsewhere in every view.
+        let (x, y) = (35 + (7 * i) % 26, 35 + (11 * i) % 26);
+        for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+            mask.coverage[(y + dy) * SIDE as usize + x + dx] = 0;
+            mask.coverage[(5 + dy) * SIDE as usize + (3 * i) % 90 + dx] = 255;
+        }
+    }
+    let (distance, angle) = errors(&make(&dataset).unwrap(), ball);
+    assert!(distance < 0.02, "{distance} units off");
+    assert!(angle < 6.0, "normals {angle} degrees off");
+}
+
+#[test]
+fn masks_that_show_no_shape_are_refused_by_name() {
+    let mut dataset = capture(6, |p| p.distance(CENTER) - 0.02);
+    let error = make(&dataset).unwrap_err();
+    assert!(matches!(error, StageOneError::TooSmall { .. }), "{error}");
+    for view in &mut dataset.train[1..] {
+        view.mask = None;
+    }
+    let error = make(&dataset).unwrap_err().to_string();
+    assert!(error.contains("only 1 of 6"), "{error}");
+}
+
+#[test]
+fn it_stops_when_told_to() {
+    let cancel = AtomicBool::new(true);
+    let options = StageOneOptions::default();
+    let made = make_mesh(&capture(4, ball), &options, &cancel, &|_| ());
+    assert!(matches!(made, Err(StageOneError::Cancelled)), "{made:?}");
+}
