@@ -8,6 +8,10 @@ use crate::geometry::{Aabb, ScalarGrid};
 
 /// Views from which one may be wrong about a point without carving it away.
 const VIEWS_FOR_DOUBT: usize = 12;
+/// A point of the object is seen by at least one of this many views.
+const FEWEST_OF: usize = 6;
+/// The distance of points that are not the object for other reasons than a silhouette, scene units.
+const FAR: f32 = 1e30;
 /// Nodes on a side of the blocks that are looked at as a whole first.
 const BLOCK: usize = 8;
 /// Cells along the longest side while the object is searched.
@@ -31,11 +35,14 @@ fn outside_by(silhouettes: &[Silhouette], p: Vec3) -> f32 {
             second = by;
         }
     }
-    match n {
-        // What no view sees is not the object.
-        0 => f32::MAX,
-        n if n >= VIEWS_FOR_DOUBT => second,
-        _ => largest,
+    // What hardly any view sees, near a camera or beside most pictures, is not the object.
+    if n < (silhouettes.len() / FEWEST_OF).max(2) {
+        return largest.max(FAR);
+    }
+    if n >= VIEWS_FOR_DOUBT {
+        second
+    } else {
+        largest
     }
 }
 
@@ -51,45 +58,46 @@ pub(super) fn fill(
         size: grid.size,
         values: Vec::new(),
     };
-    let [nx, ny, nz] = frame.size;
-    let layer = nx * ny;
+    let [nx, ny, _] = frame.size;
     grid.values
-        .par_chunks_mut(BLOCK * layer)
+        .par_chunks_mut(BLOCK * nx * ny)
         .enumerate()
         .for_each(|(slab, values)| {
-            let z0 = slab * BLOCK;
-            for y0 in (0..ny).step_by(BLOCK) {
-                for x0 in (0..nx).step_by(BLOCK) {
-                    if !go_on() {
-                        return;
-                    }
-                    let end = [
-                        (x0 + BLOCK).min(nx),
-                        (y0 + BLOCK).min(ny),
-                        (z0 + BLOCK).min(nz),
-                    ];
-                    let (low, high) = (
-                        frame.position([x0, y0, z0]),
-                        frame.position(end.map(|n| n - 1)),
-                    );
-                    let middle = outside_by(silhouettes, 0.5 * (low + high));
-                    // Distances in a picture grow a little faster than in space off its centre.
-                    let is_far = middle.abs() > 0.75 * (high - low).length();
-                    for z in z0..end[2] {
-                        for y in y0..end[1] {
-                            for x in x0..end[0] {
-                                values[(z - z0) * layer + y * nx + x] = if is_far {
-                                    middle
-                                } else {
-                                    outside_by(silhouettes, frame.position([x, y, z]))
-                                };
-                            }
-                        }
+            for y in (0..ny).step_by(BLOCK) {
+                for x in (0..nx).step_by(BLOCK) {
+                    if go_on() {
+                        fill_block(silhouettes, &frame, [x, y, slab * BLOCK], values);
                     }
                 }
             }
         });
     go_on()
+}
+
+/// Fills the block of nodes from `start` on; `values`: those of the block's layers in `frame`.
+fn fill_block(
+    silhouettes: &[Silhouette],
+    frame: &ScalarGrid,
+    start: [usize; 3],
+    values: &mut [f32],
+) {
+    let [nx, ny, _] = frame.size;
+    let end: [usize; 3] = std::array::from_fn(|axis| (start[axis] + BLOCK).min(frame.size[axis]));
+    let (low, high) = (frame.position(start), frame.position(end.map(|n| n - 1)));
+    let middle = outside_by(silhouettes, 0.5 * (low + high));
+    // Distances in a picture grow a little faster than in space off its centre.
+    let is_far = middle.abs() > 0.75 * (high - low).length() && middle < FAR;
+    for z in start[2]..end[2] {
+        for y in start[1]..end[1] {
+            for x in start[0]..end[0] {
+                values[((z - start[2]) * ny + y) * nx + x] = if is_far {
+                    middle
+                } else {
+                    outside_by(silhouettes, frame.position([x, y, z]))
+                };
+            }
+        }
+    }
 }
 
 /// The box around the hull, found from the masks and cameras alone; `None` where the silhouettes
