@@ -29,7 +29,7 @@ pub(crate) struct MeshArgs {
     budget: f64,
     /// Cells of the grid along the object's longest side: detail against time and triangles
     #[arg(long, value_name = "N", default_value_t = StageOneOptions::default().n_cells as u64,
-          value_parser = clap::value_parser!(u64).range(16..=256))]
+          value_parser = clap::value_parser!(u64).range(16..=176))]
     cells: u64,
     /// Say how far the result is from this mesh (the true one)
     #[arg(long, value_name = "MESH")]
