@@ -122,7 +122,7 @@ fn ctrl_c_leaves_no_mesh() {
         "--out",
         &at("made.glb"),
         "--cells",
-        "256",
+        "128",
         "--json",
     ];
     let run = interrupted_after(&args, "progress");

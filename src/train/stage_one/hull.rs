@@ -74,6 +74,15 @@ pub(super) fn fill(
     go_on()
 }
 
+/// Leaves nothing outside `bounds`: where no camera looks from, the hull has no end.
+pub(super) fn cut(grid: &mut ScalarGrid, bounds: &Aabb) {
+    for node in 0..grid.values.len() {
+        let beyond =
+            (grid.position(grid.place(node)) - bounds.center()).abs() - 0.5 * bounds.extent();
+        grid.values[node] = grid.values[node].max(beyond.max_element());
+    }
+}
+
 /// Fills the block of nodes from `start` on; `values`: those of the block's layers in `frame`.
 fn fill_block(
     silhouettes: &[Silhouette],

@@ -31,7 +31,7 @@ const MIN_VIEWS: usize = 3;
 /// Radius in pixels below which a silhouette shows no shape.
 const MIN_RADIUS_PX: f32 = 4.0;
 /// Cells around the hull in which the surface can move.
-const MARGIN_CELLS: f32 = 8.0;
+const MARGIN_CELLS: usize = 8;
 
 /// Share of the largest part's area below which a part is no part of the object: a thing seen in the background, or noise.
 const SPECK: f64 = 0.002;
@@ -57,7 +57,7 @@ impl Default for StageOneOptions {
     fn default() -> Self {
         Self {
             n_cells: 144,
-            n_rounds: 8,
+            n_rounds: 12,
             deadline: None,
         }
     }
@@ -152,16 +152,11 @@ pub fn make_mesh(
     }
     let bounds = bounds.ok_or_else(|| StageOneError::NothingInCommon { dataset: root() })?;
     on_progress(0.1);
-    let margin = MARGIN_CELLS * bounds.extent().max_element() / options.n_cells as f32;
-    let bounds = Aabb {
-        min: bounds.min - margin,
-        max: bounds.max + margin,
-    };
-    let n_cells = options.n_cells + 2 * MARGIN_CELLS as usize;
-    let mut hull = ScalarGrid::over(&bounds, n_cells, 0.0);
+    let mut hull = grid_around(&bounds, options.n_cells);
     if !hull::fill(&silhouettes, &mut hull, &go_on) {
         return Err(StageOneError::Cancelled);
     }
+    hull::cut(&mut hull, &bounds);
     on_progress(0.2);
     let mut phi = hull.clone();
     phi.redistance(fairing::REACH);
@@ -184,6 +179,16 @@ pub fn make_mesh(
             dataset: root(),
             source,
         })
+}
+
+/// A grid of `n_cells` along the longest side of `bounds`, with a margin on all sides.
+fn grid_around(bounds: &Aabb, n_cells: usize) -> ScalarGrid {
+    let margin = MARGIN_CELLS as f32 * bounds.extent().max_element() / n_cells as f32;
+    let around = Aabb {
+        min: bounds.min - margin,
+        max: bounds.max + margin,
+    };
+    ScalarGrid::over(&around, n_cells + 2 * MARGIN_CELLS, 0.0)
 }
 
 /// The silhouettes of the training views; errors when they are too few or too small.
