@@ -144,10 +144,7 @@ fn parts_that_stand_alone_stay_apart() {
     let dataset = capture(24, two_balls);
     let mesh = make(&dataset).unwrap();
     let is_between = |p: &Vec3| (p.x - CENTER.x).abs() < 0.1;
-    assert!(
-        !mesh.positions.iter().any(|p| is_between(p)),
-        "nothing joins them"
-    );
+    assert!(!mesh.positions.iter().any(is_between), "nothing joins them");
     let n_left = mesh.positions.iter().filter(|p| p.x < CENTER.x).count();
     assert!(
         n_left > 100 && mesh.positions.len() - n_left > 100,
