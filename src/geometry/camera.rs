@@ -82,6 +82,14 @@ impl Camera {
         pixel.is_finite().then_some(pixel)
     }
 
+    /// Projects many points, whose coordinates `world_from_points` takes to the world.
+    pub fn projector(&self, world_from_points: Affine3A) -> Projector {
+        Projector {
+            camera: *self,
+            camera_from_points: self.world_from_camera.inverse() * world_from_points,
+        }
+    }
+
     /// The angular width of one pixel at the picture's centre, in radians: `1 / fx`.
     pub fn pixel_angle(&self) -> f32 {
         1.0 / self.fx
@@ -115,6 +123,27 @@ impl Camera {
     /// The unit direction that is up in the picture.
     pub fn up(&self) -> Vec3 {
         Vec3::from(self.world_from_camera.matrix3.y_axis).normalize_or_zero()
+    }
+}
+
+/// [`Camera::project`] for many points.
+#[derive(Clone, Copy, Debug)]
+pub struct Projector {
+    camera: Camera,
+    camera_from_points: Affine3A,
+}
+
+impl Projector {
+    /// Where a point appears, in pixels, and how far from the camera it is; `None` as for [`Camera::project`].
+    pub fn project(&self, point: Vec3) -> Option<(Vec2, f32)> {
+        let p_camera = self.camera_from_points.transform_point3(point);
+        let camera = &self.camera;
+        let p = camera
+            .distortion
+            .image_of(p_camera * Vec3::new(1.0, -1.0, -1.0))?;
+        let pixel = Vec2::new(p.x * camera.fx + camera.cx, p.y * camera.fy + camera.cy);
+        let distance = p_camera.length();
+        (pixel.is_finite() && distance.is_finite()).then_some((pixel, distance))
     }
 }
 
@@ -167,6 +196,10 @@ mod tests {
             for camera in [phone(), Camera { distortion: fisheye(), ..phone() }] {
                 let pixel = camera.project(camera.ray(x, y).at(t)).unwrap();
                 prop_assert!((pixel - Vec2::new(x, y)).length() < 0.02, "{pixel}");
+                let moved = Affine3A::from_translation(Vec3::new(1.0, 2.0, 3.0));
+                let point = camera.ray(x, y).at(t) - Vec3::new(1.0, 2.0, 3.0);
+                let (same, distance) = camera.projector(moved).project(point).unwrap();
+                prop_assert!((same - pixel).length() < 0.02 && (distance - t).abs() < 1e-3 * t, "{same}");
             }
         }
     }

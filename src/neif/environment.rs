@@ -196,17 +196,20 @@ impl Environment {
 
     /// Linear radiance along `batch.rays`, into `batch.radiance`.
     pub fn light(&self, batch: &mut FieldBatch, scratch: &mut LightScratch) {
+        self.light_by(self.n_samples(), batch, scratch);
+    }
+
+    /// [`Self::light`] with `n_samples` a ray, at least 1.
+    pub fn light_by(&self, n_samples: usize, batch: &mut FieldBatch, scratch: &mut LightScratch) {
         match &self.field {
             EnvironmentField::Grid { field, density } => {
-                field.place(batch, density, self.n_samples(), UNIFORM_SHARE, |_| {
-                    [0.0; 2]
-                });
+                field.place(batch, density, n_samples, UNIFORM_SHARE, |_| [0.0; 2]);
                 field.encode(batch, &mut scratch.encoded);
                 field.forward(batch);
             }
             EnvironmentField::Paper(field) => {
                 let placement = PaperPlacement {
-                    n_samples: self.n_samples(),
+                    n_samples,
                     uniform_share: PAPER_UNIFORM_SHARE,
                     shifts: [0.0; 2],
                 };

@@ -19,7 +19,7 @@ const CONES_AT_04: f32 = 32.0;
 /// Least and most cones of a pixel whose lobe is split.
 const CONES: [f32; 2] = [4.0, 64.0];
 /// Most cones of a pixel that has one path only: a picture in motion.
-const CONES_IN_MOTION: f32 = 6.0;
+const CONES_IN_MOTION: f32 = 4.0;
 /// Widest variance of a cone per axis, radians squared: of the rare directions far from the mirror's.
 const WIDEST: f32 = 0.1;
 

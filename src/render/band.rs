@@ -1,7 +1,6 @@
 //! Some rows of a preview pass: what is known of them, and how it is brought up to date.
 
 use std::ops::Range;
-use std::time::Instant;
 
 use super::gbuffer::{GBuffer, PathOptions};
 use super::progressive::PreviewScene;
@@ -62,28 +61,6 @@ impl Work<'_> {
     }
 }
 
-/// What a band computed of one part.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Part {
-    pub(super) n_pixels: usize,
-    pub(super) nanos: usize,
-}
-
-impl Part {
-    /// Runs `compute`, which returns a pixel count, if it is `needed`.
-    fn measure(needed: bool, compute: impl FnOnce() -> usize) -> Self {
-        if !needed {
-            return Self::default();
-        }
-        let start = Instant::now();
-        let n_pixels = compute();
-        Self {
-            n_pixels,
-            nanos: start.elapsed().as_nanos() as usize,
-        }
-    }
-}
-
 pub(super) fn band_rows(width: u32) -> u32 {
     (BAND_PIXELS / width.max(1)).max(MIN_BAND_ROWS)
 }
@@ -102,37 +79,24 @@ pub(super) fn bands(width: u32, height: u32) -> Vec<Band> {
 }
 
 impl Band {
-    /// Computes what is out of date and needed for the layer: geometry, surroundings, object.
-    pub(super) fn update(&mut self, work: &Work<'_>, scratch: &mut ShadeScratch) -> [Part; 3] {
+    /// Computes what is out of date and needed for the layer: pixels of geometry, surroundings, object.
+    pub(super) fn update(&mut self, work: &Work<'_>, scratch: &mut ShadeScratch) -> [usize; 3] {
         let layer = work.request.layer;
         let object = &self.objects[usize::from(work.is_fine)];
         let is_traced = object.geometry_version == work.versions.geometry;
         let is_shaded = object.version == work.versions.object;
-        [
-            Part::measure(!is_traced, || self.trace(work)),
-            Part::measure(layer.shows_background(), || {
-                self.update_background(work, scratch)
-            }),
-            Part::measure(layer.shows_object() && !is_shaded, || {
-                self.update_object(work, scratch)
-            }),
-        ]
-    }
-
-    /// Which parts are out of date, with one path a pixel.
-    pub(super) fn is_stale(&self, versions: Versions) -> [bool; 3] {
-        let object = &self.objects[0];
-        let geometry = object.geometry_version != versions.geometry;
-        [
-            geometry,
-            geometry || self.background_version != versions.background,
-            geometry || object.version != versions.object,
-        ]
-    }
-
-    /// Share of each pixel that the object covers, when traced with one path a pixel.
-    pub(super) fn coverage(&self) -> &[f32] {
-        self.objects[0].gbuffer.coverage()
+        let traced = if is_traced { 0 } else { self.trace(work) };
+        let background = if layer.shows_background() {
+            self.update_background(work, scratch)
+        } else {
+            0
+        };
+        let object = if layer.shows_object() && !is_shaded {
+            self.update_object(work, scratch)
+        } else {
+            0
+        };
+        [traced, background, object]
     }
 
     fn trace(&mut self, work: &Work<'_>) -> usize {

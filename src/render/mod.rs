@@ -16,6 +16,7 @@ pub mod progressive;
 pub mod reference;
 pub mod scene;
 pub mod shade;
+pub mod sketch;
 #[cfg(test)]
 pub(crate) mod test_scene;
 mod thread_clock;

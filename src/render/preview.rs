@@ -1,33 +1,77 @@
 //! The preview worker: takes the newest request, delivers pictures from coarse to fine.
 //!
-//! A newer request supersedes a running one within a band of pixels, except that a first pass is
-//! always finished: while something is dragged there is a picture for every request taken, and
-//! none is ever coarser than a quarter per axis. Threads run below the window's priority and
+//! A newer request supersedes a running one within a tile of pixels, except that a first picture is
+//! always finished: while something is dragged there is one for every request taken, and
+//! none is ever coarser than a half per axis. Threads run below the window's priority and
 //! above the trainer's.
 
 use std::fmt;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
+use std::time::Duration;
 
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use super::irradiance::DiffuseLights;
 use super::priority::lower_thread_priority;
-use super::progressive::{PassKind, PassOutput, PreviewScene, Progressive, Recomputed, SCALES};
+use super::progressive::{PassKind, PassOutput, PreviewScene, Progressive, Recomputed};
+use super::sketch::{Purpose, Sketch};
 
 /// Niceness of the preview's threads: the window has 0, the trainer 19.
 const NICE: i32 = 5;
-/// Longest first pass of a refinement, in seconds, unless a quarter takes longer.
-const QUICK_SECS: f64 = 0.06;
+/// A view that has not changed for so long counts as at rest.
+const REST: Duration = Duration::from_millis(100);
 
-/// Which passes to make.
+/// Which pictures to make.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Passes {
-    /// The finest that is quick enough, then on to full resolution and what [`super::render`] makes.
+    /// A sketch at once; when the view stays, one at full resolution, and then what [`super::render`] makes.
     Refine,
-    /// This one alone: 4, 2 or 1.
+    /// The same without the last, which takes long.
+    Glance,
+    /// One of a changed model, at this resolution divisor: 4, 2 or 1.
     Only(u32),
+}
+
+impl Passes {
+    /// What is made one after the other. `motion` is the resolution divisor of what changes.
+    fn steps(self, motion: u32) -> Vec<Step> {
+        let sketch = |scale, purpose| Step::Sketch { scale, purpose };
+        let glance = [sketch(motion, Purpose::Motion), sketch(1, Purpose::Rest)];
+        match self {
+            Self::Refine => glance.into_iter().chain([Step::Fine]).collect(),
+            Self::Glance => glance.to_vec(),
+            Self::Only(1) => vec![sketch(1, Purpose::SharpRefresh)],
+            Self::Only(2) => vec![sketch(2, Purpose::SharpRefresh)],
+            Self::Only(_) => vec![sketch(2, Purpose::Refresh)],
+        }
+    }
+}
+
+/// One picture of a request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Step {
+    Sketch {
+        scale: u32,
+        purpose: Purpose,
+    },
+    /// What [`super::render`] makes.
+    Fine,
+}
+
+impl Step {
+    /// Resolution divisor of its light.
+    fn scale(self) -> u32 {
+        match self {
+            Self::Sketch {
+                scale,
+                purpose: Purpose::Refresh,
+            } => 2 * scale,
+            Self::Sketch { scale, .. } => scale,
+            Self::Fine => 1,
+        }
+    }
 }
 
 /// A finished picture.
@@ -71,6 +115,12 @@ struct Request {
 struct Inbox {
     request: Option<Request>,
     is_closed: bool,
+}
+
+impl Inbox {
+    fn is_quiet(&self) -> bool {
+        self.request.is_none() && !self.is_closed
+    }
 }
 
 #[derive(Debug, Default)]
@@ -118,6 +168,7 @@ impl Preview {
                 Worker {
                     shared: theirs,
                     pool,
+                    sketch: Sketch::default(),
                     progressive: Progressive::default(),
                     lights: DiffuseLights::default(),
                 }
@@ -173,6 +224,7 @@ impl Drop for Preview {
 struct Worker {
     shared: Arc<Shared>,
     pool: ThreadPool,
+    sketch: Sketch,
     progressive: Progressive,
     lights: DiffuseLights,
 }
@@ -203,59 +255,33 @@ impl Worker {
         }
     }
 
-    /// The finest scale that a drag can bear; a quarter where even that is slow, or unknown.
-    fn first_scale(&mut self, scene: &PreviewScene) -> u32 {
-        let n_threads = self.pool.current_num_threads() as f64;
-        let mut is_quick = |scale| {
-            self.progressive
-                .estimate_secs(scene, scale)
-                .is_some_and(|secs| secs / n_threads <= QUICK_SECS)
-        };
-        SCALES
-            .into_iter()
-            .rev()
-            .find(|&scale| is_quick(scale))
-            .unwrap_or(SCALES[0])
-    }
-
     fn serve(&mut self, request: &Request, wake: &(impl Fn() + Send)) {
         let mut picture = request.scene.clone();
         let is_lit = picture.layer.is_lit();
-        // Motion is lit by few probes; those of the last pass take longer than a frame.
+        // Motion is lit by few probes; those of the last picture take longer than a frame.
         if is_lit {
             picture.scene = self.pool.install(|| self.lights.quick(&picture.scene));
         }
-        let passes: Vec<PassKind> = match request.passes {
-            Passes::Refine => {
-                let first = self.first_scale(&picture);
-                let plain = SCALES.into_iter().filter(|scale| *scale <= first);
-                plain.map(PassKind::plain).chain([PassKind::FINE]).collect()
-            }
-            Passes::Only(scale) => vec![PassKind::plain(scale)],
-        };
-        // A refinement's first picture is always finished; what is only a refresh may be dropped.
+        let motion = self.pool.install(|| self.sketch.motion_scale());
+        let steps = request.passes.steps(motion);
+        // The first picture of a change is always finished; what is only a refresh may be dropped.
         let never = AtomicBool::new(false);
-        for (i, &kind) in passes.iter().enumerate() {
-            let is_first = i == 0 && request.passes == Passes::Refine;
-            let cancel = if is_first {
+        let is_change = !matches!(request.passes, Passes::Only(_));
+        for (i, &step) in steps.iter().enumerate() {
+            if i == 1 && !self.stays() {
+                return;
+            }
+            let shared = Arc::clone(&self.shared);
+            let cancel = if i == 0 && is_change {
                 &never
             } else {
-                &self.shared.superseded
+                &shared.superseded
             };
-            if kind.is_fine && is_lit {
-                let fine = || self.lights.fine(&picture.scene, cancel);
-                let Some(scene) = self.pool.install(fine) else {
-                    return;
-                };
-                picture.scene = scene;
-            }
-            let output = self
-                .pool
-                .install(|| self.progressive.pass(&picture, kind, cancel));
-            let (number, PassKind { scale, is_fine }) = (request.number, kind);
-            tracing::trace!(number, scale, is_fine, is_done = output.is_some(), "pass");
+            let output = self.make(&mut picture, step, cancel);
+            let number = request.number;
+            tracing::trace!(number, ?step, is_done = output.is_some(), "pass");
             let Some(output) = output else { return };
-            self.publish(number, kind, i + 1 == passes.len(), output);
+            self.publish(number, step, i + 1 == steps.len(), output);
             wake();
             if self.shared.superseded.load(Ordering::Relaxed) {
                 return;
@@ -263,7 +289,42 @@ impl Worker {
         }
     }
 
-    fn publish(&self, request: u64, kind: PassKind, is_last: bool, output: PassOutput) {
+    /// One picture; `None` when cancelled.
+    fn make(
+        &mut self,
+        picture: &mut PreviewScene,
+        step: Step,
+        cancel: &AtomicBool,
+    ) -> Option<PassOutput> {
+        let Self {
+            pool,
+            sketch,
+            progressive,
+            lights,
+            ..
+        } = self;
+        pool.install(|| match step {
+            Step::Sketch { scale, purpose } => sketch.picture(picture, scale, purpose, cancel),
+            Step::Fine => {
+                if picture.layer.is_lit() {
+                    picture.scene = lights.fine(&picture.scene, cancel)?;
+                }
+                progressive.pass(picture, PassKind::FINE, cancel)
+            }
+        })
+    }
+
+    /// Whether nothing newer comes for a moment.
+    fn stays(&self) -> bool {
+        let inbox = lock(&self.shared.inbox);
+        let news = &self.shared.news;
+        let (inbox, _) = news
+            .wait_timeout_while(inbox, REST, |inbox| inbox.is_quiet())
+            .unwrap_or_else(PoisonError::into_inner);
+        inbox.is_quiet()
+    }
+
+    fn publish(&self, request: u64, step: Step, is_last: bool, output: PassOutput) {
         let PassOutput {
             width,
             height,
@@ -273,8 +334,8 @@ impl Worker {
         } = output;
         let frame = PreviewFrame {
             request,
-            scale: kind.scale,
-            is_fine: kind.is_fine,
+            scale: step.scale(),
+            is_fine: step == Step::Fine,
             is_last,
             width,
             height,
@@ -338,8 +399,8 @@ mod tests {
         assert_eq!((last.scale, last.width, last.height), (1, 200, 200));
         assert!(last.is_fine, "the last picture is the offline one");
         assert_eq!(
-            frames[0].scale, 4,
-            "nothing was measured yet, so it begins at a quarter"
+            frames[0].scale, 2,
+            "nothing was measured yet, so it begins at a half"
         );
         assert!(
             frames.windows(2).all(|pair| pair[1].scale <= pair[0].scale),
@@ -381,7 +442,7 @@ mod tests {
     }
 
     #[test]
-    fn the_newest_request_wins_and_none_is_coarser_than_a_quarter() {
+    fn the_newest_request_wins_and_none_is_coarser_than_a_half() {
         let (preview, news) = preview();
         let mut number = 0;
         for i in 0..30 {
@@ -396,8 +457,8 @@ mod tests {
             frames.len()
         );
         assert!(
-            frames.iter().all(|frame| frame.width >= 40),
-            "coarser than a quarter"
+            frames.iter().all(|frame| frame.width >= 80),
+            "coarser than a half"
         );
         assert!(
             frames

@@ -1,5 +1,4 @@
-//! A picture in four passes (a quarter, a half, all of the resolution per axis, then several paths for each of the
-//! object's pixels), recomputing only what changed.
+//! A picture at a resolution and with one or several paths for each of the object's pixels, recomputing only what changed.
 //!
 //! Each pass keeps, band by band, what its camera sees of the mesh, the surroundings behind it and
 //! the object's own light. A changed material leaves the first two, a changed environment the
@@ -84,14 +83,6 @@ pub struct Recomputed {
     pub object: usize,
 }
 
-/// Measured seconds of one thread per pixel, by part; none until the part was computed once.
-#[derive(Clone, Copy, Debug, Default)]
-struct Costs {
-    traced: Option<f64>,
-    background: Option<f64>,
-    object: Option<f64>,
-}
-
 /// A finished pass.
 #[derive(Clone, Debug)]
 pub struct PassOutput {
@@ -119,9 +110,6 @@ struct Pass {
 #[derive(Debug, Default)]
 pub struct Progressive {
     passes: [Pass; 3],
-    costs: Costs,
-    /// Mean coverage of the last finished pass: the share of object pixels to expect.
-    coverage: f64,
 }
 
 impl Progressive {
@@ -138,50 +126,8 @@ impl Progressive {
     ) -> Option<PassOutput> {
         let camera = scaled(&request.camera, kind.scale);
         let pass = &mut self.passes[index_of(kind.scale)];
-        let (output, seconds) = pass.run(request, camera, kind.is_fine, cancel);
-        if kind.is_fine {
-            return (!cancel.load(Ordering::Relaxed)).then_some(output);
-        }
-        let learn = |cost: &mut Option<f64>, secs: f64, n: usize| {
-            // A few pixels say more about the clock than about the work.
-            if n >= 256 {
-                *cost = Some(secs / n as f64);
-            }
-        };
-        learn(&mut self.costs.traced, seconds[0], output.recomputed.traced);
-        learn(
-            &mut self.costs.background,
-            seconds[1],
-            output.recomputed.background,
-        );
-        learn(&mut self.costs.object, seconds[2], output.recomputed.object);
-        if cancel.load(Ordering::Relaxed) {
-            return None;
-        }
-        self.coverage = self.passes[index_of(kind.scale)].coverage();
-        Some(output)
-    }
-
-    /// Seconds of one thread that the pass at `scale` would take; none while that is unknown.
-    ///
-    /// # Panics
-    /// When `scale` is not one of [`SCALES`].
-    pub fn estimate_secs(&mut self, request: &PreviewScene, scale: u32) -> Option<f64> {
-        let pass = &mut self.passes[index_of(scale)];
-        pass.invalidate(Causes::of(request, scaled(&request.camera, scale)));
-        let stale = pass.stale_pixels(request.layer);
-        let part = |n: f64, cost: Option<f64>| {
-            if n > 0.0 {
-                cost.map(|cost| cost * n)
-            } else {
-                Some(0.0)
-            }
-        };
-        Some(
-            part(stale[0], self.costs.traced)?
-                + part(stale[1] * (1.0 - self.coverage), self.costs.background)?
-                + part(stale[2] * self.coverage, self.costs.object)?,
-        )
+        let output = pass.run(request, camera, kind.is_fine, cancel);
+        (!cancel.load(Ordering::Relaxed)).then_some(output)
     }
 
     /// Forgets everything, e.g. when another capture is opened.
@@ -209,14 +155,14 @@ pub fn scaled(camera: &Camera, scale: u32) -> Camera {
 }
 
 impl Pass {
-    /// Updates all bands; also the seconds spent on tracing, the surroundings and the object.
+    /// Updates all bands.
     fn run(
         &mut self,
         request: &PreviewScene,
         camera: Camera,
         is_fine: bool,
         cancel: &AtomicBool,
-    ) -> (PassOutput, [f64; 3]) {
+    ) -> PassOutput {
         self.invalidate(Causes::of(request, camera));
         let work = Work {
             request,
@@ -226,7 +172,7 @@ impl Pass {
         };
         let (width, height) = (camera.width, camera.height);
         let mut pixels = vec![[0, 0, 0, 255]; (width * height) as usize];
-        let counts: [AtomicUsize; 7] = Default::default();
+        let counts: [AtomicUsize; 4] = Default::default();
         let chunk = (band_rows(width) * width) as usize;
         self.bands
             .par_iter_mut()
@@ -239,53 +185,22 @@ impl Pass {
                 let done = band.update(&work, scratch);
                 band.compose(&work, out);
                 let nanos = thread_cpu().saturating_sub(start).as_nanos() as usize;
-                let parts = done.map(|part| [part.n_pixels, part.nanos]);
-                for (count, value) in counts
-                    .iter()
-                    .zip(parts.as_flattened().iter().chain([&nanos]))
-                {
+                for (count, value) in counts.iter().zip(done.iter().chain([&nanos])) {
                     count.fetch_add(*value, Ordering::Relaxed);
                 }
             });
-        let [traced, t0, background, t1, object, t2, all] = counts.map(AtomicUsize::into_inner);
-        let recomputed = Recomputed {
-            traced,
-            background,
-            object,
-        };
-        let cpu_secs = all as f64 * 1e-9;
-        (
-            PassOutput {
-                width,
-                height,
-                pixels,
-                recomputed,
-                cpu_secs,
+        let [traced, background, object, nanos] = counts.map(AtomicUsize::into_inner);
+        PassOutput {
+            width,
+            height,
+            pixels,
+            recomputed: Recomputed {
+                traced,
+                background,
+                object,
             },
-            [t0, t1, t2].map(|t| t as f64 * 1e-9),
-        )
-    }
-
-    /// Pixels of the bands whose part is out of date: tracing, surroundings, object.
-    fn stale_pixels(&self, layer: Layer) -> [f64; 3] {
-        let mut stale = [0.0; 3];
-        for band in &self.bands {
-            let n = f64::from(
-                band.rows.len() as u32 * self.causes.as_ref().map_or(0, |c| c.camera.width),
-            );
-            let is_shown = [true, layer.shows_background(), layer.shows_object()];
-            let is_stale = band.is_stale(self.versions);
-            for (sum, (stale, shown)) in stale.iter_mut().zip(is_stale.into_iter().zip(is_shown)) {
-                *sum += if stale && shown { n } else { 0.0 };
-            }
+            cpu_secs: nanos as f64 * 1e-9,
         }
-        stale
-    }
-
-    /// Mean coverage by the object.
-    fn coverage(&self) -> f64 {
-        let all = || self.bands.iter().flat_map(Band::coverage);
-        all().map(|coverage| f64::from(*coverage)).sum::<f64>() / all().count().max(1) as f64
     }
 
     /// Raises the numbers of the parts that the new causes change.
@@ -519,22 +434,5 @@ mod tests {
             plain.traced == 0 && done.traced == 0 && done.object > 0,
             "{plain:?} {done:?}"
         );
-    }
-
-    #[test]
-    fn estimates_follow_what_is_out_of_date() {
-        let (mut progressive, mut request) = (Progressive::default(), request());
-        assert_eq!(
-            progressive.estimate_secs(&request, 1),
-            None,
-            "nothing was measured yet"
-        );
-        pass(&mut progressive, &request, 1);
-        assert_eq!(progressive.estimate_secs(&request, 1), Some(0.0));
-        request.scene.edit.tint_scale = 0.5;
-        let edit = progressive.estimate_secs(&request, 1).expect("measured");
-        request.scene.transform.scale = 2.0;
-        let light = progressive.estimate_secs(&request, 1).expect("measured");
-        assert!(0.0 < edit && edit < light, "{edit} {light}");
     }
 }

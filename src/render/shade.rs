@@ -11,7 +11,7 @@ use crate::geometry::{Camera, Ray};
 use crate::neif::EnvironmentFromWorld;
 use crate::neif::contraction::FieldFrame;
 use crate::neif::display::Display;
-use crate::neif::environment::LightScratch;
+use crate::neif::environment::{EnvironmentField, LightScratch};
 use crate::neif::light_path::{self, LitVertex, PathVertex, SplitLobe};
 use crate::neif::lobe_cones::{LobeCone, PathOfPixel, lobe_cones};
 use crate::neif::material::{MaterialBatch, Surface};
@@ -21,7 +21,7 @@ use crate::neif::radiance_field::{FieldBatch, FieldRay};
 use crate::neif::shading::{fresnel, outgoing};
 
 /// Pixels shaded together: their samples stay in the core's cache.
-const TILE: usize = 64;
+pub(super) const TILE: usize = 64;
 /// Change of roughness from which one cone, which the photos taught at the learned roughness, counts nothing.
 const UNTAUGHT: f32 = 0.05;
 /// Learned roughness up to which one cone serves in other surroundings too, and the distance from there to where it
@@ -42,7 +42,21 @@ pub struct ShadeScratch {
     /// Of each path, its pixel in the tile.
     pixel_of_path: Vec<usize>,
     lit: Vec<LitVertex>,
+    /// Most samples a ray; none leaves the number to the surroundings.
+    most_samples: Option<usize>,
 }
+
+/// What a pixel sees of the surroundings.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct SeenLight {
+    /// Where, in the field's coordinates; far away where nothing is met.
+    pub(super) position: Vec3,
+    /// Linear radiance before the transform's gain.
+    pub(super) radiance: [f32; 3],
+}
+
+/// Where light comes from that has no place, in half sides of the inner box.
+const FAR: f32 = 1e5;
 
 /// Linear radiance of the surroundings through each listed pixel (`y * width + x` of `camera`); `out`: one a pixel.
 pub fn shade_background(
@@ -53,34 +67,61 @@ pub fn shade_background(
     scratch: &mut ShadeScratch,
 ) {
     assert_eq!(pixels.len(), out.len(), "one result a pixel");
-    let motion = scene.transform.environment_from_world();
-    let frame = scene.environment.frame();
-    let spread = camera.pixel_angle() * PIXEL_STD;
+    let gain = scene.transform.environment_from_world().gain;
     for (pixels, out) in pixels.chunks(TILE).zip(out.chunks_mut(TILE)) {
-        scratch.batch.rays.clear();
-        for &pixel in pixels {
-            let (x, y) = (pixel % camera.width, pixel / camera.width);
-            let ray = camera.ray(x as f32 + 0.5, y as f32 + 0.5);
-            let direction = motion.direction(ray.direction).to_array();
-            let origin = frame.field_from_world(motion.point(ray.origin)).to_array();
-            let cone = ConeRay {
-                origin,
-                direction,
-                base: 0.0,
-                spread,
-                lobe_variance: 0.0,
-            };
-            scratch.batch.rays.push(FieldRay {
-                cone,
-                direction,
-                kappa: f32::INFINITY,
-            });
-        }
+        scratch.aim_at_background(scene, camera, pixels);
         scratch.light(scene);
         for (out, radiance) in out.iter_mut().zip(&scratch.batch.radiance) {
-            *out = (Vec3::from(*radiance) * motion.gain).to_array();
+            *out = (Vec3::from(*radiance) * gain).to_array();
         }
     }
+}
+
+/// [`shade_background`] with where the light comes from.
+pub(super) fn see_background(
+    scene: &Scene,
+    camera: &Camera,
+    pixels: &[u32],
+    out: &mut [SeenLight],
+    scratch: &mut ShadeScratch,
+) {
+    assert_eq!(pixels.len(), out.len(), "one result a pixel");
+    for (pixels, out) in pixels.chunks(TILE).zip(out.chunks_mut(TILE)) {
+        scratch.aim_at_background(scene, camera, pixels);
+        scratch.light(scene);
+        let batch = &scratch.batch;
+        for (i, out) in out.iter_mut().enumerate() {
+            let t = match scene.environment.field() {
+                EnvironmentField::Grid { .. } if !scene.environment.is_far() => {
+                    median_distance(batch, i)
+                }
+                _ => FAR,
+            };
+            *out = SeenLight {
+                position: batch.rays[i].cone.at(t).into(),
+                radiance: batch.radiance[i],
+            };
+        }
+    }
+}
+
+/// Where half of what a ray of the batch meets lies before.
+fn median_distance(batch: &FieldBatch, ray: usize) -> f32 {
+    let n = batch.weights().len() / batch.rays.len().max(1);
+    let samples = ray * n..(ray + 1) * n;
+    let (weights, distances) = (
+        &batch.weights()[samples.clone()],
+        &batch.distances()[samples],
+    );
+    let half = 0.5 * weights.iter().sum::<f32>();
+    let mut before = 0.0;
+    for (weight, distance) in weights.iter().zip(distances) {
+        before += weight;
+        if before >= half && before > 0.0 {
+            return *distance;
+        }
+    }
+    FAR
 }
 
 /// The object's part of each listed pixel: linear radiance, or the layer's value; 0 where the object is not seen.
@@ -125,7 +166,7 @@ pub fn shade_object(
 }
 
 /// The layer's value at the first vertex of each path.
-fn shade_paths(
+pub(super) fn shade_paths(
     scene: &Scene,
     object: &ObjectModel,
     paths: &[&[PathVertex]],
@@ -306,9 +347,46 @@ fn unlit(
 }
 
 impl ShadeScratch {
+    /// For pictures in motion: at most so many samples a ray.
+    pub(super) fn with_most_samples(n: usize) -> Self {
+        Self {
+            most_samples: Some(n),
+            ..Self::default()
+        }
+    }
+
+    /// The rays of pixels (`y * width + x` of `camera`) into the surroundings.
+    fn aim_at_background(&mut self, scene: &Scene, camera: &Camera, pixels: &[u32]) {
+        let motion = scene.transform.environment_from_world();
+        let frame = scene.environment.frame();
+        let spread = camera.pixel_angle() * PIXEL_STD;
+        self.batch.rays.clear();
+        for &pixel in pixels {
+            let (x, y) = (pixel % camera.width, pixel / camera.width);
+            let ray = camera.ray(x as f32 + 0.5, y as f32 + 0.5);
+            let direction = motion.direction(ray.direction).to_array();
+            let origin = frame.field_from_world(motion.point(ray.origin)).to_array();
+            let cone = ConeRay {
+                origin,
+                direction,
+                base: 0.0,
+                spread,
+                lobe_variance: 0.0,
+            };
+            self.batch.rays.push(FieldRay {
+                cone,
+                direction,
+                kappa: f32::INFINITY,
+            });
+        }
+    }
+
     /// Evaluates the environment along the batch's rays.
     pub(super) fn light(&mut self, scene: &Scene) {
-        scene.environment.light(&mut self.batch, &mut self.light);
+        let environment = &scene.environment;
+        let n_samples = environment.n_samples();
+        let n_samples = self.most_samples.map_or(n_samples, |n| n.min(n_samples));
+        environment.light_by(n_samples, &mut self.batch, &mut self.light);
         if let Some(ground) = &scene.ground {
             ground.apply(&mut self.batch);
         }

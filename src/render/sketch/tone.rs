@@ -1,0 +1,66 @@
+//! The display transform of a picture by a table: three powers a pixel would take as long as the rest of it.
+
+use crate::neif::display::Display;
+use crate::render::scene::{Layer, Scene};
+
+/// Entries of the table; they are spread evenly over the square root, so that dark values have as many as they need.
+const N: usize = 4096;
+
+/// Display bytes of linear values.
+pub(super) struct Tone {
+    bytes: Vec<u8>,
+}
+
+impl Tone {
+    /// The transform of [`crate::render::compose`] for a layer.
+    pub(super) fn new(scene: &Scene, layer: Layer) -> Self {
+        let display = Display {
+            gamma: scene.environment.gamma(),
+        };
+        let byte = |i: usize| {
+            let linear = (i as f32 / (N - 1) as f32).powi(2);
+            let shown = match layer {
+                Layer::Roughness | Layer::Normal => linear,
+                _ => display.value(linear),
+            };
+            (shown.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
+        };
+        Self {
+            bytes: (0..N).map(byte).collect(),
+        }
+    }
+
+    /// Values above 1 are shown as 1; what is not a number as 0.
+    pub(super) fn bytes(&self, linear: [f32; 3]) -> [u8; 3] {
+        linear.map(|v| {
+            // Written so that what is not a number is 0.
+            let v = if v > 0.0 { v.min(1.0) } else { 0.0 };
+            self.bytes[(v.sqrt() * (N - 1) as f32 + 0.5) as usize]
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::test_scene::scene;
+    use super::*;
+    use crate::render::shade::compose;
+
+    #[test]
+    fn the_table_is_the_display_transform() {
+        let scene = scene();
+        for layer in [Layer::Final, Layer::Normal] {
+            let tone = Tone::new(&scene, layer);
+            for i in 0..2000 {
+                let v = i as f32 / 1500.0;
+                let exact = compose(&scene, layer, 1.0, [v; 3], [0.0; 3])[0] * 255.0;
+                let byte = f32::from(tone.bytes([v; 3])[0]);
+                assert!(
+                    (byte - exact).abs() < 1.2,
+                    "{layer} {v}: {byte}, not {exact}"
+                );
+            }
+            assert_eq!(tone.bytes([f32::NAN, -1.0, f32::INFINITY]), [0, 0, 255]);
+        }
+    }
+}
