@@ -9,6 +9,7 @@ use egui_kittest::kittest::Queryable as _;
 use glam::{Affine3A, Quat, Vec3};
 use neif::app::camera_control::CameraMove;
 use neif::app::command::Browse;
+use neif::app::pace::Pace;
 use neif::app::state::{EnvironmentContent, EnvironmentEntry, PathPurpose, Source};
 use neif::app::training_state::{Level, Phase};
 use neif::app::viewport::Pictures;
@@ -19,6 +20,7 @@ use neif::neif::distant::{DistantConfig, DistantLight};
 use neif::neif::{Environment, EnvironmentTransform, RoughnessEdit};
 use neif::render::Layer;
 use neif::train::events::{Progress, TrainCommand, TrainEvent};
+use neif::train::session::Threads;
 
 /// The state with what its commands asked of the world.
 #[derive(Default)]
@@ -537,4 +539,17 @@ fn other_surroundings_tell_where_they_are_and_can_be_matched() {
     );
     click(&mut harness, "Match exposure");
     assert_eq!(effects(&mut harness), [Effect::MatchExposure]);
+}
+
+#[test]
+fn the_pace_of_training_is_chosen_in_the_training_panel() {
+    let mut state = AppState::default();
+    state.training.phase = Phase::Training;
+    let mut harness = harness(state);
+    click(&mut harness, "Fast training");
+    assert_eq!(harness.state().state.pace, Pace::Fast);
+    click(&mut harness, "Responsive");
+    assert_eq!(harness.state().state.pace, Pace::Responsive);
+    let last = harness.state().effects.last();
+    assert_eq!(last, Some(&Effect::UseThreads(Threads::OneFewer)));
 }

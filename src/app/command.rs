@@ -8,6 +8,7 @@ use std::path::PathBuf;
 use glam::Vec2;
 
 use crate::app::camera_control::{CameraMove, Viewpoint};
+use crate::app::pace::{self, PaceCommand};
 use crate::app::state::{
     AppState, EnvironmentContent, Look, PathDialog, PathPurpose, Source, file_name,
 };
@@ -16,6 +17,7 @@ use crate::neif::{EnvironmentTransform, MaterialEdit};
 use crate::render::Layer;
 use crate::train::events::TrainCommand;
 use crate::train::plan::Budget;
+use crate::train::session::Threads;
 
 /// Which system dialog to show.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -64,6 +66,8 @@ pub enum Command {
     Browsed(Result<Option<PathBuf>, String>),
     /// Control training.
     Train(Train),
+    /// Share the processor between training and the window.
+    Pace(PaceCommand),
     /// Training time for the next run, in seconds.
     SetBudget(f64),
     /// Whether opening a capture starts training.
@@ -122,6 +126,8 @@ pub enum Effect {
     StartTraining,
     /// Tell the session.
     Train(TrainCommand),
+    /// Train on so many threads.
+    UseThreads(Threads),
     /// Read the environment with this index.
     LoadEnvironment(usize),
     /// Find the exposure and white balance of the chosen surroundings.
@@ -148,6 +154,7 @@ pub fn apply(state: &mut AppState, command: Command, effects: &mut Vec<Effect>) 
         | Command::Browse(_)
         | Command::Browsed(_) => apply_path(state, command, effects),
         Command::Train(train) => apply_train(state, train, effects),
+        Command::Pace(command) => pace::apply(&mut state.pace, command, effects),
         Command::SetBudget(secs) => state.budget_secs = secs.clamp(5.0, 86_400.0),
         Command::SetAutoStart(on) => state.is_auto_start = on,
         Command::Edit(edit) => state.look.edit = edit,

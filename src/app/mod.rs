@@ -11,6 +11,7 @@ pub mod environment_control;
 pub mod keys;
 pub mod messages;
 pub mod opener;
+pub mod pace;
 pub mod panels;
 pub mod preview_driver;
 pub mod recent;

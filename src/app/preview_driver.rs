@@ -36,6 +36,8 @@ pub struct Situation {
     pub trained_secs: f64,
     /// Cores of the machine.
     pub n_cores: usize,
+    /// Least time between two pictures of something dragged while training, in seconds.
+    pub interval_secs: f64,
 }
 
 /// A request for the preview.
@@ -57,8 +59,10 @@ pub struct PreviewDriver {
     requests: VecDeque<(u64, u64)>,
     /// Whether the last picture of the last request is there.
     is_done: bool,
-    /// When the person last changed something.
-    touched_secs: f64,
+    /// When the person last changed something that was asked for.
+    touched_secs: Option<f64>,
+    /// Whether a change waits for its turn.
+    is_held_back: bool,
     /// When the last refresh was asked for, and from when on the next may be.
     refreshed_secs: f64,
     /// Cost of a full picture, in processor seconds, from the last finished passes.
@@ -74,31 +78,45 @@ impl PreviewDriver {
         situation: &Situation,
     ) -> Option<Wanted> {
         let now = situation.now_secs;
+        // The last picture of a refinement takes long; the next snapshot would make it worthless.
+        let passes = if situation.is_training {
+            Passes::Glance
+        } else {
+            Passes::Refine
+        };
         let Some(asked) = &self.asked else {
-            return Some(self.ask(newest, scene(newest), Passes::Refine, now));
+            return Some(self.ask(newest, scene(newest), passes, now));
         };
         // The same snapshot with what is wanted now shows whether the person changed something.
         let same_snapshot = Arc::clone(&asked.snapshot);
         let current = scene(&same_snapshot);
         let is_newer = !Arc::ptr_eq(&same_snapshot, newest);
         if !current.is_same(&asked.scene) {
-            let is_dragging = now - self.touched_secs < HOLD_SECS;
-            self.touched_secs = now;
+            let since = self
+                .touched_secs
+                .map_or(f64::INFINITY, |touched| now - touched);
+            self.is_held_back = situation.is_training && since < situation.interval_secs;
+            if self.is_held_back {
+                return None;
+            }
+            let is_dragging = since < HOLD_SECS;
+            self.touched_secs = Some(now);
             let held = now - self.refreshed_secs < 3.0 * HOLD_SECS;
             return Some(if is_newer && !(is_dragging && held) {
-                self.ask(newest, scene(newest), Passes::Refine, now)
+                self.ask(newest, scene(newest), passes, now)
             } else {
                 let refreshed = self.refreshed_secs;
-                let wanted = self.ask(&same_snapshot, current, Passes::Refine, now);
+                let wanted = self.ask(&same_snapshot, current, passes, now);
                 self.refreshed_secs = refreshed;
                 wanted
             });
         }
+        self.is_held_back = false;
         if !self.is_done {
             return None;
         }
         if !situation.is_training {
-            let is_coarse = matches!(asked.passes, Passes::Only(scale) if scale > 1);
+            let is_coarse = asked.passes != Passes::Refine;
             return (is_newer || is_coarse)
                 .then(|| self.ask(newest, scene(newest), Passes::Refine, now));
         }
@@ -110,8 +128,11 @@ impl PreviewDriver {
             .then(|| self.ask(newest, scene(newest), Passes::Only(scale), now))
     }
 
-    /// Seconds until the next refresh is due, to be woken in time.
+    /// Seconds until the next picture is due, to be woken in time.
     pub fn wait_secs(&self, situation: &Situation) -> f64 {
+        if let (true, Some(touched)) = (self.is_held_back, self.touched_secs) {
+            return (touched + situation.interval_secs - situation.now_secs).max(0.0);
+        }
         let (_, interval) = self.refresh_plan(situation);
         (self.refreshed_secs + interval - situation.now_secs).max(0.0)
     }
@@ -172,7 +193,9 @@ impl PreviewDriver {
         if frame.request == newest {
             self.is_done = frame.is_last;
         }
-        if frame.recomputed.background > 0 {
+        let is_refresh = |asked: &Wanted| matches!(asked.passes, Passes::Only(_));
+        // What changes by hand uses what was there before and says nothing of a refresh.
+        if frame.request == newest && self.asked.as_ref().is_some_and(is_refresh) {
             self.full_cost_secs = Some(frame.cpu_secs * f64::from(frame.scale * frame.scale));
         }
         Some(step)
@@ -214,6 +237,7 @@ mod tests {
             is_training,
             trained_secs: now_secs,
             n_cores: 2,
+            interval_secs: 0.04,
         }
     }
 
@@ -327,7 +351,7 @@ mod tests {
             let wanted = driver
                 .decide(&snapshot(i as u64), picture(100 + i), &situation(now, true))
                 .expect("a change");
-            assert_eq!(wanted.passes, Passes::Refine);
+            assert_eq!(wanted.passes, Passes::Glance);
             steps.push(wanted.snapshot.step);
         }
         steps.dedup();
@@ -335,6 +359,31 @@ mod tests {
             steps.len() <= 2,
             "snapshots changed under the drag: {steps:?}"
         );
+    }
+
+    #[test]
+    fn a_drag_beside_training_leaves_time_between_pictures_and_ends_where_it_stopped() {
+        let (mut driver, first) = (PreviewDriver::default(), snapshot(0));
+        let at = |now_secs, is_training| Situation {
+            interval_secs: 0.1,
+            ..situation(now_secs, is_training)
+        };
+        driver
+            .decide(&first, picture(100), &at(0.0, true))
+            .expect("the first picture");
+        let mut shown = Vec::new();
+        for i in 1..=100 {
+            let now = at(1.0 + f64::from(i) * 0.01, true);
+            let wanted = driver.decide(&first, picture(100 + i as u32), &now);
+            shown.extend(wanted.map(|wanted| wanted.scene.camera.width));
+        }
+        assert!((9..=11).contains(&shown.len()), "{shown:?}");
+        let wait = driver.wait_secs(&at(2.0, true));
+        assert!(wait <= 0.1, "woken after {wait} s");
+        let last = driver.decide(&first, picture(200), &at(2.0 + wait + 1e-6, true));
+        assert_eq!(last.expect("the end").scene.camera.width, 200);
+        let free = driver.decide(&first, picture(201), &at(2.2, false));
+        assert!(free.is_some(), "nothing waits when nothing trains");
     }
 
     #[test]

@@ -7,6 +7,7 @@ use glam::Vec3;
 
 use crate::app::camera_control::{Viewpoint, nearest_view, point_looked_at, up_axis};
 use crate::app::messages::Messages;
+use crate::app::pace::Pace;
 use crate::app::training_state::TrainingState;
 use crate::data::{Dataset, View};
 use crate::geometry::Aabb;
@@ -227,6 +228,8 @@ pub struct AppState {
     pub budget_secs: f64,
     /// Whether opening a capture starts training.
     pub is_auto_start: bool,
+    /// How training and the window share the processor.
+    pub pace: Pace,
     /// The opened capture, once it is read.
     pub dataset: Option<Arc<Dataset>>,
     /// The newest state of the fields.
@@ -262,6 +265,7 @@ impl Default for AppState {
             training: TrainingState::default(),
             budget_secs: DEFAULT_BUDGET_SECS,
             is_auto_start: true,
+            pace: Pace::default(),
             dataset: None,
             snapshot: None,
             look: Look::default(),

@@ -165,6 +165,7 @@ impl Window {
             is_training: training.phase == Phase::Training,
             trained_secs: training.progress.elapsed_secs,
             n_cores: self.n_cores,
+            interval_secs: self.state.pace.interval_secs(),
         };
         let camera = self
             .state
@@ -181,7 +182,7 @@ impl Window {
             let number = self.preview.request(wanted.scene, wanted.passes);
             self.driver.was_requested(number);
         } else if situation.is_training {
-            let wait = self.driver.wait_secs(&situation).clamp(0.1, 5.0);
+            let wait = self.driver.wait_secs(&situation).clamp(0.01, 5.0);
             ctx.request_repaint_after(Duration::from_secs_f64(wait));
         }
     }

@@ -81,6 +81,11 @@ impl Work {
             },
             Effect::StartTraining => self.start(state),
             Effect::Train(command) => self.send(state, command),
+            Effect::UseThreads(threads) => {
+                if let Some(session) = &self.session {
+                    session.use_threads(threads);
+                }
+            }
             Effect::LoadEnvironment(index) => {
                 if let Some(entry) = state.environments.get(index) {
                     self.opener.load_environment(&entry.path);
@@ -178,6 +183,7 @@ impl Work {
         });
         match session {
             Ok(session) => {
+                session.use_threads(state.pace.threads());
                 self.session = Some(session);
                 self.snapshot_version = 0;
                 let phase = Phase::Loading {

@@ -122,7 +122,10 @@ impl<'a> Run<'a> {
 
     fn step(&mut self) -> Result<(), SessionError> {
         let fraction = self.plan.fraction(self.position());
-        let stats = self.worker.pool.install(|| self.trainer.step(fraction));
+        let stats = self
+            .worker
+            .step_pool()
+            .install(|| self.trainer.step(fraction));
         self.meter.add(&stats);
         self.skips_in_a_row = if stats.skipped {
             self.skips_in_a_row + 1

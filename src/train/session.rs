@@ -166,11 +166,23 @@ impl SessionError {
     }
 }
 
+/// How many threads take steps. The result does not depend on it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Threads {
+    /// As many as the settings say.
+    #[default]
+    All,
+    /// One fewer, but at least one.
+    OneFewer,
+}
+
 /// What the two sides share.
 #[derive(Debug, Default)]
 pub(super) struct Shared {
     /// Set when the run is to end: loading polls it.
     pub(super) stop: AtomicBool,
+    /// Set when steps are to leave a core to others.
+    pub(super) spares_core: AtomicBool,
     /// The newest state of the fields.
     pub(super) snapshot: Latest<Snapshot>,
     /// The capture, once it is loaded.
@@ -222,6 +234,13 @@ impl Session {
         if self.commands.try_send(command).is_err() {
             tracing::warn!("the training thread takes no more commands");
         }
+    }
+
+    /// Takes steps on so many threads from the next on.
+    pub fn use_threads(&self, threads: Threads) {
+        let spares_core = threads == Threads::OneFewer;
+        let shared = &self.shared.spares_core;
+        shared.store(spares_core, Ordering::Relaxed);
     }
 
     /// The events, oldest first. The queue closes when the thread has ended.

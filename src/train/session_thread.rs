@@ -1,6 +1,7 @@
 //! The training thread: makes its thread pool, reads the capture, prepares the run, hands over.
 
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 
 use crossbeam::channel::Receiver;
 use rayon::{ThreadPool, ThreadPoolBuilder};
@@ -33,6 +34,8 @@ pub(super) struct Worker {
     pub(super) commands: Receiver<TrainCommand>,
     pub(super) events: EventQueue,
     pub(super) pool: ThreadPool,
+    /// One thread fewer, for steps that leave a core to others.
+    small_pool: ThreadPool,
 }
 
 impl Worker {
@@ -44,23 +47,37 @@ impl Worker {
         events: EventQueue,
     ) -> Result<Self, SessionError> {
         let nice = options.nice;
-        let pool = ThreadPoolBuilder::new()
-            .num_threads(options.config.threads)
-            .thread_name(|i| format!("neif-train-{i}"))
-            .start_handler(move |_| {
-                if nice {
-                    lower_thread_priority(LOWEST_PRIORITY);
-                }
-            })
-            .build()
-            .map_err(|error| SessionError::Threads(error.to_string()))?;
+        let pool = |n_threads| {
+            ThreadPoolBuilder::new()
+                .num_threads(n_threads)
+                .thread_name(|i| format!("neif-train-{i}"))
+                .start_handler(move |_| {
+                    if nice {
+                        lower_thread_priority(LOWEST_PRIORITY);
+                    }
+                })
+                .build()
+                .map_err(|error| SessionError::Threads(error.to_string()))
+        };
+        let all = pool(options.config.threads)?;
+        let fewer = all.current_num_threads().saturating_sub(1).max(1);
         Ok(Self {
+            small_pool: pool(fewer)?,
             options,
             shared,
             commands,
             events,
-            pool,
+            pool: all,
         })
+    }
+
+    /// The threads for the next step.
+    pub(super) fn step_pool(&self) -> &ThreadPool {
+        if self.shared.spares_core.load(Ordering::Relaxed) {
+            &self.small_pool
+        } else {
+            &self.pool
+        }
     }
 
     /// Prepares and trains; reports how it ended.

@@ -4,6 +4,7 @@ use egui::{Button, DragValue, Grid, Ui};
 use egui_plot::{GridInput, GridMark, Line, Plot, PlotPoints, Points};
 
 use crate::app::command::{Command, Train};
+use crate::app::pace::pace_ui;
 use crate::app::panels::status::chip;
 use crate::app::panels::widgets::{count, describe_number, duration, heading, weak};
 use crate::app::state::{AppState, PathPurpose, Source};
@@ -67,7 +68,10 @@ fn capture_ui(ui: &mut Ui, state: &AppState) {
 fn controls_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     let phase = &state.training.phase;
     match phase {
-        Phase::Training | Phase::Paused => running_ui(ui, phase, commands),
+        Phase::Training | Phase::Paused => {
+            running_ui(ui, phase, commands);
+            pace_ui(ui, state, commands);
+        }
         Phase::Loading { .. } => {
             if ui.button("Cancel").clicked() {
                 commands.push(Command::Train(Train::StopForSure));

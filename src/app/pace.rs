@@ -1,0 +1,109 @@
+//! How training and the window share the processor.
+
+use egui::Ui;
+
+use crate::app::command::{Command, Effect};
+use crate::app::panels::widgets::weak;
+use crate::app::state::AppState;
+use crate::train::session::Threads;
+
+/// What comes first while training.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Pace {
+    /// The window: training leaves it a core, and pictures follow each other as fast as they can.
+    Responsive,
+    /// Training has all cores, and pictures in motion take about a third of them.
+    #[default]
+    Balanced,
+    /// Training: pictures in motion are few.
+    Fast,
+}
+
+impl Pace {
+    /// All, from the window's side to training's.
+    pub const ALL: [Self; 3] = [Self::Responsive, Self::Balanced, Self::Fast];
+
+    /// As on the buttons.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Responsive => "Responsive",
+            Self::Balanced => "Balanced",
+            Self::Fast => "Fast training",
+        }
+    }
+
+    fn hint(self) -> &'static str {
+        match self {
+            Self::Responsive => "Training leaves a core to the window",
+            Self::Balanced => "Training takes what dragging leaves",
+            Self::Fast => "While you drag, few pictures; training hardly slows",
+        }
+    }
+
+    /// The threads that training takes.
+    pub fn threads(self) -> Threads {
+        match self {
+            Self::Responsive => Threads::OneFewer,
+            Self::Balanced | Self::Fast => Threads::All,
+        }
+    }
+
+    /// Least time between two pictures of something dragged while training, in seconds.
+    pub fn interval_secs(self) -> f64 {
+        match self {
+            Self::Responsive => 0.0,
+            Self::Balanced => 0.09,
+            Self::Fast => 0.25,
+        }
+    }
+}
+
+/// Changes of the pace.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PaceCommand {
+    /// Take this one.
+    Choose(Pace),
+}
+
+/// Changes the pace and tells training.
+pub fn apply(pace: &mut Pace, command: PaceCommand, effects: &mut Vec<Effect>) {
+    let PaceCommand::Choose(chosen) = command;
+    *pace = chosen;
+    effects.push(Effect::UseThreads(chosen.threads()));
+}
+
+/// Draws the choice.
+pub fn pace_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
+    ui.horizontal_wrapped(|ui| {
+        ui.label(weak(ui, "Pace"));
+        for pace in Pace::ALL {
+            let button = ui.selectable_label(state.pace == pace, pace.name());
+            if button.on_hover_text(pace.hint()).clicked() {
+                commands.push(Command::Pace(PaceCommand::Choose(pace)));
+            }
+        }
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_chosen_pace_is_kept_and_training_hears_of_it() {
+        let (mut pace, mut effects) = (Pace::default(), Vec::new());
+        apply(
+            &mut pace,
+            PaceCommand::Choose(Pace::Responsive),
+            &mut effects,
+        );
+        assert_eq!(pace, Pace::Responsive);
+        assert_eq!(effects, [Effect::UseThreads(Threads::OneFewer)]);
+    }
+
+    #[test]
+    fn the_nearer_to_training_the_fewer_pictures() {
+        let intervals = Pace::ALL.map(Pace::interval_secs);
+        assert!(intervals.is_sorted(), "{intervals:?}");
+    }
+}
