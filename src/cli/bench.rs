@@ -3,9 +3,12 @@
 //! Every benchmark trains on the capture's training views. Error against time is measured on the test views, since that
 //! is what is reported; skips and stability are judged on the validation views.
 
+#[cfg(feature = "gui")]
+mod desk;
 mod error;
 mod lobes;
 mod plot;
+#[cfg(feature = "gui")]
 mod preview;
 mod skip;
 mod stability;
@@ -26,7 +29,8 @@ use super::values;
 pub(crate) enum BenchCommand {
     /// Speed of a training step, stage by stage, against what this machine can do
     Train(train::TrainBenchArgs),
-    /// How long the preview takes after each kind of change
+    /// How quickly the preview answers, with and without training beside it
+    #[cfg(feature = "gui")]
     Preview(preview::PreviewArgs),
     /// Error on test views after 10 s, 30 s, ... of training: a table, a CSV file and a plot
     Error(error::ErrorArgs),
@@ -44,6 +48,7 @@ pub(crate) enum BenchCommand {
 pub(crate) fn run(command: &BenchCommand) -> Result<(), Failure> {
     match command {
         BenchCommand::Train(args) => train::run(args),
+        #[cfg(feature = "gui")]
         BenchCommand::Preview(args) => preview::run(args),
         BenchCommand::Error(args) => error::run(args),
         BenchCommand::Lobes(args) => lobes::run(args),

@@ -165,14 +165,14 @@ pub(super) fn measure_neilf(model: &NeilfModel, views: &[View]) -> Result<ImageM
 
 /// Processor time of the process, all threads together.
 #[cfg(unix)]
-fn process_cpu_secs() -> f64 {
+pub(super) fn process_cpu_secs() -> f64 {
     let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
     time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
 }
 
 /// Elsewhere the wall clock must do.
 #[cfg(not(unix))]
-fn process_cpu_secs() -> f64 {
+pub(super) fn process_cpu_secs() -> f64 {
     static START: std::sync::LazyLock<Instant> = std::sync::LazyLock::new(Instant::now);
     START.elapsed().as_secs_f64()
 }
