@@ -13,7 +13,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use rayon::prelude::*;
 
 use self::points::PointCloud;
-use self::surface::{Cover, Surface};
+use self::surface::{Cover, Surface, SurfaceKey};
 use self::tone::Tone;
 use super::gbuffer::PathOptions;
 use super::progressive::{PassOutput, PreviewScene, Recomputed, scaled};
@@ -22,11 +22,11 @@ use super::thread_clock::thread_cpu;
 use crate::geometry::Camera;
 
 /// Processor time of a picture in motion that each thread may take, in seconds.
-const MOTION_SECS: f64 = 0.045;
+const MOTION_SECS: f64 = 0.03;
 /// The same at full resolution, below which motion is shown in it.
-const SWIFT_SECS: f64 = 0.03;
+const SWIFT_SECS: f64 = 0.025;
 /// Processor time that each thread may spend between neighbours that differ, in seconds, before the view is shown at rest.
-const REST_SECS: f64 = 0.5;
+const REST_SECS: f64 = 0.35;
 /// Seconds of a ray until one was measured.
 const USUAL_RAY_SECS: f64 = 5e-6;
 /// Samples a ray in motion.
@@ -55,6 +55,8 @@ pub enum Purpose {
 #[derive(Debug, Default)]
 pub struct Sketch {
     points: PointCloud,
+    /// The object as it was last seen in motion and at rest.
+    surfaces: [Option<(SurfaceKey, Surface)>; 2],
     number: u32,
     /// Processor seconds of a picture in motion at half resolution without rays that it could do without.
     floor_secs: Option<f64>,
@@ -164,7 +166,7 @@ impl Sketch {
         };
         // What a cancelled picture leaves half done must not be taken for seen.
         let before = (purpose != Purpose::Motion).then(|| self.points.clone());
-        let surface = Surface::trace(&job);
+        let (key, surface) = self.take_surface(&job);
         let values = surface.shade(&job);
         self.background(&job, &surface);
         if job.is_cancelled() {
@@ -172,6 +174,8 @@ impl Sketch {
             return None;
         }
         let pixels = self.compose(&job, &surface, &values);
+        let n_traced = surface.n_traced();
+        self.surfaces[usize::from(purpose == Purpose::Motion)] = Some((key, surface));
         self.learn(&job, scale);
         let Camera { width, height, .. } = job.camera;
         Some(PassOutput {
@@ -179,12 +183,23 @@ impl Sketch {
             height,
             pixels,
             recomputed: Recomputed {
-                traced: surface.n_traced(),
+                traced: n_traced,
                 background: job.n_rays.into_inner(),
                 object: values.len(),
             },
             cpu_secs: job.meter.secs() + job.ray_meter.secs(),
         })
+    }
+
+    /// The object as the job sees it: traced, unless it was seen so before.
+    fn take_surface(&mut self, job: &Job<'_>) -> (SurfaceKey, Surface) {
+        let key = SurfaceKey::of(job);
+        let kept = self.surfaces[usize::from(job.purpose == Purpose::Motion)].take();
+        let surface = match kept {
+            Some((old, surface)) if old.is_same(&key) => surface.seen_again(),
+            _ => Surface::trace(job, &key),
+        };
+        (key, surface)
     }
 
     /// Brings the points up to date.
@@ -206,12 +221,14 @@ impl Sketch {
                 let torn = self.points.torn(&job.camera, is_open);
                 every_nth(&torn, self.n_rays_in(REST_SECS), 0)
             }
-            Purpose::Motion => {
-                let renewal = self.number % RENEWAL;
-                let spare = self.points.spare(is_open, (RENEWAL, renewal));
-                let n = self.n_spare(missing.len());
-                every_nth(&spare, n, self.number)
-            }
+            Purpose::Motion => match self.n_spare(missing.len()) {
+                0 => Vec::new(),
+                n => {
+                    let renewal = self.number % RENEWAL;
+                    let spare = self.points.spare(is_open, (RENEWAL, renewal));
+                    every_nth(&spare, n, self.number)
+                }
+            },
         };
         let light = job.follow(&spare);
         self.points.add(&spare, &light);

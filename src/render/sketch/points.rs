@@ -143,29 +143,31 @@ impl PointCloud {
         let width = job.camera.width as usize;
         let key = |i: usize| nearest[i].load(Ordering::Relaxed);
         let distance = |i: usize| f32::from_bits((key(i) >> 32) as u32);
+        let has_company = |i: usize| {
+            let (mut n_beside, mut n_company) = (0, 0);
+            for step in [1, width - 1, width, width + 1] {
+                for j in [i.wrapping_sub(step), i + step] {
+                    if j < nearest.len() && key(j) != u64::MAX {
+                        let (a, b) = (distance(i), distance(j));
+                        n_beside += 1;
+                        n_company += usize::from(a.min(b) > NEARER * a.max(b));
+                    }
+                }
+            }
+            n_beside < NEIGHBOURS || n_company >= COMPANY
+        };
+        let stays: Vec<bool> = (0..nearest.len())
+            .into_par_iter()
+            .with_min_len(GRAIN)
+            .map(|i| key(i) != u64::MAX && has_company(i))
+            .collect();
         job.meter.time(|| {
             let mut kept = Vec::with_capacity(self.points.len().min(nearest.len()));
             self.shown.clear();
             self.shown.resize(nearest.len(), NONE);
-            for i in 0..nearest.len() {
-                if key(i) == u64::MAX {
-                    continue;
-                }
-                let mut n_beside = 0;
-                let mut n_company = 0;
-                for step in [1, width - 1, width, width + 1] {
-                    for j in [i.wrapping_sub(step), i + step] {
-                        if j < nearest.len() && key(j) != u64::MAX {
-                            let (a, b) = (distance(i), distance(j));
-                            n_beside += 1;
-                            n_company += usize::from(a.min(b) > NEARER * a.max(b));
-                        }
-                    }
-                }
-                if n_beside < NEIGHBOURS || n_company >= COMPANY {
-                    self.shown[i] = kept.len() as u32;
-                    kept.push(self.points[(key(i) & u64::from(u32::MAX)) as usize]);
-                }
+            for (i, _) in stays.iter().enumerate().filter(|(_, stays)| **stays) {
+                self.shown[i] = kept.len() as u32;
+                kept.push(self.points[(key(i) & u64::from(u32::MAX)) as usize]);
             }
             self.points = kept;
         });

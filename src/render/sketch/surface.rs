@@ -1,11 +1,15 @@
 //! The object in a sketch: its outline pixel by pixel, its light at every second pixel of each axis.
 
+use std::sync::Arc;
+
+use glam::Vec2;
 use rayon::prelude::*;
 
 use super::Job;
 use crate::geometry::{Camera, SurfaceTracer};
 use crate::neif::light_path::PathVertex;
 use crate::neif::lobe_cones::PathOfPixel;
+use crate::render::causes::same;
 use crate::render::shade::{TILE, shade_paths};
 use crate::render::trace::{MAX_VERTICES, PathStore, Seen, trace_path, trace_pixel};
 
@@ -35,7 +39,36 @@ pub(super) struct Surface {
     /// Those of the lattice first, row by row, then what the lattice misses.
     samples: Vec<Seen>,
     lattice: Lattice,
+    /// The light paths of each [`TILE`] samples.
+    paths: Vec<PathStore>,
     n_traced: usize,
+}
+
+/// What a surface depends on.
+#[derive(Clone, Debug)]
+pub(super) struct SurfaceKey {
+    camera: Camera,
+    tracer: Option<Arc<SurfaceTracer>>,
+    max_vertices: usize,
+}
+
+impl SurfaceKey {
+    pub(super) fn of(job: &Job<'_>) -> Self {
+        let object = job.request.scene.object.as_ref();
+        let object = object.filter(|_| job.request.layer.shows_object());
+        Self {
+            camera: job.camera,
+            tracer: object.map(|object| Arc::clone(&object.tracer)),
+            max_vertices: job.max_vertices(),
+        }
+    }
+
+    /// Whether both see the same.
+    pub(super) fn is_same(&self, other: &Self) -> bool {
+        self.camera == other.camera
+            && self.max_vertices == other.max_vertices
+            && same(self.tracer.as_ref(), other.tracer.as_ref())
+    }
 }
 
 /// What a row of pixels shows.
@@ -67,12 +100,11 @@ impl Lattice {
 }
 
 impl Surface {
-    /// Traces what is needed to know where the object is.
-    pub(super) fn trace(job: &Job<'_>) -> Self {
+    /// Traces what is needed to know where the object is and what it mirrors.
+    pub(super) fn trace(job: &Job<'_>, key: &SurfaceKey) -> Self {
         let Camera { width, height, .. } = job.camera;
         let n = (width * height) as usize;
-        let object = job.request.scene.object.as_ref();
-        let Some(object) = object.filter(|_| job.request.layer.shows_object()) else {
+        let Some(tracer) = &key.tracer else {
             return Self {
                 width,
                 covers: vec![Cover::Open; n],
@@ -88,17 +120,26 @@ impl Surface {
             },
             ..Self::default()
         };
-        surface.trace_lattice(job, &object.tracer);
-        surface.trace_between(job, &object.tracer);
+        surface.trace_lattice(job, tracer);
+        surface.trace_between(job, tracer);
+        surface.trace_paths(job, key, tracer);
         surface
     }
 
     fn trace_lattice(&mut self, job: &Job<'_>, tracer: &SurfaceTracer) {
         let width = self.lattice.width;
+        let reach = Reach::of(tracer, &job.camera);
         let rows: Vec<Vec<Option<Seen>>> = (0..self.lattice.height)
             .into_par_iter()
             .map(|y| {
-                let at = |x: u32| trace_at(tracer, &job.camera, x * STEP, y * STEP, STEP);
+                let at = |x: u32| {
+                    let (x, y) = (x * STEP, y * STEP);
+                    if reach.holds(x, y) {
+                        trace_at(tracer, &job.camera, x, y, STEP)
+                    } else {
+                        None
+                    }
+                };
                 job.meter.time(|| (0..width).map(at).collect())
             })
             .collect();
@@ -168,6 +209,27 @@ impl Surface {
             .then_some(Cover::Between)
     }
 
+    fn trace_paths(&mut self, job: &Job<'_>, key: &SurfaceKey, tracer: &SurfaceTracer) {
+        self.paths = self
+            .samples
+            .par_chunks(TILE)
+            .enumerate()
+            .map(|(tile, samples)| {
+                job.meter.time(|| {
+                    let mut store = PathStore::default();
+                    let mut path = [PathVertex::default(); MAX_VERTICES];
+                    for (i, seen) in samples.iter().enumerate() {
+                        // A turn that varies from sample to sample spreads the few lobe rays (golden angle).
+                        let turn = ((tile * TILE + i) % 4096) as f32 * 2.399_963;
+                        let n = key.max_vertices;
+                        store.push(trace_path(tracer, seen, turn, &mut path, n));
+                    }
+                    store
+                })
+            })
+            .collect();
+    }
+
     /// The layer's value at each sample.
     pub(super) fn shade(&self, job: &Job<'_>) -> Vec<[f32; 3]> {
         let scene = &job.request.scene;
@@ -175,31 +237,16 @@ impl Surface {
         let Some(object) = &scene.object else {
             return values;
         };
-        self.samples
-            .par_chunks(TILE)
+        self.paths
+            .par_iter()
             .zip(values.par_chunks_mut(TILE))
-            .enumerate()
             .for_each_init(
                 || job.scratch(),
-                |scratch, (tile, (samples, out))| {
+                |scratch, (store, out)| {
                     if job.is_cancelled() {
                         return;
                     }
                     job.meter.time(|| {
-                        let mut store = PathStore::default();
-                        let mut path = [PathVertex::default(); MAX_VERTICES];
-                        for (i, seen) in samples.iter().enumerate() {
-                            // A turn that varies from sample to sample spreads the few lobe rays (golden angle).
-                            let turn = ((tile * TILE + i) % 4096) as f32 * 2.399_963;
-                            let tracer = &object.tracer;
-                            store.push(trace_path(
-                                tracer,
-                                seen,
-                                turn,
-                                &mut path,
-                                job.max_vertices(),
-                            ));
-                        }
                         let paths: Vec<_> = (0..store.n_paths()).map(|i| store.path(i)).collect();
                         let one = |_| PathOfPixel { index: 0, of: 1 };
                         let layer = job.request.layer;
@@ -237,6 +284,14 @@ impl Surface {
         }
     }
 
+    /// The same, for which no ray was traced.
+    pub(super) fn seen_again(self) -> Self {
+        Self {
+            n_traced: 0,
+            ..self
+        }
+    }
+
     /// Rays against the mesh that it took.
     pub(super) fn n_traced(&self) -> usize {
         self.n_traced
@@ -246,6 +301,37 @@ impl Surface {
 fn trace_at(tracer: &SurfaceTracer, camera: &Camera, x: u32, y: u32, size: u32) -> Option<Seen> {
     let center = (x as f32 + 0.5, y as f32 + 0.5);
     trace_pixel(tracer, camera, center, size as f32)
+}
+
+/// The rectangle of pixels that the object's bounds appear in.
+struct Reach {
+    min: Vec2,
+    max: Vec2,
+}
+
+impl Reach {
+    /// The whole picture where the bounds are not all in front of an ideal lens.
+    fn of(tracer: &SurfaceTracer, camera: &Camera) -> Self {
+        let everything = Self {
+            min: Vec2::NEG_INFINITY,
+            max: Vec2::INFINITY,
+        };
+        let corners = tracer.mesh().bounds().corners();
+        let seen: Option<Vec<Vec2>> = corners.iter().map(|p| camera.project(*p)).collect();
+        let Some(seen) = seen.filter(|_| camera.distortion.is_none()) else {
+            return everything;
+        };
+        let margin = Vec2::splat(2.0);
+        Self {
+            min: seen.iter().copied().fold(Vec2::INFINITY, Vec2::min) - margin,
+            max: seen.iter().copied().fold(Vec2::NEG_INFINITY, Vec2::max) + margin,
+        }
+    }
+
+    fn holds(&self, x: u32, y: u32) -> bool {
+        let p = Vec2::new(x as f32, y as f32);
+        p.cmpge(self.min).all() && p.cmple(self.max).all()
+    }
 }
 
 /// Whether what lies between two samples is like both.

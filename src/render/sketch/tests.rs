@@ -83,6 +83,20 @@ fn what_was_seen_is_used_again_after_a_step_to_the_side() {
 }
 
 #[test]
+fn what_the_camera_sees_of_the_object_is_kept_while_it_stays() {
+    let (mut kept, mut request) = (Sketch::default(), request(90, 70));
+    let first = sketch(&mut kept, &request, 1, Purpose::Motion).recomputed;
+    request.scene.edit.tint_scale = 0.5;
+    let output = sketch(&mut kept, &request, 1, Purpose::Motion);
+    assert!(
+        first.traced > 0 && output.recomputed.traced == 0,
+        "{first:?}"
+    );
+    let error = error(&output, &request);
+    assert!(error < 4.0, "off by {error} codes");
+}
+
+#[test]
 fn turned_surroundings_take_their_points_along() {
     let (mut kept, mut request) = (Sketch::default(), floor());
     let first = sketch(&mut kept, &request, 1, Purpose::Motion).recomputed;
