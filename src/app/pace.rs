@@ -48,12 +48,12 @@ impl Pace {
         }
     }
 
-    /// Least time between two pictures of something dragged while training, in seconds.
-    pub fn interval_secs(self) -> f64 {
+    /// Share of all cores that pictures of something dragged may take while training, in `(0, 1]`.
+    pub fn drag_share(self) -> f64 {
         match self {
-            Self::Responsive => 0.0,
-            Self::Balanced => 0.09,
-            Self::Fast => 0.25,
+            Self::Responsive => 1.0,
+            Self::Balanced => 0.36,
+            Self::Fast => 0.15,
         }
     }
 }
@@ -102,8 +102,9 @@ mod tests {
     }
 
     #[test]
-    fn the_nearer_to_training_the_fewer_pictures() {
-        let intervals = Pace::ALL.map(Pace::interval_secs);
-        assert!(intervals.is_sorted(), "{intervals:?}");
+    fn the_nearer_to_training_the_less_for_pictures() {
+        let shares = Pace::ALL.map(Pace::drag_share);
+        assert!(shares.iter().rev().is_sorted(), "{shares:?}");
+        assert!(shares.iter().all(|share| (0.1..=1.0).contains(share)));
     }
 }

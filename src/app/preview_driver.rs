@@ -36,8 +36,8 @@ pub struct Situation {
     pub trained_secs: f64,
     /// Cores of the machine.
     pub n_cores: usize,
-    /// Least time between two pictures of something dragged while training, in seconds.
-    pub interval_secs: f64,
+    /// Share of all cores that pictures of something dragged may take while training.
+    pub drag_share: f64,
 }
 
 /// A request for the preview.
@@ -65,6 +65,8 @@ pub struct PreviewDriver {
     is_held_back: bool,
     /// When the last refresh was asked for, and from when on the next may be.
     refreshed_secs: f64,
+    /// Cost of a picture in motion, in processor seconds.
+    motion_cost_secs: Option<f64>,
     /// Cost of a full picture, in processor seconds, from the last finished passes.
     full_cost_secs: Option<f64>,
 }
@@ -95,7 +97,7 @@ impl PreviewDriver {
             let since = self
                 .touched_secs
                 .map_or(f64::INFINITY, |touched| now - touched);
-            self.is_held_back = situation.is_training && since < situation.interval_secs;
+            self.is_held_back = situation.is_training && since < self.drag_interval_secs(situation);
             if self.is_held_back {
                 return None;
             }
@@ -131,10 +133,17 @@ impl PreviewDriver {
     /// Seconds until the next picture is due, to be woken in time.
     pub fn wait_secs(&self, situation: &Situation) -> f64 {
         if let (true, Some(touched)) = (self.is_held_back, self.touched_secs) {
-            return (touched + situation.interval_secs - situation.now_secs).max(0.0);
+            let interval = self.drag_interval_secs(situation);
+            return (touched + interval - situation.now_secs).max(0.0);
         }
         let (_, interval) = self.refresh_plan(situation);
         (self.refreshed_secs + interval - situation.now_secs).max(0.0)
+    }
+
+    /// Least time between two pictures of something dragged while training.
+    fn drag_interval_secs(&self, situation: &Situation) -> f64 {
+        let cost = self.motion_cost_secs.unwrap_or(0.0);
+        cost / (situation.drag_share * situation.n_cores as f64).max(1e-3)
     }
 
     /// The finest scale that patience and budget allow, and how far apart refreshes are then.
@@ -193,10 +202,17 @@ impl PreviewDriver {
         if frame.request == newest {
             self.is_done = frame.is_last;
         }
-        let is_refresh = |asked: &Wanted| matches!(asked.passes, Passes::Only(_));
         // What changes by hand uses what was there before and says nothing of a refresh.
-        if frame.request == newest && self.asked.as_ref().is_some_and(is_refresh) {
-            self.full_cost_secs = Some(frame.cpu_secs * f64::from(frame.scale * frame.scale));
+        match self.asked.as_ref().map(|asked| asked.passes) {
+            Some(Passes::Only(_)) if frame.request == newest => {
+                let pixels = f64::from(frame.scale * frame.scale);
+                self.full_cost_secs = Some(frame.cpu_secs * pixels);
+            }
+            // The first of two; the second is of a view at rest.
+            Some(Passes::Glance) if !frame.is_last => {
+                self.motion_cost_secs = Some(frame.cpu_secs);
+            }
+            _ => {}
         }
         Some(step)
     }
@@ -237,7 +253,7 @@ mod tests {
             is_training,
             trained_secs: now_secs,
             n_cores: 2,
-            interval_secs: 0.04,
+            drag_share: 0.5,
         }
     }
 
@@ -364,13 +380,24 @@ mod tests {
     #[test]
     fn a_drag_beside_training_leaves_time_between_pictures_and_ends_where_it_stopped() {
         let (mut driver, first) = (PreviewDriver::default(), snapshot(0));
-        let at = |now_secs, is_training| Situation {
-            interval_secs: 0.1,
-            ..situation(now_secs, is_training)
-        };
+        let at = situation;
         driver
             .decide(&first, picture(100), &at(0.0, true))
             .expect("the first picture");
+        driver.was_requested(1);
+        // A tenth of a second at half of two cores.
+        let motion = PreviewFrame {
+            request: 1,
+            scale: 2,
+            is_fine: false,
+            is_last: false,
+            width: 1,
+            height: 1,
+            pixels: Vec::new(),
+            recomputed: Recomputed::default(),
+            cpu_secs: 0.1,
+        };
+        driver.was_shown(&motion);
         let mut shown = Vec::new();
         for i in 1..=100 {
             let now = at(1.0 + f64::from(i) * 0.01, true);

@@ -165,7 +165,7 @@ impl Window {
             is_training: training.phase == Phase::Training,
             trained_secs: training.progress.elapsed_secs,
             n_cores: self.n_cores,
-            interval_secs: self.state.pace.interval_secs(),
+            drag_share: self.state.pace.drag_share(),
         };
         let camera = self
             .state

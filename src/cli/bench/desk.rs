@@ -113,7 +113,7 @@ impl Desk {
             is_training: self.training_secs.is_some(),
             trained_secs: self.training_secs.unwrap_or(0.0),
             n_cores: self.n_cores,
-            interval_secs: self.pace.interval_secs(),
+            drag_share: self.pace.drag_share(),
         };
         let camera = self.viewpoint.camera_for(self.size.0, self.size.1);
         let look = &self.look;
