@@ -1,6 +1,7 @@
 //! The command line: what can be asked for, and who does it. One file a command.
 
 mod bench;
+mod capture;
 mod demo;
 mod edits;
 mod env;

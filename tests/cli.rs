@@ -60,6 +60,64 @@ impl Workshop {
 }
 
 #[test]
+fn a_capture_is_read_as_said_and_a_run_keeps_it() {
+    let scene = WORKSHOP.path("scene");
+    let said = [
+        "--up",
+        "-y",
+        "--max-megapixels",
+        "0.004",
+        "--test-every",
+        "4",
+    ];
+    let info = neif(&[&["info", &scene, "--json"][..], &said].concat())
+        .succeeds()
+        .json();
+    assert_eq!(info["up"], serde_json::json!([0.0, -1.0, 0.0]));
+    assert_eq!(info["up_is_given"], true);
+    // 17 photos of 32 x 32 in 4,000 pixels.
+    assert_eq!(info["resolutions"][0]["width"], 15);
+    assert_eq!(info["views"]["test"], 5);
+    let notices = info["problems"].to_string();
+    assert!(notices.contains("32 x 32 to 15 x 15"), "{notices}");
+    assert!(notices.contains("--max-megapixels"), "{notices}");
+    let (run, preset) = (WORKSHOP.path("said"), WORKSHOP.path("tiny.toml"));
+    let train = [
+        "train", &scene, "--out", &run, "--preset", &preset, "--steps", "3",
+    ];
+    neif(&[&train[..], &said].concat()).succeeds();
+    let info = neif(&["info", &run, "--json"]).succeeds().json();
+    assert_eq!(
+        info["environment"]["up"],
+        serde_json::json!([0.0, -1.0, 0.0])
+    );
+    let report = neif(&["eval", &run, "--json"]).succeeds().json();
+    let n_tested = report["views"].as_array().map(Vec::len);
+    assert_eq!(n_tested, Some(5), "the run's own test photos");
+    let again = neif(&["train", &scene, "--out", &run, "--resume", "--up", "z"]);
+    assert_eq!(again.code, 2, "{}", again.stderr);
+    assert!(again.stderr.contains("--resume"), "{}", again.stderr);
+}
+
+#[test]
+fn lists_in_another_folder_split_a_capture() {
+    let (scene, lists) = (WORKSHOP.path("scene"), WORKSHOP.path("lists"));
+    fs::create_dir_all(&lists).expect("a folder");
+    fs::write(format!("{lists}/test.txt"), "r_000.png\ntrain/r_005\n").expect("a list");
+    let info = |lists: &str| neif(&["info", &scene, "--json", "--split-lists", lists]);
+    let listed = info(&lists).succeeds().json();
+    assert_eq!(listed["views"]["test"], 2);
+    assert_eq!(listed["views"]["train"], 15);
+    let rule = listed["split_rule"].to_string();
+    assert!(rule.contains("lists"), "{rule}");
+    let empty = info(&WORKSHOP.path("scene"));
+    assert_eq!(empty.code, 2, "{}", empty.stderr);
+    assert!(empty.stderr.contains("test.txt"), "{}", empty.stderr);
+    let every = neif(&["info", &scene, "--test-every", "1"]);
+    assert_eq!(every.code, 2, "{}", every.stderr);
+}
+
+#[test]
 fn info_tells_what_a_capture_and_a_run_are() {
     let info = neif(&["info", &WORKSHOP.path("scene"), "--json"])
         .succeeds()

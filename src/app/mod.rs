@@ -25,6 +25,8 @@ mod work;
 
 use std::path::PathBuf;
 
+use crate::data::CaptureChoices;
+
 pub use command::{Command, Effect, apply};
 pub use state::AppState;
 
@@ -38,6 +40,8 @@ const SIZE: [f32; 2] = [1280.0, 800.0];
 pub struct AppOptions {
     /// Captures, runs and environments to open; none opens the bundled demo.
     pub open: Vec<PathBuf>,
+    /// How the captures among them are read.
+    pub choices: CaptureChoices,
 }
 
 /// Opens the window and returns when it is closed.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use crossbeam::channel::{Receiver, Sender, bounded};
 
-use crate::data::{Dataset, LoadOptions, Photo, read_frames, read_photo};
+use crate::data::{DataError, Dataset, LoadOptions, Photo, first_photo, list_capture};
 use crate::neif::distant::is_environment_file;
 use crate::neif::{Environment, EnvironmentTransform};
 use crate::render::Scene;
@@ -155,6 +155,7 @@ impl Opener {
         let path = path.to_owned();
         self.spawn(move |send| {
             if let Some(photo) = first_photo(&path) {
+                let photo = screen_photo(&photo);
                 send(Opened::FirstPhoto { path, photo });
             }
         });
@@ -212,15 +213,16 @@ fn open(path: PathBuf, send: &dyn Fn(Opened)) {
         open_run(&path, send);
     } else if is_environment_file(&path) {
         send(load_environment(path));
-    } else if path.is_dir()
-        || path
-            .extension()
-            .is_some_and(|extension| extension == "json")
-    {
-        send(Opened::Capture(path));
     } else {
-        let what = "not a capture (folder or transforms.json), a run folder or an environment (.safetensors, .hdr, .exr)";
-        send(failed(format!("{}: {what}", path.display())));
+        // Listing tells at once what training would find out later, in the words of the command line.
+        match list_capture(&path) {
+            Ok(_) => send(Opened::Capture(path)),
+            Err(error @ DataError::NotADataset { .. }) => {
+                let else_ = "nor is it a run folder or an environment (.safetensors, .hdr, .exr)";
+                send(failed(format!("{error}\n  {else_}")));
+            }
+            Err(error) => send(failed(error.to_string())),
+        }
     }
 }
 
@@ -248,9 +250,13 @@ fn open_run(path: &Path, send: &dyn Fn(Opened)) {
         path: path.to_owned(),
         snapshot,
     });
-    let dataset = folder.config().map(|config| folder.dataset_path(&config));
-    let Ok(dataset) = dataset else { return };
-    match Dataset::load(&dataset, &LoadOptions::default()) {
+    let Ok(config) = folder.config() else { return };
+    let dataset = folder.dataset_path(&config);
+    let options = LoadOptions {
+        choices: config.dataset.choices,
+        ..LoadOptions::default()
+    };
+    match Dataset::load(&dataset, &options) {
         Ok(dataset) => send(Opened::RunDataset {
             path: path.to_owned(),
             dataset: Arc::new(dataset),
@@ -267,25 +273,6 @@ fn load_environment(path: PathBuf) -> Opened {
         .map(Arc::new)
         .map_err(|error| error.to_string());
     Opened::Environment { path, result }
-}
-
-/// The first photo that can be read, without reading the capture; errors are the session's to report.
-fn first_photo(path: &Path) -> Option<ScreenPhoto> {
-    let names = ["transforms_train.json", "transforms.json"];
-    let json = if path.is_file() {
-        path.to_owned()
-    } else {
-        names
-            .iter()
-            .map(|name| path.join(name))
-            .find(|json| json.is_file())?
-    };
-    let frames = read_frames(&json).ok()?;
-    let photo = frames
-        .iter()
-        .take(5)
-        .find_map(|frame| read_photo(&frame.photo).ok())?;
-    Some(screen_photo(&photo))
 }
 
 /// Thins a photo to what a screen can show.
@@ -322,13 +309,30 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let text = folder.path().join("notes.txt");
         std::fs::write(&text, "hello").unwrap();
-        for path in [text, folder.path().join("missing")] {
+        for path in [
+            text,
+            folder.path().join("missing"),
+            folder.path().to_owned(),
+        ] {
             match opened(&path) {
                 Opened::Failed { reason, .. } => {
                     assert!(reason.contains(&*path.to_string_lossy()), "{reason}");
                 }
                 other => panic!("{other:?}"),
             }
+        }
+    }
+
+    #[test]
+    fn a_folder_of_no_known_layout_says_what_was_looked_for_like_the_command_line() {
+        let folder = tempfile::tempdir().unwrap();
+        match opened(folder.path()) {
+            Opened::Failed { reason, .. } => {
+                let said = list_capture(folder.path()).unwrap_err().to_string();
+                assert!(reason.starts_with(&said), "{reason}");
+                assert!(reason.contains("COLMAP"), "{reason}");
+            }
+            other => panic!("{other:?}"),
         }
     }
 

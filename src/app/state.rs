@@ -365,7 +365,7 @@ impl AppState {
                 at_view,
                 home,
                 bounds,
-                up: up_axis(cameras()),
+                up: dataset.origin.up.unwrap_or_else(|| up_axis(cameras())),
                 was_moved,
             };
         }

@@ -71,6 +71,7 @@ impl Window {
         };
         window.state.environments = assets::environments();
         window.state.recent = recent::load();
+        window.work.read_as(&options.open, &options.choices);
         let mut effects: Vec<Effect> = options.open.into_iter().map(Effect::Open).collect();
         if effects.is_empty() {
             effects.push(Effect::OpenDemo);

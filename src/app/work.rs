@@ -15,6 +15,7 @@ use crate::app::state::{
     AppState, EnvironmentContent, EnvironmentEntry, Look, PathPurpose, Source, ViewState, file_name,
 };
 use crate::app::training_state::{Level, Phase, TrainingState};
+use crate::data::CaptureChoices;
 use crate::neif::Environment;
 use crate::render::Scene;
 use crate::train::Snapshot;
@@ -47,6 +48,8 @@ pub(super) struct Work {
     snapshot_version: u64,
     opener: Opener,
     dialog: Option<FileDialog>,
+    /// Captures that are read as somebody chose.
+    chosen: Vec<(PathBuf, CaptureChoices)>,
 }
 
 impl Work {
@@ -60,7 +63,19 @@ impl Work {
             snapshot_version: 0,
             opener,
             dialog: None,
+            chosen: Vec::new(),
         }
+    }
+
+    /// Has the captures at `paths` read so from now on.
+    pub(super) fn read_as(&mut self, paths: &[PathBuf], choices: &CaptureChoices) {
+        let chosen = paths.iter().map(|path| (path.clone(), choices.clone()));
+        self.chosen.extend(chosen);
+    }
+
+    fn choices(&self, capture: &Path) -> CaptureChoices {
+        let found = self.chosen.iter().find(|(path, _)| path == capture);
+        found.map_or_else(CaptureChoices::default, |(_, choices)| choices.clone())
     }
 
     /// Reads files.
@@ -165,7 +180,10 @@ impl Work {
         let budget = Budget::Seconds(state.budget_secs);
         let options = match &state.source {
             Source::Demo(path) | Source::Capture(path) => TrainConfig::preset(PRESET)
-                .map(|config| SessionOptions::new(path, config, budget))
+                .map(|config| SessionOptions {
+                    choices: self.choices(path),
+                    ..SessionOptions::new(path, config, budget)
+                })
                 .map_err(|error| error.to_string()),
             Source::Run(path) => {
                 SessionOptions::resume(path, Some(budget)).map_err(|error| error.to_string())

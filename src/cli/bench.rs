@@ -20,6 +20,7 @@ use std::path::PathBuf;
 
 use clap::Subcommand;
 
+use super::capture::CaptureArgs;
 use super::demo::find_assets;
 use super::failure::Failure;
 use super::values;
@@ -76,6 +77,8 @@ struct Common {
     /// Worker threads; 0 is one for each core
     #[arg(long, value_name = "N", default_value_t = 0)]
     threads: usize,
+    #[command(flatten)]
+    capture: CaptureArgs,
 }
 
 /// The given capture, or the bundled one.

@@ -12,6 +12,7 @@ use neif::neif::Storage;
 use neif::render::{Picture, panorama as render_panorama};
 use neif::train::session::SessionOptions;
 
+use super::capture::CaptureArgs;
 use super::env_import::EnvImportArgs;
 use super::failure::{Failure, OrUnusable as _};
 use super::train::{BudgetArgs, config};
@@ -42,6 +43,8 @@ pub(crate) struct EnvTrainArgs {
     preset: Option<String>,
     #[command(flatten)]
     budget: BudgetArgs,
+    #[command(flatten)]
+    capture: CaptureArgs,
     /// Seed of all random choices [default: 0]
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
@@ -65,6 +68,7 @@ pub(crate) fn train(args: &EnvTrainArgs, started: Instant) -> Result<(), Failure
     config.validate().or_unusable()?;
     let options = SessionOptions {
         environment_only: true,
+        choices: args.capture.choices(),
         started,
         ..SessionOptions::new(&args.images, config, args.budget.or_default())
     };

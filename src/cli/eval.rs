@@ -18,6 +18,7 @@ use neif::train::eval::{
 use neif::train::lpips::{Backbone, Lpips};
 use neif::train::metrics::ImageMetrics;
 
+use super::capture::PhotoArgs;
 use super::failure::{Failure, OrUnusable as _};
 use super::output::{self, Display};
 use super::scenes::{self, Split};
@@ -65,6 +66,8 @@ pub(crate) struct EvalArgs {
     /// Where the run's capture lies now
     #[arg(long, value_name = "DATASET")]
     dataset: Option<PathBuf>,
+    #[command(flatten)]
+    photos: PhotoArgs,
     /// Write the figures as JSON
     #[arg(long)]
     json: bool,
@@ -77,7 +80,7 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
         run.scene.trained_in = None;
     }
     let lpips = lpips_weights(args.lpips.as_deref())?;
-    let (views, root) = run.load_views(args.split)?;
+    let (views, root) = run.load_views(args.split, &args.photos)?;
     let trained = run.folder.trained();
     let mut bench = Bench {
         cancel: interrupt::install()?,

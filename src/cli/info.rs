@@ -8,6 +8,7 @@ use neif::neif::{Environment, SurfaceField};
 use neif::train::run_folder::RunFolder;
 use serde_json::{Value, json};
 
+use super::capture::CaptureArgs;
 use super::failure::{Failure, OrUnusable as _};
 use super::output;
 
@@ -17,6 +18,8 @@ pub(crate) struct InfoArgs {
     /// A capture, a run folder, a file of surroundings or of a trained object, or a panorama (.hdr, .exr)
     #[arg(value_name = "PATH")]
     path: PathBuf,
+    #[command(flatten)]
+    capture: CaptureArgs,
     /// Write JSON
     #[arg(long)]
     json: bool,
@@ -31,7 +34,7 @@ pub(crate) fn run(args: &InfoArgs) -> Result<(), Failure> {
     } else if is_environment {
         Found::listed(about_tensors(path)?)
     } else {
-        about_capture(path)?
+        about_capture(path, &args.capture)?
     };
     if args.json {
         output::json_line(&found.facts)?;
@@ -107,8 +110,12 @@ fn about_environment(environment: &Environment) -> Value {
 }
 
 /// What is in a capture and what is wrong with it, as JSON or as a page for people.
-fn about_capture(path: &Path) -> Result<Found, Failure> {
-    let dataset = Dataset::load(path, &LoadOptions::default()).or_unusable()?;
+fn about_capture(path: &Path, args: &CaptureArgs) -> Result<Found, Failure> {
+    let options = LoadOptions {
+        choices: args.choices(),
+        ..LoadOptions::default()
+    };
+    let dataset = Dataset::load(path, &options).or_unusable()?;
     let report = check(&dataset);
     let mut facts = serde_json::to_value(&report)?;
     facts["kind"] = json!("capture");

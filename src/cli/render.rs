@@ -2,9 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
+use glam::Vec3;
 use neif::geometry::Camera;
 use neif::render::{Layer, LobeShape, ReferenceOptions, Scene, render, render_reference};
 
+use super::capture::PhotoArgs;
 use super::edits::{EnvironmentFlags, MaterialFlags, apply};
 use super::failure::Failure;
 use super::output::{self, Display};
@@ -67,6 +69,11 @@ struct CameraFlags {
     /// Where the run's capture lies now
     #[arg(long, value_name = "DATASET")]
     dataset: Option<PathBuf>,
+    /// Which way is up on a turntable: x, y, z, -x, -y, -z or X,Y,Z [default: as in the run]
+    #[arg(long, value_name = "AXIS|X,Y,Z", value_parser = values::direction, allow_hyphen_values = true, requires = "turntable")]
+    up: Option<Vec3>,
+    #[command(flatten)]
+    photos: PhotoArgs,
 }
 
 /// A camera and what its pictures are called.
@@ -145,11 +152,12 @@ fn file_name(name: &str, layer: Layer) -> String {
 impl CameraFlags {
     fn cameras(&self, run: &OpenRun) -> Result<Vec<NamedCamera>, Failure> {
         let cameras = if let Some(n) = self.turntable {
-            turntable::cameras(&run.scene, n)
+            let up = self.up.unwrap_or(run.scene.environment.up());
+            turntable::cameras(&run.scene, n, up)
         } else if let Some(file) = &self.cameras {
             scenes::read_cameras(file)?
         } else {
-            let (views, _) = run.load_views(self.split.unwrap_or(Split::Test))?;
+            let (views, _) = run.load_views(self.split.unwrap_or(Split::Test), &self.photos)?;
             let named = views.into_iter().map(|view| NamedCamera {
                 name: view.name,
                 camera: view.camera,

@@ -6,11 +6,12 @@ use std::{
 };
 
 use anyhow::Context as _;
-use neif::data::{Dataset, Frame, LoadOptions, Splits, View, read_frames};
+use neif::data::{CaptureChoices, Dataset, Frame, LoadOptions, Splits, View, read_frames};
 use neif::neif::{Environment, EnvironmentTransform};
 use neif::render::Scene;
 use neif::train::run_folder::{ENVIRONMENT, RunFolder};
 
+use super::capture::PhotoArgs;
 use super::failure::{Failure, OrUnusable as _};
 use super::render::NamedCamera;
 
@@ -23,6 +24,8 @@ pub(crate) struct OpenRun {
     pub(crate) scene: Scene,
     /// The capture, as stored or as given instead.
     pub(crate) dataset: PathBuf,
+    /// How the run read it.
+    pub(crate) choices: CaptureChoices,
 }
 
 /// Opens a run folder; `dataset` says where its capture lies now.
@@ -35,18 +38,24 @@ pub(crate) fn open_run(path: &Path, dataset: Option<&Path>) -> Result<OpenRun, F
         folder,
         scene,
         dataset,
+        choices: config.dataset.choices,
     })
 }
 
 impl OpenRun {
     /// Reads the photos of a split and the folder they lie in.
-    pub(crate) fn load_views(&self, split: Split) -> Result<(Vec<View>, PathBuf), Failure> {
+    pub(crate) fn load_views(
+        &self,
+        split: Split,
+        photos: &PhotoArgs,
+    ) -> Result<(Vec<View>, PathBuf), Failure> {
         let options = LoadOptions {
             splits: Splits {
                 train: split == Split::Train,
                 val: split == Split::Val,
                 test: split == Split::Test,
             },
+            choices: photos.over(self.choices.clone()),
             ..LoadOptions::default()
         };
         let dataset = Dataset::load(&self.dataset, &options)

@@ -14,6 +14,7 @@ use neif::train::plan::Budget;
 use neif::train::run_folder::RunFolder;
 use neif::train::session::SessionOptions;
 
+use super::capture::CaptureArgs;
 use super::failure::{Failure, OrUnusable as _};
 use super::{output, training, values};
 
@@ -65,6 +66,8 @@ pub(crate) struct TrainArgs {
     mesh: Option<PathBuf>,
     #[command(flatten)]
     placement: MeshPlacementArgs,
+    #[command(flatten)]
+    capture: CaptureArgs,
     /// Continue the run in --out exactly where it was saved: to the end of its plan, or under the
     /// --budget (for this command) or --steps (in total) given
     #[arg(long)]
@@ -143,6 +146,12 @@ impl MeshPlacementArgs {
 
 fn options(args: &TrainArgs, started: Instant) -> Result<SessionOptions, Failure> {
     let mut options = if args.resume {
+        if args.capture.is_given() {
+            return Err(Failure::unusable(anyhow::anyhow!(
+                "--resume continues on the capture as it was read; --up, --max-megapixels, --test-every and \
+                 --split-lists need a new run"
+            )));
+        }
         let resumed = SessionOptions::resume(&args.out, args.budget.given()).or_unusable()?;
         SessionOptions {
             dataset: args.dataset.clone(),
@@ -153,6 +162,7 @@ fn options(args: &TrainArgs, started: Instant) -> Result<SessionOptions, Failure
         SessionOptions {
             mesh: args.mesh.clone(),
             mesh_placement: args.placement.placement(),
+            choices: args.capture.choices(),
             run: Some(args.out.clone()),
             ..SessionOptions::new(&args.dataset, config, args.budget.or_default())
         }

@@ -17,13 +17,12 @@ const ELEVATION: f32 = 20.0 * TAU / 360.0;
 /// Space left around the object.
 const MARGIN: f32 = 1.15;
 
-/// `n` cameras at equal angles, counter-clockwise seen from above.
-pub(crate) fn cameras(scene: &Scene, n: u32) -> Vec<NamedCamera> {
+/// `n` cameras at equal angles, counter-clockwise seen from above; `up`: unit.
+pub(crate) fn cameras(scene: &Scene, n: u32, up: Vec3) -> Vec<NamedCamera> {
     let bounds = scene
         .object
         .as_ref()
         .map(|object| object.tracer.mesh().bounds());
-    let up = scene.environment.up();
     let camera = |i: u32| {
         let turn = Quat::from_axis_angle(up, TAU * i as f32 / n as f32);
         let (outward, _) = orthonormal_basis(up);

@@ -71,6 +71,32 @@ pub(crate) fn vector(text: &str) -> Result<Vec3, String> {
     }
 }
 
+/// Reads a direction: `x`, `-y` and the like, or `X,Y,Z` of any length; gives a unit vector.
+pub(crate) fn direction(text: &str) -> Result<Vec3, String> {
+    let (sign, axis) = match text.strip_prefix('-') {
+        Some(axis) => (-1.0, axis),
+        None => (1.0, text.strip_prefix('+').unwrap_or(text)),
+    };
+    match axis {
+        "x" | "X" => Ok(sign * Vec3::X),
+        "y" | "Y" => Ok(sign * Vec3::Y),
+        "z" | "Z" => Ok(sign * Vec3::Z),
+        _ => vector(text)
+            .map_err(|error| format!("not an axis (x, -y, ...), and as a vector: {error}"))?
+            .try_normalize()
+            .ok_or_else(|| "has no direction".to_owned()),
+    }
+}
+
+/// Reads every how many-th photo tests: 0 for none, else 2 or more, so that some are left to learn from.
+pub(crate) fn test_every(text: &str) -> Result<u32, String> {
+    match text.parse::<u32>() {
+        Ok(1) => Err("1 leaves no photo to learn from".to_owned()),
+        Ok(every) => Ok(every),
+        Err(error) => Err(error.to_string()),
+    }
+}
+
 /// Reads `R,G,B`, none below zero.
 pub(crate) fn colour(text: &str) -> Result<Vec3, String> {
     let colour = vector(text)?;
@@ -158,6 +184,16 @@ mod tests {
         }
         assert!(colour("1,-1,0").is_err(), "colours are not negative");
         assert_eq!(gain("2"), Ok(Vec3::splat(2.0)));
+    }
+
+    #[test]
+    fn directions_are_axes_or_vectors() {
+        assert_eq!(direction("-y"), Ok(Vec3::NEG_Y));
+        assert_eq!(direction("Z"), Ok(Vec3::Z));
+        assert_eq!(direction("0,-2,0"), Ok(Vec3::NEG_Y));
+        for bad in ["", "w", "0,0,0", "1,2", "--x"] {
+            assert!(direction(bad).is_err(), "`{bad}` must be refused");
+        }
     }
 
     #[test]

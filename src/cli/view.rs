@@ -2,6 +2,9 @@
 
 use std::{path::PathBuf, time::Instant};
 
+use neif::data::CaptureChoices;
+
+use super::capture::CaptureArgs;
 use super::{demo, failure::Failure};
 
 /// Arguments of `neif view`.
@@ -10,6 +13,8 @@ pub(crate) struct ViewArgs {
     /// Captures, run folders or environment files to open
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
+    #[command(flatten)]
+    capture: CaptureArgs,
 }
 
 /// `neif view`.
@@ -22,7 +27,7 @@ pub(crate) fn run(args: ViewArgs) -> Result<(), Failure> {
     }
     match no_window_reason() {
         Some(reason) => Err(Failure::Failed(anyhow::anyhow!("{reason}"))),
-        None => open_window(args.paths),
+        None => open_window(args.paths, args.capture.choices()),
     }
 }
 
@@ -30,17 +35,17 @@ pub(crate) fn run(args: ViewArgs) -> Result<(), Failure> {
 pub(crate) fn window_or_demo(started: Instant) -> Result<(), Failure> {
     match no_window_reason() {
         Some(reason) => demo::run(&reason, started),
-        None => open_window(Vec::new()),
+        None => open_window(Vec::new(), CaptureChoices::default()),
     }
 }
 
 #[cfg(feature = "gui")]
-fn open_window(open: Vec<PathBuf>) -> Result<(), Failure> {
-    Ok(neif::app::run(neif::app::AppOptions { open })?)
+fn open_window(open: Vec<PathBuf>, choices: CaptureChoices) -> Result<(), Failure> {
+    Ok(neif::app::run(neif::app::AppOptions { open, choices })?)
 }
 
 #[cfg(not(feature = "gui"))]
-fn open_window(_open: Vec<PathBuf>) -> Result<(), Failure> {
+fn open_window(_open: Vec<PathBuf>, _choices: CaptureChoices) -> Result<(), Failure> {
     Err(Failure::Failed(anyhow::anyhow!("this build has no window")))
 }
 

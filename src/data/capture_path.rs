@@ -1,7 +1,13 @@
 //! Paths that a capture's files declare: kept inside the capture, extensions completed.
+//!
+//! What a file *declares* must lie below the capture's folder. Links in the folder are followed wherever they lead, as
+//! captures are often linked together from other disks; [`leads_out`] tells, so that it can be said.
 
 use std::ffi::OsStr;
+use std::io::Read as _;
 use std::path::{Component, Path, PathBuf};
+
+use super::DataError;
 
 /// Extensions of photos and masks, lower case, in the order in which they are tried.
 pub(super) const PICTURE_EXTENSIONS: [&str; 5] = ["png", "jpg", "jpeg", "exr", "hdr"];
@@ -37,7 +43,9 @@ pub(super) fn path_below(
         return Err(format!("\"{declared}\" is not a relative file path"));
     }
     if climb > max_climb {
-        return Err(format!("\"{declared}\" leads out of the capture"));
+        return Err(format!(
+            "\"{declared}\" leads out of the capture's folder; photos must lie below it"
+        ));
     }
     let mut path = folder.to_owned();
     path.extend(std::iter::repeat_n("..", climb));
@@ -61,6 +69,39 @@ pub(super) fn with_extension(path: PathBuf) -> PathBuf {
         })
         .find(|candidate| candidate.is_file())
         .unwrap_or(path)
+}
+
+/// Whether links on the way make a path end outside `root`.
+pub(super) fn leads_out(root: &Path, path: &Path) -> bool {
+    let root = if root.as_os_str().is_empty() {
+        Path::new(".")
+    } else {
+        root
+    };
+    match (root.canonicalize(), path.canonicalize()) {
+        (Ok(root), Ok(path)) => !path.starts_with(root),
+        _ => false,
+    }
+}
+
+/// Reads a text file of at most `max_bytes`.
+pub(super) fn read_text(path: &Path, max_bytes: u64) -> Result<String, DataError> {
+    let io = |e| DataError::io(path, e);
+    let file = std::fs::File::open(path).map_err(io)?;
+    let mut text = String::new();
+    // Files can grow while they are read; what arrives counts, not the size that was said.
+    file.take(max_bytes + 1)
+        .read_to_string(&mut text)
+        .map_err(io)?;
+    if text.len() as u64 > max_bytes {
+        return Err(DataError::Field {
+            path: path.to_owned(),
+            frame: None,
+            field: "size".to_owned(),
+            problem: format!("larger than {} MiB", max_bytes >> 20),
+        });
+    }
+    Ok(text)
 }
 
 /// Whether a file's extension is that of a picture.

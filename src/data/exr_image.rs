@@ -12,6 +12,9 @@ use exr::prelude::{Image, ReadChannels as _, ReadLayers as _, WritableImage as _
 use super::image::{check_finite, check_size};
 use super::{DataError, write_atomically};
 
+/// The most values of all channels that are read.
+const MAX_SAMPLES: u64 = 512 << 20;
+
 /// How a number is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ExrSample {
@@ -25,13 +28,19 @@ pub enum ExrSample {
 ///
 /// Errors on files without colour, deep files, NaN and infinite pixels.
 pub fn read_exr_linear(path: &Path) -> Result<(u32, u32, Vec<[f32; 3]>), DataError> {
-    let unreadable = |e: exr::error::Error| match e {
-        exr::error::Error::Io(source) => DataError::io(path, source),
-        other => DataError::image(path, format!("cannot be decoded: {other}")),
-    };
+    let unreadable = |e| unreadable(path, e);
     let meta = MetaData::read_from_file(path, false).map_err(unreadable)?;
     for header in &meta.headers {
-        check_size(path, header.layer_size.0 as u64, header.layer_size.1 as u64)?;
+        let (width, height) = (header.layer_size.0 as u64, header.layer_size.1 as u64);
+        check_size(path, width, height)?;
+        let n_channels = header.channels.list.len();
+        if width * height * n_channels as u64 > MAX_SAMPLES {
+            let problem = format!(
+                "{n_channels} channels of {width} x {height} pixels; at most {} million values are supported",
+                MAX_SAMPLES >> 20
+            );
+            return Err(DataError::image(path, problem));
+        }
     }
     let file = read()
         .no_deep_data()
@@ -63,6 +72,22 @@ pub fn read_exr_linear(path: &Path) -> Result<(u32, u32, Vec<[f32; 3]>), DataErr
     let (width, height) = (layer.size.0 as u32, layer.size.1 as u32);
     check_finite(path, width, &pixels)?;
     Ok((width, height, pixels))
+}
+
+/// Width and height of an EXR's first layer, from its header alone.
+pub(super) fn exr_size(path: &Path) -> Result<(u32, u32), DataError> {
+    let meta = MetaData::read_from_file(path, false).map_err(|e| unreadable(path, e))?;
+    let header = meta.headers.first();
+    let header = header.ok_or_else(|| DataError::image(path, "no layer is in it"))?;
+    let side = |side: usize| u32::try_from(side).unwrap_or(u32::MAX);
+    Ok((side(header.layer_size.0), side(header.layer_size.1)))
+}
+
+fn unreadable(path: &Path, error: exr::error::Error) -> DataError {
+    match error {
+        exr::error::Error::Io(source) => DataError::io(path, source),
+        other => DataError::image(path, format!("cannot be decoded: {other}")),
+    }
 }
 
 /// The channels to take as red, green and blue.

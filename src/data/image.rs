@@ -7,16 +7,18 @@ use std::io::BufReader;
 use std::path::Path;
 
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{DynamicImage, ExtendedColorType, ImageEncoder as _, ImageReader};
+use image::{DynamicImage, ExtendedColorType, ImageEncoder as _, ImageReader, Limits};
 
-use super::exr_image::read_exr_linear;
+use super::exr_image::{exr_size, read_exr_linear};
 use super::mask_color::coverage_of;
 use super::{DataError, Mask, Photo, write_atomically};
 
 /// The longest side accepted.
 const MAX_SIDE: u32 = 16384;
 /// The most pixels accepted.
-const MAX_PIXELS: u64 = 256 << 20;
+const MAX_PIXELS: u64 = 128 << 20;
+/// Bytes that decoding may take beside the pixels: profiles and other notes in the file unpack to less.
+const MAX_EXTRA_BYTES: u64 = 64 << 20;
 
 /// A photo and what its alpha channel says.
 #[derive(Clone, Debug)]
@@ -105,6 +107,21 @@ pub(super) fn decode(path: &Path) -> Result<Decoded, DataError> {
     Ok(Decoded { photo, alpha })
 }
 
+/// Width and height of a picture that [`read_photo`] would try to decode, from the file's header alone.
+pub(super) fn picture_size(path: &Path) -> Result<(u32, u32), DataError> {
+    let (width, height) = if is_exr(path) {
+        exr_size(path)?
+    } else {
+        ImageReader::open(path)
+            .and_then(ImageReader::<BufReader<_>>::with_guessed_format)
+            .map_err(|e| DataError::io(path, e))?
+            .into_dimensions()
+            .map_err(|e| DataError::image(path, format!("cannot be decoded: {e}")))?
+    };
+    check_size(path, u64::from(width), u64::from(height))?;
+    Ok((width, height))
+}
+
 /// Refuses pictures that are empty or too large, before their pixels are decoded.
 pub(super) fn check_size(path: &Path, width: u64, height: u64) -> Result<(), DataError> {
     let too_large = width > u64::from(MAX_SIDE)
@@ -153,8 +170,10 @@ fn open(path: &Path) -> Result<DynamicImage, DataError> {
     let (width, height) = reader()?.into_dimensions().map_err(unreadable)?;
     check_size(path, u64::from(width), u64::from(height))?;
     let mut reader = reader()?;
-    // The size was judged above; the crate's own limit would refuse large 16-bit pictures.
-    reader.no_limits();
+    // The crate's own limit would refuse large 16-bit pictures; none would let a note unpack without end.
+    let mut limits = Limits::default();
+    limits.max_alloc = Some(16 * u64::from(width) * u64::from(height) + MAX_EXTRA_BYTES);
+    reader.limits(limits);
     reader.decode().map_err(unreadable)
 }
 

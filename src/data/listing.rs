@@ -7,9 +7,10 @@ use std::path::{Path, PathBuf};
 
 use super::photo_folder::assign_masks;
 use super::problem::first_names;
-use super::splits::SplitFrames;
+use super::splits::{SplitFrames, split_as_chosen};
 use super::{
-    DataError, Frame, PointCloud, Problem, Severity, blended_mvs, colmap, idr, llff, neilf, splits,
+    CaptureChoices, DataError, Frame, PointCloud, Problem, Severity, blended_mvs, colmap, idr,
+    llff, neilf, splits,
 };
 
 /// A capture's photos with poses and lenses, by split, before any photo is read.
@@ -25,10 +26,19 @@ pub struct Listing {
     pub val: Vec<Frame>,
     /// Photos for the final measure only.
     pub test: Vec<Frame>,
+    /// Why they are split so, for people.
+    pub split_rule: String,
     /// The reconstruction's points, where the layout has them.
     pub points: Option<PointCloud>,
     /// What was wrong or assumed.
     pub problems: Vec<Problem>,
+}
+
+impl Listing {
+    /// All photos: training, validation, test.
+    pub fn frames(&self) -> impl Iterator<Item = &Frame> {
+        self.train.iter().chain(&self.val).chain(&self.test)
+    }
 }
 
 /// A capture of some layout: its folder, and the file or folder that lists the cameras.
@@ -135,6 +145,27 @@ pub fn list_capture(path: &Path) -> Result<Listing, DataError> {
     Err(not_recognised(path))
 }
 
+/// The same, split as a person chose.
+///
+/// Errors also when the chosen lists of photos are of no use.
+pub fn list_capture_as(path: &Path, choices: &CaptureChoices) -> Result<Listing, DataError> {
+    let mut listing = list_capture(path)?;
+    let frames = SplitFrames {
+        train: std::mem::take(&mut listing.train),
+        val: std::mem::take(&mut listing.val),
+        test: std::mem::take(&mut listing.test),
+        rule: std::mem::take(&mut listing.split_rule),
+    };
+    let frames = split_as_chosen(choices, frames)?;
+    Ok(Listing {
+        train: frames.train,
+        val: frames.val,
+        test: frames.test,
+        split_rule: frames.rule,
+        ..listing
+    })
+}
+
 /// The listing of the layout that a file belongs to.
 fn list_file(path: &Path) -> Result<Listing, DataError> {
     let name = path.file_name().map(|name| name.to_string_lossy());
@@ -179,6 +210,7 @@ fn list_transforms(root: &Path, json: &Path) -> Result<Listing, DataError> {
         train: frames.train,
         val: frames.val,
         test: frames.test,
+        split_rule: frames.rule,
         points: None,
         problems,
     })
@@ -190,13 +222,14 @@ fn finish(found: &Found, listed: Listed) -> Listing {
     let mut frames = listed.frames;
     assign_masks(&found.root, &mut frames, &mut problems);
     let frames = splits::keep_existing(frames, &mut problems);
-    let SplitFrames { train, val, test } = splits::split_listed(&found.root, frames, &mut problems);
+    let split = splits::split_listed(&found.root, frames);
     Listing {
         root: found.root.clone(),
         recognised: listed.recognised,
-        train,
-        val,
-        test,
+        train: split.train,
+        val: split.val,
+        test: split.test,
+        split_rule: split.rule,
         points: listed.points,
         problems,
     }

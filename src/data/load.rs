@@ -4,12 +4,18 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use super::listing::list_capture;
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::capture_path::leads_out;
+use super::listing::{list_capture, list_capture_as};
 use super::mesh_io::{find_mesh, read_mesh};
-use super::views::load_views;
+use super::photo_budget::Reduction;
+use super::problem::first_names;
+use super::views::{load_views, upright_photo};
 use super::world_up::world_up;
 use super::{
-    DataError, Dataset, Frame, LoadOptions, MeshPlacement, Origin, Problem, Severity, View,
+    DataError, Dataset, Frame, LoadOptions, MeshPlacement, Origin, Photo, Problem, Severity, View,
 };
 use crate::geometry::Mesh;
 
@@ -20,7 +26,15 @@ impl Dataset {
     /// there is no capture, its list of cameras is wrong, no view is left, or a mesh that was
     /// asked for by name cannot be read. Decoding runs on the current rayon pool.
     pub fn load(path: &Path, options: &LoadOptions<'_>) -> Result<Self, DataError> {
-        let listing = list_capture(path)?;
+        let choices = &options.choices;
+        let listing = list_capture_as(path, choices)?;
+        // Of all photos, so that every command reduces them alike, whichever it reads.
+        let reduction = Reduction::to_fit(
+            listing.frames().collect::<Vec<_>>().into_par_iter(),
+            choices.max_megapixels,
+        );
+        let up = choices.up.and_then(Vec3::try_normalize);
+        let up_from_cameras = world_up(listing.frames().map(|frame| frame.world_from_camera));
         let mut problems = listing.problems;
         let wanted =
             |is_wanted: bool, frames: Vec<Frame>| if is_wanted { frames } else { Vec::new() };
@@ -29,25 +43,20 @@ impl Dataset {
             wanted(options.splits.val, listing.val),
             wanted(options.splits.test, listing.test),
         ];
-        let decoded = decode_splits(path, &frames, options, &mut problems)?;
+        let decoded = decode_splits(path, &frames, reduction, options, &mut problems)?;
         let root = listing.root;
+        problems.extend(links_out(&root, &frames));
         let (mesh, mesh_path) = load_mesh(&root, options, &mut problems)?;
         problems.sort_by_key(|problem| problem.severity);
-        let views = || {
-            decoded
-                .train
-                .iter()
-                .chain(&decoded.val)
-                .chain(&decoded.test)
-        };
-        let up = world_up(views().map(|view| view.camera));
         Ok(Self {
             name: folder_name(&root),
             root,
             origin: Origin {
                 recognised: listing.recognised,
                 points: listing.points.map(Arc::new),
-                up: Some(options.up.unwrap_or(up)),
+                up: Some(up.unwrap_or(up_from_cameras)),
+                up_is_given: up.is_some(),
+                split_rule: listing.split_rule,
             },
             train: decoded.train,
             val: decoded.val,
@@ -58,6 +67,16 @@ impl Dataset {
             problems,
         })
     }
+}
+
+/// The first photo of a capture that can be read, without reading the capture, held as its camera says; `None` where
+/// there is none. Errors are for [`Dataset::load`] to report.
+pub fn first_photo(path: &Path) -> Option<Photo> {
+    /// Photos that are tried: more would take as long as reading the capture.
+    const MAX_TRIED: usize = 5;
+    let listing = list_capture(path).ok()?;
+    let mut tried = listing.frames().take(MAX_TRIED);
+    tried.find_map(|frame| upright_photo(frame).ok())
 }
 
 /// The views by split.
@@ -72,13 +91,14 @@ struct Decoded {
 fn decode_splits(
     path: &Path,
     [train, val, test]: &[Vec<Frame>; 3],
+    reduction: Reduction,
     options: &LoadOptions<'_>,
     problems: &mut Vec<Problem>,
 ) -> Result<Decoded, DataError> {
     let (n_train, n_val) = (train.len(), val.len());
     let all: Vec<Frame> = [train, val, test].into_iter().flatten().cloned().collect();
     let n_done = AtomicUsize::new(0);
-    let loaded = load_views(&all, &|| {
+    let loaded = load_views(&all, reduction, &|| {
         let done = n_done.fetch_add(1, Ordering::Relaxed) + 1;
         (options.on_progress)(done, all.len());
     });
@@ -131,6 +151,24 @@ fn load_mesh(
             Ok((None, None))
         }
     }
+}
+
+/// Says which of the photos links in the capture's folder fetch from elsewhere, if any.
+fn links_out(root: &Path, frames: &[Vec<Frame>; 3]) -> Option<Problem> {
+    let names: Vec<String> = frames
+        .par_iter()
+        .flatten()
+        .filter(|frame| leads_out(root, &frame.photo))
+        .map(|frame| frame.photo.display().to_string())
+        .collect();
+    (!names.is_empty()).then(|| {
+        let what = format!(
+            "{} photos lie outside the capture's folder, where links in it lead: {}",
+            names.len(),
+            first_names(&names)
+        );
+        Problem::new(Severity::Note, what, "they are used like the others")
+    })
 }
 
 fn folder_name(root: &Path) -> String {
@@ -202,10 +240,8 @@ mod tests {
         let dataset = load(&TestCapture::new(20)).unwrap();
         assert_eq!(names(&dataset.val), ["r_9", "r_19"], "validation");
         assert_eq!(dataset.train.len(), 18, "training");
-        assert!(
-            dataset.problems[0].what.contains("transforms_val.json"),
-            "it is said"
-        );
+        let rule = &dataset.origin.split_rule;
+        assert!(rule.contains("transforms_val.json"), "{rule}");
     }
 
     #[test]
@@ -321,6 +357,28 @@ mod tests {
         };
         let named = Dataset::load(capture.root(), &options);
         assert!(matches!(named, Err(DataError::Mesh { .. })), "{named:?}");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn photos_behind_links_are_used_and_those_outside_are_named() {
+        let (capture, elsewhere) = (TestCapture::new(3), tempfile::tempdir().unwrap());
+        for (name, target) in [
+            ("r_1", elsewhere.path().join("x.png")),
+            ("r_2", capture.path("y.png")),
+        ] {
+            let photo = capture.path(&format!("train/{name}.png"));
+            std::fs::rename(&photo, &target).unwrap();
+            std::os::unix::fs::symlink(&target, &photo).unwrap();
+        }
+        let dataset = load(&capture).unwrap();
+        assert_eq!(names(&dataset.train), ["r_0", "r_1", "r_2"], "all are used");
+        let note = dataset.problems.iter().find(|p| p.what.contains("outside"));
+        let note = &note.unwrap().what;
+        assert!(
+            note.starts_with("1 photos") && note.contains("r_1"),
+            "{note}"
+        );
     }
 
     #[test]

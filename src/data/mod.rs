@@ -8,6 +8,7 @@ mod blended_mvs;
 mod bundled;
 mod capture_path;
 mod check;
+mod choices;
 mod colmap;
 mod error;
 mod exr_image;
@@ -24,10 +25,12 @@ mod neilf;
 mod npy;
 mod orientation;
 mod photo;
+mod photo_budget;
 mod photo_folder;
 mod points;
 mod problem;
 mod relight;
+mod shrink;
 mod splits;
 pub mod tensor_file;
 #[cfg(test)]
@@ -53,6 +56,7 @@ pub use check::{
     CameraSummary, DatasetReport, LensSummary, MaskAgreement, MaskSummary, MeshSummary,
     PointSummary, Resolution, SplitCounts, check,
 };
+pub use choices::CaptureChoices;
 pub use colmap::{
     ColmapCamera, ColmapImage, ColmapPoint, Keep, Model as ColmapModel, Observation,
     read_colmap_model,
@@ -61,7 +65,8 @@ pub use error::DataError;
 pub use exr_image::{ExrSample, read_exr_linear, write_exr};
 pub use frame::{Frame, Intrinsics};
 pub use image::{read_mask, read_photo, write_png_srgb};
-pub use listing::{Listing, list_capture};
+pub use listing::{Listing, list_capture, list_capture_as};
+pub use load::first_photo;
 pub use mesh_io::{Texture, TexturedMesh, find_mesh, read_mesh, write_glb, write_textured_glb};
 pub use photo::{Mask, Photo};
 pub use points::PointCloud;
@@ -109,8 +114,12 @@ pub struct Origin {
     pub recognised: String,
     /// The reconstruction's points, where the layout has them.
     pub points: Option<Arc<PointCloud>>,
-    /// The direction that is up in the world, unit: as given, else told from the cameras.
+    /// The direction that is up in the world, unit: as given, else told from all listed cameras.
     pub up: Option<Vec3>,
+    /// Whether it was given.
+    pub up_is_given: bool,
+    /// Which photos train, validate and test, and why, for people.
+    pub split_rule: String,
 }
 
 /// One posed photo.
@@ -202,8 +211,8 @@ pub struct LoadOptions<'a> {
     pub mesh: Option<PathBuf>,
     /// How the mesh file lies in the capture's world.
     pub mesh_placement: MeshPlacement,
-    /// The direction that is up in the world, where it is not to be told from the cameras.
-    pub up: Option<Vec3>,
+    /// What a person says about the capture.
+    pub choices: CaptureChoices,
     /// Called with (views done, views in all) from the decoding threads.
     pub on_progress: &'a (dyn Fn(usize, usize) + Sync),
 }
@@ -215,7 +224,7 @@ impl Default for LoadOptions<'_> {
             splits: Splits::ALL,
             mesh: None,
             mesh_placement: MeshPlacement::default(),
-            up: None,
+            choices: CaptureChoices::default(),
             on_progress: &|_, _| (),
         }
     }
@@ -227,7 +236,7 @@ impl fmt::Debug for LoadOptions<'_> {
             .field("splits", &self.splits)
             .field("mesh", &self.mesh)
             .field("mesh_placement", &self.mesh_placement)
-            .field("up", &self.up)
+            .field("choices", &self.choices)
             .finish_non_exhaustive()
     }
 }

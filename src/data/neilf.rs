@@ -8,13 +8,15 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-use super::capture_path::{path_below, with_extension};
+use super::capture_path::{path_below, read_text, with_extension};
 use super::frame::{is_side_px, rotation_and_translation, world_from_opencv};
 use super::json_fields::Fields;
 use super::listing::{Found, Listed};
 use super::{DataError, Frame, Intrinsics};
 
 const FILE: &str = "sfm_scene.json";
+/// The largest scene read: 10,000 photos take about 20 MB.
+const MAX_BYTES: u64 = 128 << 20;
 /// Set for cameras that were registered.
 const REGISTERED: u64 = 2;
 
@@ -45,7 +47,7 @@ pub(super) fn found_at(path: &Path) -> Found {
 /// Lists the registered photos by index.
 pub(super) fn list(found: &Found) -> Result<Listed, DataError> {
     let json = &found.file;
-    let text = std::fs::read_to_string(json).map_err(|e| DataError::io(json, e))?;
+    let text = read_text(json, MAX_BYTES)?;
     let scene: Value = serde_json::from_str(&text).map_err(|source| DataError::Json {
         path: json.clone(),
         source,

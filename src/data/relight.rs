@@ -4,10 +4,16 @@
 use std::path::Path;
 
 use glam::Vec3;
+use rayon::prelude::*;
 use serde::Deserialize;
 
+use super::capture_path::read_text;
+use super::photo_budget::Reduction;
 use super::views::load_views;
-use super::{DataError, Dataset, Problem, View, read_frames};
+use super::{CaptureChoices, DataError, Dataset, Problem, View, read_frames};
+
+/// The largest `edit.json` read.
+const MAX_BYTES: u64 = 128 << 20;
 
 /// A rigid move of the surroundings in world axes about the world's origin, rotation first.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
@@ -82,14 +88,16 @@ impl Dataset {
 
 fn read_case(folder: &Path) -> Result<RelightCase, DataError> {
     let json = folder.join("edit.json");
-    let text = std::fs::read_to_string(&json).map_err(|e| DataError::io(&json, e))?;
+    let text = read_text(&json, MAX_BYTES)?;
     let edit: EditFile = serde_json::from_str(&text).map_err(|source| DataError::Json {
         path: json.clone(),
         source,
     })?;
     check_apply(&json, &edit.apply)?;
     let frames = read_frames(&json)?;
-    let loaded = load_views(&frames, &|| ());
+    let max_megapixels = CaptureChoices::default().max_megapixels;
+    let reduction = Reduction::to_fit(frames.par_iter(), max_megapixels);
+    let loaded = load_views(&frames, reduction, &|| ());
     Ok(RelightCase {
         name: folder
             .file_name()

@@ -3,15 +3,18 @@
 //! Splits are those of `transforms_{train,val,test}.json` where these exist, or of nerfstudio's
 //! lists of file names, or of `train.txt`, `val.txt` and `test.txt` with a photo's name a line.
 //! Anything else is split by position among its existing photos: every 8th is for testing, and
-//! with 16 or more, those 4 after them for validation. Test views never train.
+//! with 16 or more, those 4 after them for validation. [`CaptureChoices`] overrule all of it. Test
+//! views never train.
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use super::problem::first_names;
 use super::transforms_json::split_lists;
-use super::{DataError, Frame, Problem, Severity, read_frames};
+use super::{CaptureChoices, DataError, Frame, Problem, Severity, read_frames};
 
+/// Every how many-th photo is for testing where nothing says so.
+const TEST_EVERY: usize = 8;
 /// Fewest photos in a single `transforms.json` for any to be set aside for testing.
 const MIN_PHOTOS_FOR_TEST: usize = 8;
 /// Fewest for some to be set aside for validation too.
@@ -28,6 +31,8 @@ pub(super) struct SplitFrames {
     pub(super) train: Vec<Frame>,
     pub(super) val: Vec<Frame>,
     pub(super) test: Vec<Frame>,
+    /// Why they are split so, for people.
+    pub(super) rule: String,
 }
 
 /// The file of the transforms family in a folder.
@@ -55,8 +60,8 @@ pub(super) fn read_transforms(
     let name = json.file_name().unwrap_or_default().to_string_lossy();
     let frames = keep_existing(read_frames(json)?, problems);
     let frames = match split_lists(json)? {
-        Some(lists) => split_by_lists(&lists, frames, problems),
-        None => split_listed(root, frames, problems),
+        Some(lists) => split_by_lists(&lists, frames),
+        None => split_listed(root, frames),
     };
     Ok((name.into_owned(), frames))
 }
@@ -65,13 +70,18 @@ pub(super) fn read_transforms(
 #[derive(Debug, Default)]
 pub(super) struct SplitLists {
     /// Where the lists stand, for people.
-    pub(super) source: &'static str,
+    pub(super) source: String,
     pub(super) train: Option<HashSet<String>>,
     pub(super) val: Option<HashSet<String>>,
     pub(super) test: Option<HashSet<String>>,
 }
 
 impl SplitLists {
+    /// Whether a photo is for validation or testing.
+    fn hold_out(&self, frame: &Frame) -> bool {
+        is_in(self.val.as_ref(), frame) || is_in(self.test.as_ref(), frame)
+    }
+
     /// The lists in `train.txt`, `val.txt` and `test.txt`.
     fn in_text_files(root: &Path) -> Self {
         let list = |name: &str| {
@@ -83,7 +93,7 @@ impl SplitLists {
             Some(text.lines().map(photo_key).collect())
         };
         Self {
-            source: "train.txt, val.txt and test.txt",
+            source: "train.txt, val.txt and test.txt".to_owned(),
             train: list("train.txt"),
             val: list("val.txt"),
             test: list("test.txt"),
@@ -92,51 +102,79 @@ impl SplitLists {
 }
 
 /// Splits by the lists beside the photos, else by position.
-pub(super) fn split_listed(
-    root: &Path,
-    frames: Vec<Frame>,
-    problems: &mut Vec<Problem>,
-) -> SplitFrames {
-    split_by_lists(&SplitLists::in_text_files(root), frames, problems)
+pub(super) fn split_listed(root: &Path, frames: Vec<Frame>) -> SplitFrames {
+    split_by_lists(&SplitLists::in_text_files(root), frames)
+}
+
+/// Splits anew where a person chose so.
+///
+/// Errors when the chosen lists name no photo for validation or testing.
+pub(super) fn split_as_chosen(
+    choices: &CaptureChoices,
+    listed: SplitFrames,
+) -> Result<SplitFrames, DataError> {
+    if choices.test_every.is_none() && choices.split_lists.is_none() {
+        return Ok(listed);
+    }
+    let mut frames = [listed.train, listed.val, listed.test].concat();
+    // Back into the order of the files that list them; several files stay one after the other.
+    let mut files: Vec<PathBuf> = Vec::new();
+    for frame in &frames {
+        if !files.contains(&frame.listed_in) {
+            files.push(frame.listed_in.clone());
+        }
+    }
+    frames.sort_by_key(|frame| {
+        let file = files.iter().position(|file| *file == frame.listed_in);
+        (file, frame.index)
+    });
+    if let Some(folder) = &choices.split_lists {
+        let lists = SplitLists {
+            source: format!("the lists in {}", folder.display()),
+            ..SplitLists::in_text_files(folder)
+        };
+        if !frames.iter().any(|frame| lists.hold_out(frame)) {
+            return Err(DataError::NotADataset {
+                path: folder.clone(),
+                problem: "no val.txt or test.txt there names a photo of the capture".to_owned(),
+            });
+        }
+        return Ok(split_by_lists(&lists, frames));
+    }
+    let every = choices.test_every.map_or(TEST_EVERY, |n| n as usize);
+    Ok(split_every(every, "as chosen", 1, frames))
 }
 
 /// Splits by lists that name at least one photo for validation or testing, else by position.
-fn split_by_lists(
-    lists: &SplitLists,
-    frames: Vec<Frame>,
-    problems: &mut Vec<Problem>,
-) -> SplitFrames {
-    let is_in = |names: &Option<HashSet<String>>, frame: &Frame| {
-        names
-            .as_ref()
-            .is_some_and(|names| names_photo(names, &frame.photo))
-    };
-    let is_held_out = |frame: &Frame| is_in(&lists.val, frame) || is_in(&lists.test, frame);
-    if !frames.iter().any(is_held_out) {
-        return split_by_position(frames, problems);
+fn split_by_lists(lists: &SplitLists, frames: Vec<Frame>) -> SplitFrames {
+    if !frames.iter().any(|frame| lists.hold_out(frame)) {
+        return split_every(TEST_EVERY, "no split files", MIN_PHOTOS_FOR_TEST, frames);
     }
     let mut split = SplitFrames::default();
     let mut n_left_out = 0;
     for frame in frames {
-        if is_in(&lists.test, &frame) {
+        if is_in(lists.test.as_ref(), &frame) {
             split.test.push(frame);
-        } else if is_in(&lists.val, &frame) {
+        } else if is_in(lists.val.as_ref(), &frame) {
             split.val.push(frame);
-        } else if lists.train.is_none() || is_in(&lists.train, &frame) {
+        } else if lists.train.is_none() || is_in(lists.train.as_ref(), &frame) {
             split.train.push(frame);
         } else {
             n_left_out += 1;
         }
     }
-    let what = format!(
-        "split by {}: {} train, {} validate, {} test, {n_left_out} in no list",
-        lists.source,
-        split.train.len(),
-        split.val.len(),
-        split.test.len()
-    );
-    problems.push(Problem::new(Severity::Note, what, ""));
+    split.rule = match n_left_out {
+        0 => format!("by {}", lists.source),
+        n => format!(
+            "by {}; {n} photos are in no list and left out",
+            lists.source
+        ),
+    };
     split
+}
+
+fn is_in(names: Option<&HashSet<String>>, frame: &Frame) -> bool {
+    names.is_some_and(|names| names_photo(names, &frame.photo))
 }
 
 /// What a photo is called in lists: its path without extension, folders parted by slashes.
@@ -171,6 +209,7 @@ fn read_split_files(
     };
     let mut train = read("train")?.unwrap_or_default();
     let val = read("val")?;
+    let mut rule = "by transforms_train.json, _val and _test";
     let test = read("test")?.unwrap_or_default();
     let val = val.unwrap_or_else(|| {
         if train.len() < MIN_TRAIN_FOR_VAL {
@@ -181,40 +220,49 @@ fn read_split_files(
             .enumerate()
             .partition::<Vec<_>, _>(|(i, _)| i % 10 == 9);
         train = without_index(rest);
-        let what = format!(
-            "no transforms_val.json: every 10th training view ({}) is kept for validation",
-            val.len()
-        );
-        problems.push(Problem::new(Severity::Note, what, ""));
+        rule = "by transforms_train.json and _test; there is no transforms_val.json, so every 10th training photo \
+                validates";
         without_index(val)
     });
-    Ok(SplitFrames { train, val, test })
+    Ok(SplitFrames {
+        train,
+        val,
+        test,
+        rule: rule.to_owned(),
+    })
 }
 
 fn without_index(frames: Vec<(usize, Frame)>) -> Vec<Frame> {
     frames.into_iter().map(|(_, frame)| frame).collect()
 }
 
-/// Splits frames by position; see the module's header.
-fn split_by_position(frames: Vec<Frame>, problems: &mut Vec<Problem>) -> SplitFrames {
+/// Splits frames by position: every `every`-th tests (0 for none) where there are `at_least` photos, and where there
+/// are enough, others validate. `why` explains the rule.
+fn split_every(every: usize, why: &str, at_least: usize, frames: Vec<Frame>) -> SplitFrames {
     let n = frames.len();
+    let period = every.max(TEST_EVERY);
+    // Halfway between tests, but beside them where they are closer.
+    let at = if every == period { period / 2 } else { 1 };
     let mut split = SplitFrames::default();
     for (i, frame) in frames.into_iter().enumerate() {
-        if n >= MIN_PHOTOS_FOR_TEST && i % 8 == 0 {
+        if every > 0 && n >= at_least && i % every == 0 {
             split.test.push(frame);
-        } else if n >= MIN_PHOTOS_FOR_VAL && i % 8 == 4 {
+        } else if n >= MIN_PHOTOS_FOR_VAL && i % period == at {
             split.val.push(frame);
         } else {
             split.train.push(frame);
         }
     }
-    let what = format!(
-        "no split files: of {n} photos {} train, {} validate, {} test (by position, every 8th)",
-        split.train.len(),
-        split.val.len(),
-        split.test.len()
-    );
-    problems.push(Problem::new(Severity::Note, what, ""));
+    let one_in = |n: usize, is_none: bool| {
+        if is_none {
+            "none".to_owned()
+        } else {
+            format!("one photo in {n}")
+        }
+    };
+    let tests = one_in(every, split.test.is_empty());
+    let validates = one_in(period, split.val.is_empty());
+    split.rule = format!("by position ({why}): {tests} tests, {validates} validates");
     split
 }
 

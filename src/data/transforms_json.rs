@@ -9,15 +9,17 @@ use std::path::{Path, PathBuf};
 use glam::{Affine3A, Mat3, Vec3};
 use serde_json::Value;
 
-use super::capture_path::{path_below, with_extension};
+use super::capture_path::{path_below, read_text, with_extension};
 use super::json_fields::Fields;
 use super::splits::{SplitLists, photo_key};
 use super::{DataError, Frame, Intrinsics};
 use crate::geometry::{Distortion, LensModel};
 
-/// How far above the JSON's folder a path may climb: `relight/<edit>/edit.json` refers to
-/// `../../test_mask`.
-const MAX_CLIMB: usize = 2;
+/// How far above its folder `relight/<edit>/edit.json` may climb: it refers to `../../test_mask`.
+/// Any other file stays below its own folder, which is the capture's.
+const EDIT_CLIMB: usize = 2;
+/// The largest file read: 10,000 photos take about 10 MB.
+const MAX_BYTES: u64 = 128 << 20;
 /// Camera models that [`Distortion`] can express.
 const CAMERA_MODELS: [&str; 8] = [
     "OPENCV_FISHEYE",
@@ -32,7 +34,7 @@ const CAMERA_MODELS: [&str; 8] = [
 
 /// Reads the frames that `json` lists, in its order; photos are not opened.
 ///
-/// Errors name the frame's index and the field. Absolute paths are refused.
+/// Errors name the frame's index and the field. Paths that are absolute or lead out of the file's folder are refused.
 pub fn read_frames(json: &Path) -> Result<Vec<Frame>, DataError> {
     let value = read_value(json)?;
     let top = Fields {
@@ -72,7 +74,7 @@ pub(super) fn split_lists(json: &Path) -> Result<Option<SplitLists>, DataError> 
         Some(names.filter_map(Value::as_str).map(photo_key).collect())
     };
     let lists = SplitLists {
-        source: "the file's own lists",
+        source: "the file's own lists".to_owned(),
         train: list("train_filenames"),
         val: list("val_filenames"),
         test: list("test_filenames"),
@@ -81,7 +83,7 @@ pub(super) fn split_lists(json: &Path) -> Result<Option<SplitLists>, DataError> 
 }
 
 fn read_value(json: &Path) -> Result<Value, DataError> {
-    let text = std::fs::read_to_string(json).map_err(|e| DataError::io(json, e))?;
+    let text = read_text(json, MAX_BYTES)?;
     serde_json::from_str(&text).map_err(|source| DataError::Json {
         path: json.to_owned(),
         source,
@@ -216,7 +218,12 @@ fn rotation_of(x: Vec3, y: Vec3, z: Vec3) -> Result<Mat3, &'static str> {
 /// The file that a declared relative path means, without leaving the capture.
 fn resolve(fields: &Fields<'_>, field: &str, declared: &str) -> Result<PathBuf, DataError> {
     let folder = fields.json.parent().unwrap_or_else(|| Path::new(""));
-    let path = path_below(folder, declared, MAX_CLIMB);
+    let is_edit = fields
+        .json
+        .file_name()
+        .is_some_and(|name| name == "edit.json");
+    let max_climb = if is_edit { EDIT_CLIMB } else { 0 };
+    let path = path_below(folder, declared, max_climb);
     path.map(with_extension)
         .map_err(|problem| fields.error(field, problem))
 }
@@ -330,7 +337,7 @@ mod tests {
             ),
             (
                 "/frames/1/file_path",
-                json!("../../../x.png"),
+                json!("../x.png"),
                 "leads out of the capture",
             ),
             (

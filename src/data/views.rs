@@ -7,7 +7,9 @@ use rayon::prelude::*;
 
 use super::image::decode;
 use super::orientation::{lies_on_its_side, orientation_of, turned_mask, turned_photo};
+use super::photo_budget::{DecodeGate, Reduction, decoding_cost};
 use super::problem::first_names;
+use super::shrink::{shrunk_mask, shrunk_photo};
 use super::{DataError, Frame, Mask, Photo, Problem, Severity, View, read_mask};
 
 /// Views in the order of their frames, `None` where one could not be read.
@@ -22,6 +24,9 @@ pub(super) struct Findings {
     unreadable: Vec<Problem>,
     rescaled: Vec<String>,
     turned: Vec<String>,
+    /// Sizes before and after.
+    reduced: Vec<String>,
+    n_reduced: usize,
     without_mask_file: Vec<String>,
     cut_out: Vec<String>,
     n_views: usize,
@@ -63,6 +68,16 @@ impl Findings {
             "photos are stored on their side, and w x h is that of the upright photo",
             "they were turned as EXIF says",
         );
+        if self.n_reduced > 0 {
+            let what = format!(
+                "{} photos were reduced to fit into memory: from {}",
+                self.n_reduced,
+                first_names(&self.reduced)
+            );
+            let advice =
+                "--max-megapixels sets how many millions of pixels all photos together may have";
+            problems.push(Problem::new(Severity::Note, what, advice));
+        }
         if self.masks_inverted {
             let what = "masks are white where the object is not: they were inverted";
             let advice = "check the picture of a mask if that is wrong";
@@ -90,16 +105,25 @@ struct LoadedView {
     rescaled: bool,
     /// How the photo was turned, if it was.
     turned: Option<Orientation>,
+    /// Sizes before and after, where it was reduced to fit into memory.
+    reduced: Option<[(u32, u32); 2]>,
     mask_file_missing: bool,
     cut_out: bool,
 }
 
-/// Reads the frames in parallel, calling `on_done` after each.
-pub(super) fn load_views(frames: &[Frame], on_done: &(dyn Fn() + Sync)) -> LoadedViews {
+/// Reads the frames in parallel, reduces their photos and calls `on_done` after each.
+pub(super) fn load_views(
+    frames: &[Frame],
+    reduction: Reduction,
+    on_done: &(dyn Fn() + Sync),
+) -> LoadedViews {
+    let gate = DecodeGate::default();
     let results: Vec<Result<LoadedView, DataError>> = frames
         .par_iter()
         .map(|frame| {
-            let result = load_view(frame);
+            let decoding = gate.enter(decoding_cost(frame));
+            let result = load_view(frame, reduction);
+            drop(decoding);
             on_done();
             result
         })
@@ -121,6 +145,13 @@ pub(super) fn load_views(frames: &[Frame], on_done: &(dyn Fn() + Sync)) -> Loade
                     if found {
                         names.push(name.clone());
                     }
+                }
+                if let Some([(w, h), (new_w, new_h)]) = loaded.reduced {
+                    let sizes = format!("{w} x {h} to {new_w} x {new_h}");
+                    if !findings.reduced.contains(&sizes) {
+                        findings.reduced.push(sizes);
+                    }
+                    findings.n_reduced += 1;
                 }
                 Some(loaded.view)
             }
@@ -172,7 +203,16 @@ fn border_share(mask: &Mask) -> f32 {
     sum / (2 * (width + height)) as f32
 }
 
-fn load_view(frame: &Frame) -> Result<LoadedView, DataError> {
+/// A frame's photo, turned as its camera says.
+pub(super) fn upright_photo(frame: &Frame) -> Result<Photo, DataError> {
+    let photo = decode(&frame.photo)?.photo;
+    Ok(match orientation_to_apply(frame, &photo) {
+        Some(orientation) => turned_photo(photo, orientation),
+        None => photo,
+    })
+}
+
+fn load_view(frame: &Frame, reduction: Reduction) -> Result<LoadedView, DataError> {
     let mut decoded = decode(&frame.photo)?;
     let orientation = orientation_to_apply(frame, &decoded.photo);
     if let Some(orientation) = orientation {
@@ -181,6 +221,7 @@ fn load_view(frame: &Frame) -> Result<LoadedView, DataError> {
     }
     let (width, height) = (decoded.photo.width(), decoded.photo.height());
     let (camera, rescaled) = frame.camera(width, height)?;
+    let new_size = reduction.size(width, height);
     let mask_file = frame.mask.as_deref().filter(|path| path.is_file());
     let cut_out = decoded
         .alpha
@@ -188,20 +229,41 @@ fn load_view(frame: &Frame) -> Result<LoadedView, DataError> {
         .is_some_and(|alpha| hides_one_color(&decoded.photo, alpha));
     let mask = match mask_file {
         Some(path) => Some(read_mask_sized(path, width, height, orientation)?),
-        None => decoded.alpha,
+        None => decoded.alpha.clone(),
     };
+    let full = View {
+        name: frame.name.clone(),
+        camera,
+        photo: decoded.photo,
+        mask,
+    };
+    let is_reduced = new_size != (width, height);
+    let shown = decoded.alpha.filter(|_| cut_out);
     Ok(LoadedView {
-        view: View {
-            name: frame.name.clone(),
-            camera,
-            photo: decoded.photo,
-            mask,
+        view: if is_reduced {
+            reduced_view(&full, shown.as_ref(), new_size)
+        } else {
+            full
         },
+        reduced: is_reduced.then_some([(width, height), new_size]),
         rescaled,
         turned: orientation,
         mask_file_missing: frame.mask.is_some() && mask_file.is_none(),
         cut_out,
     })
+}
+
+/// The view with a smaller photo. `shown`: where the photo is not transparent, if it is a cut-out.
+fn reduced_view(full: &View, shown: Option<&Mask>, (width, height): (u32, u32)) -> View {
+    View {
+        name: full.name.clone(),
+        camera: full.camera.resized(width, height),
+        photo: shrunk_photo(&full.photo, shown, width, height),
+        mask: full
+            .mask
+            .as_ref()
+            .map(|mask| shrunk_mask(mask, width, height)),
+    }
 }
 
 /// How a photo must be turned for its size to be the declared one: not at all, unless that is the

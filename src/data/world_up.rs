@@ -1,8 +1,6 @@
 //! Which way is up in a capture's world, told from how the cameras were held.
 
-use glam::{Mat3, Vec3};
-
-use crate::geometry::Camera;
+use glam::{Affine3A, Mat3, Vec3};
 
 /// Cosine of 20 degrees: an axis this near is meant, and the rest is how the photos were taken.
 const NEAR_AXIS: f32 = 0.94;
@@ -16,11 +14,16 @@ const N_ITERATIONS: usize = 30;
 /// People hold cameras level: what is common to all views is that their right-hand sides lie in
 /// the horizontal plane, even when all look down from one side. Where they do not tell a plane
 /// (one view, or cameras held at all angles), the mean of the pictures' up directions is taken.
-pub fn world_up(cameras: impl Iterator<Item = Camera>) -> Vec3 {
-    let cameras: Vec<Camera> = cameras.collect();
-    let mean_up: Vec3 = cameras.iter().map(Camera::up).sum();
+///
+/// `poses`: from camera to world, OpenGL's axes.
+pub fn world_up(poses: impl Iterator<Item = Affine3A>) -> Vec3 {
+    let poses: Vec<Affine3A> = poses.collect();
+    let mean_up: Vec3 = poses
+        .iter()
+        .map(|pose| unit(pose.matrix3.y_axis.into()))
+        .sum();
     let mean_up = mean_up.normalize_or(Vec3::Z);
-    let up = plane_normal(&cameras)
+    let up = plane_normal(&poses)
         .map(|normal| {
             if normal.dot(mean_up) < 0.0 {
                 -normal
@@ -43,16 +46,16 @@ pub fn world_up(cameras: impl Iterator<Item = Camera>) -> Vec3 {
 }
 
 /// The normal of the plane that the cameras' right-hand sides lie in, if they tell one.
-fn plane_normal(cameras: &[Camera]) -> Option<Vec3> {
-    if cameras.is_empty() {
+fn plane_normal(poses: &[Affine3A]) -> Option<Vec3> {
+    if poses.is_empty() {
         return None;
     }
     let mut spread = Mat3::ZERO;
-    for camera in cameras {
-        let right = camera.forward().cross(camera.up());
+    for pose in poses {
+        let right = unit(pose.matrix3.x_axis.into());
         spread += Mat3::from_cols(right.x * right, right.y * right, right.z * right);
     }
-    spread *= 1.0 / cameras.len() as f32;
+    spread *= 1.0 / poses.len() as f32;
     // The smallest eigenvector is the largest one of the inverse.
     let inverse = (spread + Mat3::from_diagonal(Vec3::splat(1e-4))).inverse();
     let mut normal = Vec3::new(0.41, 0.53, 0.74);
@@ -71,19 +74,24 @@ fn plane_normal(cameras: &[Camera]) -> Option<Vec3> {
     (normal.is_finite() && second > LEAST_SPREAD && least < 0.5 * second).then_some(normal)
 }
 
+fn unit(v: Vec3) -> Vec3 {
+    v.normalize_or_zero()
+}
+
 #[cfg(test)]
 mod tests {
     use glam::Quat;
 
     use super::*;
+    use crate::geometry::Camera;
 
-    fn around(n: usize, from_turn: f32, turns: f32, height: f32, world: Quat) -> Vec<Camera> {
+    fn around(n: usize, from_turn: f32, turns: f32, height: f32, world: Quat) -> Vec<Affine3A> {
         (0..n)
             .map(|i| {
                 let angle = from_turn + turns * std::f32::consts::TAU * i as f32 / n as f32;
                 let eye = Vec3::new(3.0 * angle.cos(), 3.0 * angle.sin(), height);
                 let up = world * Vec3::Z;
-                Camera::look_at(world * eye, Vec3::ZERO, up, 0.8, 64, 48)
+                Camera::look_at(world * eye, Vec3::ZERO, up, 0.8, 64, 48).world_from_camera
             })
             .collect()
     }

@@ -65,8 +65,11 @@ fn is_inside(tracer: &SurfaceTracer, p_world: Vec3) -> bool {
     votes.count() >= 2
 }
 
-/// Mean up direction of the cameras, snapped to the nearest world axis when within 45° (always).
+/// The capture's up direction; where it says none, the mean of the cameras' snapped to the nearest world axis.
 pub(super) fn up_direction(dataset: &Dataset) -> Vec3 {
+    if let Some(up) = dataset.origin.up {
+        return up;
+    }
     let mean: Vec3 = dataset.train.iter().map(|v| v.camera.up()).sum();
     let axis = (0..3)
         .max_by(|&a, &b| mean[a].abs().total_cmp(&mean[b].abs()))

@@ -14,7 +14,9 @@ use std::{
 use serde::{Deserialize, Serialize};
 
 use crate::data::tensor_file::{TensorFile, TensorFileError};
-use crate::data::{DataError, MeshPlacement, read_mesh, write_atomically, write_glb};
+use crate::data::{
+    CaptureChoices, DataError, MeshPlacement, read_mesh, write_atomically, write_glb,
+};
 use crate::geometry::{Mesh, SurfaceTracer};
 use crate::neif::{Environment, NeifError, ObjectModel, Storage, SurfaceField};
 use crate::render::Scene;
@@ -99,6 +101,9 @@ pub struct DatasetSource {
     /// How the mesh was placed in the capture.
     #[serde(default)]
     pub mesh_placement: MeshPlacement,
+    /// How it was to be read.
+    #[serde(default)]
+    pub choices: CaptureChoices,
 }
 
 /// `config.toml`: everything that decides the result.
@@ -137,6 +142,7 @@ impl RunConfig {
                 absolute,
                 mesh: mesh.map(self::absolute),
                 mesh_placement: MeshPlacement::default(),
+                choices: CaptureChoices::default(),
             },
             train,
         }

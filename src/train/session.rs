@@ -16,7 +16,7 @@ use std::{
 
 use crossbeam::channel::{Receiver, Sender, bounded};
 
-use crate::data::MeshPlacement;
+use crate::data::{CaptureChoices, MeshPlacement};
 use crate::data::{DataError, Dataset};
 use crate::neif::Storage;
 use crate::train::config::TrainConfig;
@@ -55,6 +55,8 @@ pub struct SessionOptions {
     pub mesh: Option<PathBuf>,
     /// How the mesh is placed in the capture.
     pub mesh_placement: MeshPlacement,
+    /// What a person says about the capture.
+    pub choices: CaptureChoices,
     /// Settings of the trainer.
     pub config: TrainConfig,
     /// How much training; seconds include everything since [`Self::started`] and the last save.
@@ -80,6 +82,7 @@ impl SessionOptions {
             dataset: dataset.to_owned(),
             mesh: None,
             mesh_placement: MeshPlacement::default(),
+            choices: CaptureChoices::default(),
             config,
             budget,
             run: None,
@@ -103,6 +106,7 @@ impl SessionOptions {
             dataset: folder.dataset_path(&stored),
             mesh: stored.dataset.mesh.clone(),
             mesh_placement: stored.dataset.mesh_placement,
+            choices: stored.dataset.choices.clone(),
             run: Some(run.to_owned()),
             start: match budget {
                 Some(_) => Start::Replan,
@@ -128,6 +132,7 @@ impl SessionOptions {
             ..RunConfig::new(run, &self.dataset, self.mesh.as_deref(), config)
         };
         described.dataset.mesh_placement = self.mesh_placement;
+        described.dataset.choices = self.choices.clone();
         described
     }
 }

@@ -153,8 +153,8 @@ impl Worker {
             },
             mesh: self.options.mesh.clone(),
             mesh_placement: self.options.mesh_placement,
+            choices: self.options.choices.clone(),
             on_progress: &report,
-            ..LoadOptions::default()
         };
         let load = || Dataset::load(&self.options.dataset, &options);
         let mut dataset = self.pool.install(load)?;

@@ -58,7 +58,11 @@ pub(super) fn run(args: &ErrorArgs) -> Result<(), Failure> {
     if let Some(out) = &args.common.out {
         make_folder(out)?;
     }
-    let dataset = load(&dataset_or_demo(args.dataset.as_ref())?, Splits::ALL)?;
+    let dataset = load(
+        &dataset_or_demo(args.dataset.as_ref())?,
+        Splits::ALL,
+        &args.common.capture,
+    )?;
     let lpips = lpips_weights(args.common.lpips.as_deref())?;
     let mut display = Display::new(args.common.json);
     let mut rows = Vec::new();

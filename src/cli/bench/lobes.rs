@@ -12,6 +12,7 @@ use neif::train::metrics::SquaredError;
 use serde_json::json;
 
 use super::trial::{figure, on_threads};
+use crate::cli::capture::PhotoArgs;
 use crate::cli::failure::Failure;
 use crate::cli::output::{self, Display};
 use crate::cli::scenes::{self, Split};
@@ -46,6 +47,8 @@ pub(crate) struct LobesArgs {
     /// Worker threads; 0 is one for each core
     #[arg(long, value_name = "N", default_value_t = 0)]
     threads: usize,
+    #[command(flatten)]
+    photos: PhotoArgs,
 }
 
 /// Which object pixels are compared.
@@ -60,7 +63,7 @@ struct Row {
 /// Runs the benchmark.
 pub(super) fn run(args: &LobesArgs) -> Result<(), Failure> {
     let run = scenes::open_run(&args.run, args.dataset.as_deref())?;
-    let (views, _) = run.load_views(Split::Val)?;
+    let (views, _) = run.load_views(Split::Val, &args.photos)?;
     let views: Vec<View> = views.into_iter().take(args.views.max(1)).collect();
     let mut display = Display::new(args.json);
     let edits: Vec<Option<f32>> = std::iter::once(None)

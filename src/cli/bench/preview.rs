@@ -119,6 +119,7 @@ impl Bench {
         let desk = Desk::new((args.width, args.height))?;
         let options = SessionOptions {
             nice: true,
+            choices: args.common.capture.choices(),
             ..SessionOptions::new(dataset, config, Budget::Seconds(ENDLESS_SECS))
         };
         let session = Session::spawn(options, || ()).or_unusable()?;

@@ -70,7 +70,11 @@ pub(super) fn run(args: &SkipArgs) -> Result<(), Failure> {
         test: false,
         ..Splits::ALL
     };
-    let dataset = load(&dataset_or_demo(args.dataset.as_ref())?, splits)?;
+    let dataset = load(
+        &dataset_or_demo(args.dataset.as_ref())?,
+        splits,
+        &args.common.capture,
+    )?;
     let mut display = Display::new(args.common.json);
     let all_on = config(None, Some(args.common.seed))?;
     let mut all_off = all_on.clone();

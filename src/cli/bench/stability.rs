@@ -80,7 +80,11 @@ pub(super) fn run(args: &StabilityArgs) -> Result<(), Failure> {
     };
     let mut bench = Bench {
         args,
-        dataset: load(&dataset_or_demo(args.dataset.as_ref())?, splits)?,
+        dataset: load(
+            &dataset_or_demo(args.dataset.as_ref())?,
+            splits,
+            &args.common.capture,
+        )?,
         normal: None,
         rows: Vec::new(),
         display: Display::new(args.common.json),

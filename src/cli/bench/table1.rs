@@ -153,7 +153,7 @@ pub(super) fn run(args: &Table1Args) -> Result<(), Failure> {
     let datasets = args
         .datasets
         .iter()
-        .map(|path| load(path, splits))
+        .map(|path| load(path, splits, &args.common.capture))
         .collect::<Result<Vec<_>, _>>()?;
     let mut table = Table {
         args,

@@ -55,7 +55,8 @@ struct StepTimes {
 
 /// Runs the benchmark.
 pub(super) fn run(args: &TrainBenchArgs) -> Result<(), Failure> {
-    let dataset = load(&dataset_or_demo(args.dataset.as_ref())?, Splits::TRAIN_VAL)?;
+    let path = dataset_or_demo(args.dataset.as_ref())?;
+    let dataset = load(&path, Splits::TRAIN_VAL, &args.common.capture)?;
     let config = config(None, Some(args.common.seed))?;
     let (peak_gflops, peak_gbytes) = (peak::gflops(), peak::read_gbytes_per_sec());
     let kernels = kernels(&config);

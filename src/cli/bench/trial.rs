@@ -11,6 +11,7 @@ use neif::train::metrics::ImageMetrics;
 use neif::train::neilf::{NeilfConfig, NeilfTrainer};
 use neif::train::{AnyTrainer, Snapshot};
 
+use crate::cli::capture::CaptureArgs;
 use crate::cli::failure::{Failure, OrUnusable as _};
 use crate::cli::interrupt;
 
@@ -50,9 +51,10 @@ impl Trial {
 }
 
 /// Reads the splits of a capture.
-pub(super) fn load(path: &Path, splits: Splits) -> Result<Dataset, Failure> {
+pub(super) fn load(path: &Path, splits: Splits, capture: &CaptureArgs) -> Result<Dataset, Failure> {
     let options = LoadOptions {
         splits,
+        choices: capture.choices(),
         ..LoadOptions::default()
     };
     Dataset::load(path, &options).or_unusable()

@@ -26,6 +26,8 @@ pub struct DatasetReport {
     pub recognised: String,
     /// Views by split.
     pub views: SplitCounts,
+    /// Which photos train, validate and test, and why.
+    pub split_rule: String,
     /// Picture sizes, most frequent first.
     pub resolutions: Vec<Resolution>,
     /// Whether photos are linear and unclipped (EXR, HDR).
@@ -38,6 +40,8 @@ pub struct DatasetReport {
     pub cameras: CameraSummary,
     /// The direction that is up in the world.
     pub up: Option<[f32; 3]>,
+    /// Whether it was given, not told from how the cameras were held.
+    pub up_is_given: bool,
     /// The reconstruction's points; `None` where the layout has none.
     pub points: Option<PointSummary>,
     /// Object masks; `None` when no view has one.
@@ -190,12 +194,14 @@ pub fn check(dataset: &Dataset) -> DatasetReport {
             val: dataset.val.len(),
             test: dataset.test.len(),
         },
+        split_rule: dataset.origin.split_rule.clone(),
         resolutions: statistics::resolutions(dataset),
         hdr: dataset.views().any(|view| view.photo.is_linear_hdr()),
         surroundings_visible: dataset.surroundings_visible,
         lens: statistics::lens_summary(dataset),
         cameras,
         up: dataset.origin.up.map(|up| up.to_array()),
+        up_is_given: dataset.origin.up_is_given,
         points: dataset
             .origin
             .points

@@ -14,6 +14,9 @@ impl Display for DatasetReport {
             "views",
             format_args!("{} train, {} val, {} test", n.train, n.val, n.test),
         )?;
+        if !self.split_rule.is_empty() {
+            line(f, "split", format_args!("{}", self.split_rule))?;
+        }
         for r in &self.resolutions {
             let kind = if self.hdr { "linear" } else { "sRGB" };
             let text = format!("{} x {} px, {kind}, {} views", r.width, r.height, r.n_views);
@@ -69,7 +72,12 @@ impl DatasetReport {
             ),
         )?;
         if let Some([x, y, z]) = self.up {
-            line(f, "up", format_args!("({x:.3}, {y:.3}, {z:.3})"))?;
+            let why = if self.up_is_given {
+                "as given"
+            } else {
+                "as the cameras were held; --up says otherwise"
+            };
+            line(f, "up", format_args!("({x:.3}, {y:.3}, {z:.3}), {why}"))?;
         }
         let Some(points) = &self.points else {
             return Ok(());
