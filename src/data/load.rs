@@ -8,6 +8,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::capture_path::leads_out;
+use super::exif::exposure_ev;
 use super::listing::{list_capture, list_capture_as};
 use super::mesh_io::{find_mesh, read_mesh};
 use super::photo_budget::Reduction;
@@ -43,6 +44,7 @@ impl Dataset {
             wanted(options.splits.val, listing.val),
             wanted(options.splits.test, listing.test),
         ];
+        let noted_exposure_ev = noted_exposures(&frames[0]);
         let decoded = decode_splits(path, &frames, reduction, options, &mut problems)?;
         let root = listing.root;
         problems.extend(links_out(&root, &frames));
@@ -57,6 +59,7 @@ impl Dataset {
                 up: Some(up.unwrap_or(up_from_cameras)),
                 up_is_given: up.is_some(),
                 split_rule: listing.split_rule,
+                noted_exposure_ev,
             },
             train: decoded.train,
             val: decoded.val,
@@ -151,6 +154,17 @@ fn load_mesh(
             Ok((None, None))
         }
     }
+}
+
+/// The least and the most light that the photos got, where at least two of their files say.
+fn noted_exposures(frames: &[Frame]) -> Option<[f32; 2]> {
+    let noted: Vec<f32> = frames
+        .par_iter()
+        .filter_map(|frame| exposure_ev(&frame.photo))
+        .collect();
+    let least = noted.iter().copied().reduce(f32::min)?;
+    let most = noted.iter().copied().reduce(f32::max)?;
+    (noted.len() > 1).then_some([least, most])
 }
 
 /// Says which of the photos links in the capture's folder fetch from elsewhere, if any.

@@ -11,6 +11,7 @@ mod check;
 mod choices;
 mod colmap;
 mod error;
+mod exif;
 mod exr_image;
 mod frame;
 mod idr;
@@ -53,7 +54,7 @@ use crate::geometry::{Camera, Mesh};
 pub use atomic::write_atomically;
 pub use bundled::bundled_assets;
 pub use check::{
-    CameraSummary, DatasetReport, LensSummary, MaskAgreement, MaskSummary, MeshSummary,
+    CameraSummary, Conditions, DatasetReport, LensSummary, MaskAgreement, MaskSummary, MeshSummary,
     PointSummary, Resolution, SplitCounts, check,
 };
 pub use choices::CaptureChoices;
@@ -118,6 +119,8 @@ pub struct Origin {
     pub up: Option<Vec3>,
     /// Whether it was given.
     pub up_is_given: bool,
+    /// Least and most light that training photos got, by what their cameras noted, stops.
+    pub noted_exposure_ev: Option<[f32; 2]>,
     /// Which photos train, validate and test, and why, for people.
     pub split_rule: String,
 }

@@ -8,22 +8,26 @@ use std::io::BufReader;
 use std::path::Path;
 
 use image::metadata::Orientation;
-use image::{ImageDecoder as _, ImageReader};
+use image::{ImageDecoder, ImageReader};
 
 use super::{Mask, Photo};
 
 /// How a photo is to be held; as it is stored where the file does not say or cannot be read.
 pub(super) fn orientation_of(path: &Path) -> Orientation {
-    File::open(path)
-        .ok()
-        .and_then(|file| {
-            ImageReader::new(BufReader::new(file))
-                .with_guessed_format()
-                .ok()
-        })
-        .and_then(|reader| reader.into_decoder().ok())
+    decoder_of(path)
         .and_then(|mut decoder| decoder.orientation().ok())
         .unwrap_or(Orientation::NoTransforms)
+}
+
+/// What the camera noted in a photo's file (EXIF), if anything.
+pub(super) fn metadata_of(path: &Path) -> Option<Vec<u8>> {
+    decoder_of(path)?.exif_metadata().ok()?
+}
+
+fn decoder_of(path: &Path) -> Option<impl ImageDecoder> {
+    let file = BufReader::new(File::open(path).ok()?);
+    let reader = ImageReader::new(file).with_guessed_format().ok()?;
+    reader.into_decoder().ok()
 }
 
 /// Whether width and height change places.

@@ -5,12 +5,19 @@
 //! fit the mesh, a mesh in another frame, empty masks, the same photo in training and test.
 
 mod agreement;
+#[cfg(test)]
+mod condition_tests;
+mod exposure;
 mod page;
 mod pixels;
+mod sharpness;
 mod statistics;
+mod surroundings;
+mod thumb;
 
 use std::path::PathBuf;
 
+use glam::Vec3;
 use serde::Serialize;
 
 use super::{Dataset, Problem, Severity};
@@ -50,6 +57,8 @@ pub struct DatasetReport {
     pub mesh: Option<MeshSummary>,
     /// How well masks and mesh agree; `None` without either.
     pub agreement: Option<MaskAgreement>,
+    /// How the photos were taken.
+    pub conditions: Conditions,
     /// Findings of loading and checking, worst first.
     pub problems: Vec<Problem>,
 }
@@ -162,6 +171,24 @@ pub struct MaskAgreement {
     pub worst_view: String,
 }
 
+/// How the photos were taken, as far as training photos and their cameras tell.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Conditions {
+    /// The part of the circle around the object that they were taken from, degrees.
+    pub circle_covered_deg: f32,
+    /// The share of all directions that some of them look into.
+    pub directions_seen: f32,
+    /// The share of pairs from different sides whose backgrounds are the same in the picture, as on a turntable; `None`
+    /// where too few tell.
+    pub same_background: Option<f32>,
+    /// From the least to the most light that they got by what the cameras noted (EXIF), stops.
+    pub noted_exposure_range_ev: Option<f32>,
+    /// How much photos are brighter or darker than their neighbours, stops; `None` where too few show the same.
+    pub exposure_jitter_ev: Option<f32>,
+    /// Those that are much more blurred than the others.
+    pub blurred: Vec<String>,
+}
+
 impl DatasetReport {
     /// Whether any finding is an error.
     pub fn has_errors(&self) -> bool {
@@ -184,6 +211,7 @@ pub fn check(dataset: &Dataset) -> DatasetReport {
     let cameras = statistics::camera_summary(dataset);
     problems.extend(statistics::camera_problem(&cameras));
     let agreement = agreement::compare(dataset, &mut problems);
+    let conditions = conditions(dataset, &cameras, &mut problems);
     problems.sort_by_key(|problem| problem.severity);
     DatasetReport {
         name: dataset.name.clone(),
@@ -210,7 +238,30 @@ pub fn check(dataset: &Dataset) -> DatasetReport {
         masks: statistics::mask_summary(dataset),
         mesh,
         agreement,
+        conditions,
         problems,
+    }
+}
+
+fn conditions(
+    dataset: &Dataset,
+    cameras: &CameraSummary,
+    problems: &mut Vec<Problem>,
+) -> Conditions {
+    let thumbs = thumb::thumbs(dataset);
+    let center = dataset
+        .mesh
+        .as_ref()
+        .map_or(Vec3::from(cameras.look_at), |mesh| mesh.bounds().center());
+    let up = dataset.origin.up.unwrap_or(Vec3::Z);
+    let exposures = exposure::compare(dataset, &thumbs, problems);
+    Conditions {
+        circle_covered_deg: surroundings::circle_covered_deg(dataset, center, up, problems),
+        directions_seen: surroundings::directions_seen(dataset, problems),
+        same_background: surroundings::same_background(dataset, &thumbs, problems),
+        noted_exposure_range_ev: exposures.noted_range_ev,
+        exposure_jitter_ev: exposures.seen_jitter_ev,
+        blurred: sharpness::find_blurred(dataset, problems),
     }
 }
 

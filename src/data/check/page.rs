@@ -32,6 +32,7 @@ impl Display for DatasetReport {
         self.lens_line(f)?;
         self.camera_line(f)?;
         self.object_lines(f)?;
+        self.condition_lines(f)?;
         if self.problems.is_empty() {
             return writeln!(f, "no problems found");
         }
@@ -92,6 +93,37 @@ impl DatasetReport {
                 points.n_points, points.min, points.max
             ),
         )
+    }
+
+    fn condition_lines(&self, f: &mut Formatter<'_>) -> Result {
+        let c = &self.conditions;
+        line(
+            f,
+            "taken",
+            format_args!(
+                "from {:.0} of 360 degrees around the object, looking into {:.0} % of all directions",
+                c.circle_covered_deg,
+                100.0 * c.directions_seen
+            ),
+        )?;
+        let stops = |what: &str, ev: Option<f32>| ev.map(|ev| format!("{ev:.2} stops {what}"));
+        let told = [
+            stops("apart from neighbouring photos", c.exposure_jitter_ev),
+            stops("from least to most by EXIF", c.noted_exposure_range_ev),
+        ];
+        let told: Vec<String> = told.into_iter().flatten().collect();
+        if !told.is_empty() {
+            line(f, "exposure", format_args!("{}", told.join(", ")))?;
+        }
+        if let Some(share) = c.same_background {
+            let share = 100.0 * share;
+            line(
+                f,
+                "background",
+                format_args!("the same in {share:.0} % of photos from different sides"),
+            )?;
+        }
+        Ok(())
     }
 
     fn object_lines(&self, f: &mut Formatter<'_>) -> Result {

@@ -1,0 +1,155 @@
+//! The checks of how a capture was taken, on captures that were taken wrongly on purpose.
+
+use glam::Vec3;
+use image::codecs::jpeg::JpegEncoder;
+use image::{ExtendedColorType, ImageEncoder as _};
+
+use super::super::exif::tests::exif_of;
+use super::super::test_capture::{CENTER, SIDE, TestCapture};
+use super::super::test_formats::{SIZE, cameras, folder, write_llff};
+use super::super::{LoadOptions, Photo, View};
+use super::*;
+
+/// A capture from all around in textured surroundings, whose views see `shade` of a pixel's world and camera direction.
+fn captured(shade: &dyn Fn(usize, Vec3, Vec3) -> f32) -> Dataset {
+    let capture = TestCapture::new(100);
+    let mut dataset = Dataset::load(capture.root(), &LoadOptions::default()).unwrap();
+    for (i, view) in dataset.train.iter_mut().enumerate() {
+        let camera = view.camera;
+        let turn = camera.world_from_camera.inverse();
+        let pixels = (0..SIDE * SIDE)
+            .map(|p| {
+                let ray = camera.ray((p % SIDE) as f32 + 0.5, (p / SIDE) as f32 + 0.5);
+                let seen = shade(i, ray.direction, turn.transform_vector3(ray.direction));
+                [(seen.clamp(0.0, 1.0) * 65535.0) as u16; 3]
+            })
+            .collect();
+        view.photo = Photo::Ldr {
+            width: SIDE,
+            height: SIDE,
+            pixels,
+        };
+    }
+    dataset
+}
+
+/// Patches that differ in every direction.
+fn texture(d: Vec3) -> f32 {
+    0.5 + 0.12 * (11.0 * d.x + 2.0).sin()
+        + 0.12 * (13.0 * d.y).sin()
+        + 0.12 * (9.0 * d.z + 1.0).sin()
+}
+
+fn found(report: &DatasetReport, what: &str) -> bool {
+    report.problems.iter().any(|p| p.what.contains(what))
+}
+
+#[test]
+fn a_good_capture_raises_no_alarm() {
+    let report = check(&captured(&|_, world, _| texture(world)));
+    assert!(report.problems.is_empty(), "{:?}", report.problems);
+    let conditions = &report.conditions;
+    assert!(conditions.same_background.unwrap() < 0.02, "{conditions:?}");
+    assert!(
+        conditions.exposure_jitter_ev.unwrap() < 0.1,
+        "{conditions:?}"
+    );
+    assert!(conditions.directions_seen > 0.9, "{conditions:?}");
+    assert!(conditions.circle_covered_deg > 300.0, "{conditions:?}");
+}
+
+#[test]
+fn a_turntable_is_an_error_that_says_what_to_do() {
+    let report = check(&captured(&|_, _, in_camera| texture(in_camera)));
+    let is_told = |p: &&Problem| p.what.contains("turntable");
+    let problem = report.problems.iter().find(is_told).unwrap();
+    assert_eq!(problem.severity, Severity::Error, "{problem}");
+    assert!(problem.advice.contains("walk around"), "{problem}");
+    let report = check(&captured(&|_, _, _| 0.9));
+    assert!(
+        found(&report, "background is plain"),
+        "{:?}",
+        report.problems
+    );
+}
+
+#[test]
+fn jumping_exposure_is_measured() {
+    // Evenly within half a stop of the mean: 0.29 stops.
+    let gain = |i: usize| (((i * 2_654_435_761) >> 7) % 101) as f32 / 100.0 - 0.5;
+    let gain = |i: usize| 2.0_f32.powf(gain(i));
+    let encoded = crate::color::srgb_from_linear;
+    let report = check(&captured(&|i, world, _| {
+        encoded(0.5 * gain(i) * texture(world))
+    }));
+    assert!(found(&report, "exposure changes"), "{:?}", report.problems);
+    let jitter = report.conditions.exposure_jitter_ev.unwrap();
+    assert!((jitter - 0.29).abs() < 0.12, "{jitter} stops");
+}
+
+#[test]
+fn exposures_that_the_camera_noted_are_compared() {
+    let folder = folder();
+    write_llff(folder.path(), &cameras()[..2]);
+    let images = folder.path().join("images");
+    std::fs::create_dir(&images).unwrap();
+    for (name, seconds) in [("a.jpg", (1, 50)), ("b.jpg", (1, 25))] {
+        let mut bytes = Vec::new();
+        let mut encoder = JpegEncoder::new(&mut bytes);
+        encoder.set_exif_metadata(exif_of(seconds)).unwrap();
+        encoder
+            .write_image(&[99; 40 * 30 * 3], SIZE.0, SIZE.1, ExtendedColorType::Rgb8)
+            .unwrap();
+        std::fs::write(images.join(name), bytes).unwrap();
+    }
+    let dataset = Dataset::load(folder.path(), &LoadOptions::default()).unwrap();
+    let report = check(&dataset);
+    assert!(
+        found(&report, "by up to 1.0 stops (EXIF)"),
+        "{:?}",
+        report.problems
+    );
+}
+
+#[test]
+fn a_shaken_photo_is_named() {
+    let noise = |d: Vec3| {
+        let [x, y, _] = d.to_array().map(|v| (9e4 * v) as i64);
+        (((x * 73_856_093) ^ (y * 19_349_663)) & 255) as f32 / 255.0
+    };
+    let mut dataset = captured(&|_, world, _| noise(world));
+    let shaken = &mut dataset.train[7];
+    let pixels = (0..(SIDE * SIDE) as usize)
+        .map(|i| {
+            let row = i - i % SIDE as usize;
+            let near = i.saturating_sub(5).max(row)..(i + 6).min(row + SIDE as usize);
+            let n = near.len() as f32;
+            let sum: f32 = near.map(|i| shaken.photo.srgb(i)[0]).sum();
+            [(sum / n * 65535.0) as u16; 3]
+        })
+        .collect();
+    shaken.photo = Photo::Ldr {
+        width: SIDE,
+        height: SIDE,
+        pixels,
+    };
+    let report = check(&dataset);
+    assert_eq!(
+        report.conditions.blurred,
+        [dataset.train[7].name.clone()],
+        "blurred"
+    );
+}
+
+#[test]
+fn photos_from_one_side_are_told() {
+    let mut dataset = captured(&|_, world, _| texture(world));
+    let is_in_front = |view: &View| {
+        let from = view.camera.position() - CENTER;
+        from.x > 0.0 && from.x > 1.5 * from.y.abs()
+    };
+    dataset.train.retain(is_in_front);
+    assert!(dataset.train.len() >= 10, "{} views", dataset.train.len());
+    let report = check(&dataset);
+    assert!(found(&report, "from one side"), "{:?}", report.problems);
+}
