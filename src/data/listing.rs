@@ -10,7 +10,7 @@ use super::problem::first_names;
 use super::splits::{SplitFrames, split_as_chosen};
 use super::{
     CaptureChoices, DataError, Frame, PointCloud, Problem, Severity, blended_mvs, colmap, idr,
-    llff, neilf, splits,
+    llff, neilf, rgbd, splits,
 };
 
 /// A capture's photos with poses and lenses, by split, before any photo is read.
@@ -85,7 +85,7 @@ struct Layout {
 }
 
 /// In the order of preference: what was made for reconstruction before what it was made from.
-const LAYOUTS: [Layout; 5] = [
+const LAYOUTS: [Layout; 6] = [
     Layout {
         name: "IDR or NeuS",
         looked_for: idr::LOOKED_FOR,
@@ -115,6 +115,12 @@ const LAYOUTS: [Layout; 5] = [
         looked_for: blended_mvs::LOOKED_FOR,
         find: blended_mvs::find,
         list: blended_mvs::list,
+    },
+    Layout {
+        name: "depth camera",
+        looked_for: rgbd::LOOKED_FOR,
+        find: rgbd::find,
+        list: rgbd::list,
     },
 ];
 
@@ -259,6 +265,12 @@ fn not_recognised(path: &Path) -> DataError {
     for layout in &LAYOUTS {
         problem.push_str("\n  ");
         problem.push_str(layout.looked_for);
+    }
+    if path.join("0-camera.pkl").is_file() {
+        problem.push_str(
+            "\nit holds NeRO's pickled cameras (0-camera.pkl): pickles are programs, which are not run here; \
+             write the poses into a transforms.json with Python",
+        );
     }
     DataError::NotADataset {
         path: path.to_owned(),

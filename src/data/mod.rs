@@ -14,6 +14,8 @@ mod error;
 mod exif;
 mod exr_image;
 mod frame;
+#[cfg(test)]
+mod fuzz_smoke;
 mod idr;
 mod image;
 mod json_fields;
@@ -31,6 +33,7 @@ mod photo_folder;
 mod points;
 mod problem;
 mod relight;
+mod rgbd;
 mod shrink;
 mod splits;
 pub mod tensor_file;

@@ -237,6 +237,30 @@ pub(super) fn write_blended_mvs(root: &Path, cameras: &[Camera]) {
     }
 }
 
+/// Writes `pose/*.txt` and `intrinsic/intrinsic_color.txt`.
+pub(super) fn write_rgbd(root: &Path, cameras: &[Camera]) {
+    let text = |m: DMat4| -> String {
+        let rows = m.transpose().to_cols_array();
+        let lines = rows
+            .chunks(4)
+            .map(|row| format!("{} {} {} {}\n", row[0], row[1], row[2], row[3]));
+        lines.collect()
+    };
+    std::fs::create_dir_all(root.join("pose")).unwrap();
+    std::fs::create_dir_all(root.join("intrinsic")).unwrap();
+    let lens = text(DMat4::from_mat3(k_of(&cameras[0])));
+    std::fs::write(root.join("intrinsic/intrinsic_color.txt"), lens).unwrap();
+    for (i, camera) in cameras.iter().enumerate() {
+        let rows: [f64; 16] = opencv_rows(camera).try_into().unwrap();
+        let world_from_camera = DMat4::from_cols_array(&rows).transpose().inverse();
+        std::fs::write(
+            root.join(format!("pose/{i:04}.txt")),
+            text(world_from_camera),
+        )
+        .unwrap();
+    }
+}
+
 /// Writes `inputs/sfm_scene.json`.
 pub(super) fn write_neilf(root: &Path, cameras: &[Camera]) -> PathBuf {
     let inputs = root.join("inputs");

@@ -1,0 +1,9 @@
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+
+fuzz_target!(|bytes: &[u8]| neif_fuzz::load_with(
+    "sparse/cameras.bin",
+    bytes,
+    &[("sparse/images.bin", "\0\0\0\0\0\0\0\0")]
+));
