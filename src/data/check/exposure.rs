@@ -15,8 +15,8 @@ const MIN_SHARED: usize = 100;
 const MIN_NEIGHBOURS: usize = 3;
 /// Fewest photos with so many.
 const MIN_PHOTOS: usize = 8;
-/// Jitter, stops, that parallax alone brings about.
-const FAIR_EV: f32 = 0.25;
+/// Jitter, stops, that parallax alone may bring about: up to 0.3 in captures of fixed exposure.
+const FAIR_EV: f32 = 0.4;
 /// Spread of noted exposures, stops from least to most, that is rounding.
 const NOTED_FAIR_EV: f32 = 0.1;
 

@@ -254,7 +254,13 @@ fn conditions(
         .as_ref()
         .map_or(Vec3::from(cameras.look_at), |mesh| mesh.bounds().center());
     let up = dataset.origin.up.unwrap_or(Vec3::Z);
-    let exposures = exposure::compare(dataset, &thumbs, problems);
+    // Cameras that stand anywhere in a room see its walls from everywhere: brightness says nothing then.
+    let comparable = if surroundings::shows_object(dataset, center) {
+        thumbs.as_slice()
+    } else {
+        &[]
+    };
+    let exposures = exposure::compare(dataset, comparable, problems);
     Conditions {
         circle_covered_deg: surroundings::circle_covered_deg(dataset, center, up, problems),
         directions_seen: surroundings::directions_seen(dataset, problems),

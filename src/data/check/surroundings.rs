@@ -7,7 +7,7 @@ use glam::{Mat3, Vec3};
 
 use super::thumb::Thumb;
 use crate::data::{Dataset, Problem, Severity};
-use crate::geometry::{fibonacci_sphere, orthonormal_basis};
+use crate::geometry::{Camera, fibonacci_sphere, orthonormal_basis};
 
 /// Least angle between two cameras' views for their backgrounds to have to differ, cosine of 40 degrees.
 const WIDE_COSINE: f32 = 0.766;
@@ -185,6 +185,19 @@ pub(super) fn directions_seen(dataset: &Dataset, problems: &mut Vec<Problem>) ->
     share
 }
 
+/// Whether most training photos look at `center`: photos of the surroundings alone look anywhere.
+pub(super) fn shows_object(dataset: &Dataset, center: Vec3) -> bool {
+    let views = dataset.train.iter();
+    let n_looking = views.filter(|view| looks_at(&view.camera, center)).count();
+    2 * n_looking > dataset.train.len()
+}
+
+/// Whether a camera looks there within 60 degrees.
+fn looks_at(camera: &Camera, center: Vec3) -> bool {
+    let to_center = center - camera.position();
+    to_center.dot(camera.forward()) > 0.5 * to_center.length()
+}
+
 /// The part of the circle around `center` that training photos were taken from, degrees: what the widest gap leaves.
 pub(super) fn circle_covered_deg(
     dataset: &Dataset,
@@ -196,10 +209,8 @@ pub(super) fn circle_covered_deg(
     let mut angles: Vec<f32> = dataset
         .train
         .iter()
-        .map(|view| (view.camera.position() - center, view.camera.forward()))
-        // Photos of the surroundings alone look anywhere.
-        .filter(|(from, forward)| -from.dot(*forward) > 0.5 * from.length())
-        .map(|(from, _)| from)
+        .filter(|view| looks_at(&view.camera, center))
+        .map(|view| view.camera.position() - center)
         // From straight above no side is seen.
         .filter(|from| from.dot(up).abs() < 0.94 * from.length())
         .map(|from| from.dot(along).atan2(from.dot(across)).to_degrees())
@@ -214,8 +225,7 @@ pub(super) fn circle_covered_deg(
         .map(|pair| pair[1] - pair[0])
         .fold(across_the_cut, f32::max);
     let covered = 360.0 - gap;
-    let is_of_object = angles.len() > 1 && 2 * angles.len() > dataset.train.len();
-    if gap > WIDE_GAP_DEG && is_of_object {
+    if gap > WIDE_GAP_DEG && angles.len() > 1 && shows_object(dataset, center) {
         let what =
             format!("the photos are from one side: {covered:.0} of 360 degrees around the object");
         let advice = "what no photo shows is guessed; go all around the object";
