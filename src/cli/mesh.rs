@@ -4,13 +4,14 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use neif::data::{Dataset, LoadOptions, read_mesh, write_glb};
+use neif::data::{CaptureChoices, Dataset, LoadOptions, read_mesh, write_glb};
 use neif::geometry::Mesh;
 use neif::train::stage_one::{
     MeshDifference, StageOneError, StageOneOptions, compare, make_mesh, silhouette_agreement,
 };
 use serde_json::json;
 
+use super::capture::PhotoArgs;
 use super::failure::{Failure, OrUnusable as _};
 use super::output::Display;
 use super::{interrupt, output, scenes, values};
@@ -34,6 +35,8 @@ pub(crate) struct MeshArgs {
     /// Say how far the result is from this mesh (the true one)
     #[arg(long, value_name = "MESH")]
     compare: Option<PathBuf>,
+    #[command(flatten)]
+    photos: PhotoArgs,
     /// Write JSON
     #[arg(long)]
     json: bool,
@@ -54,7 +57,11 @@ pub(crate) fn run(args: &MeshArgs, started: Instant) -> Result<(), Failure> {
         .map(read_mesh)
         .transpose()
         .or_unusable()?;
-    let dataset = Dataset::load(&args.dataset, &LoadOptions::default()).or_unusable()?;
+    let load_options = LoadOptions {
+        choices: args.photos.over(CaptureChoices::default()),
+        ..LoadOptions::default()
+    };
+    let dataset = Dataset::load(&args.dataset, &load_options).or_unusable()?;
     let options = StageOneOptions {
         n_cells: args.cells as usize,
         deadline: Some(started + Duration::from_secs_f64(0.95 * args.budget)),
