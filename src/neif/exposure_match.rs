@@ -37,18 +37,7 @@ pub fn mean_radiance(environment: &Environment, at: Vec3) -> Vec3 {
     for directions in fibonacci_sphere(N_DIRECTIONS).chunks(TILE) {
         batch.rays.clear();
         batch.rays.extend(directions.iter().map(|direction| {
-            let direction = direction.to_array();
-            let cone = ConeRay {
-                origin,
-                direction,
-                spread,
-                ..ConeRay::default()
-            };
-            FieldRay {
-                cone,
-                direction,
-                kappa: f32::INFINITY,
-            }
+            FieldRay::of_pixel(origin, direction.to_array(), 0.0, spread)
         }));
         environment.light(&mut batch, &mut scratch);
         seen.extend(batch.radiance.iter().map(|radiance| Vec3::from(*radiance)));

@@ -1,8 +1,10 @@
 //! The working memory of a batch of field rays, and which of its samples are worth a backward pass.
 
+use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use super::composite::{CompositeBuffers, WIDTH, density};
+use super::lobe::mean_length;
 use super::mlp::{Mlp, MlpBuffers, keep_rows};
 use super::proposal::ConeRay;
 use super::samples::RaySamples;
@@ -16,6 +18,41 @@ pub struct FieldRay {
     pub direction: [f32; 3],
     /// Concentration of the lobe; infinite for a pixel's ray.
     pub kappa: f32,
+}
+
+impl FieldRay {
+    /// The ray of a pixel from `origin` along a unit direction, field coordinates; `base` and `spread` as in [`ConeRay`].
+    pub fn of_pixel(origin: [f32; 3], direction: [f32; 3], base: f32, spread: f32) -> Self {
+        Self {
+            cone: ConeRay {
+                origin,
+                direction,
+                base,
+                spread,
+                lobe_variance: 0.0,
+            },
+            direction,
+            kappa: f32::INFINITY,
+        }
+    }
+
+    /// A cone about the unit direction `axis` whose directions have this variance per transverse axis, radians squared.
+    /// The widest lobe there is, 1/3, knows no direction; beyond it the formulas mean nothing.
+    pub fn of_cone(origin: Vec3, axis: Vec3, variance: f32, base: f32) -> Self {
+        let lobe_variance = variance.min(1.0 / 3.0);
+        let kappa = 1.0 / lobe_variance;
+        Self {
+            cone: ConeRay {
+                origin: origin.to_array(),
+                direction: (axis * mean_length(kappa)).to_array(),
+                base,
+                spread: 0.0,
+                lobe_variance,
+            },
+            direction: axis.to_array(),
+            kappa,
+        }
+    }
 }
 
 /// Share of the greatest gradient on a ray below which a sample is left out of the backward pass; 0 keeps all.

@@ -453,19 +453,8 @@ mod tests {
             direction,
             kappa: 50.0,
         };
-        let pixel_cone = ConeRay {
-            direction: [-0.6, 0.0, 0.8],
-            lobe_variance: 0.0,
-            ..cone
-        };
-        vec![
-            lobe,
-            FieldRay {
-                cone: pixel_cone,
-                direction: [-0.6, 0.0, 0.8],
-                kappa: f32::INFINITY,
-            },
-        ]
+        let pixel = FieldRay::of_pixel(cone.origin, [-0.6, 0.0, 0.8], cone.base, cone.spread);
+        vec![lobe, pixel]
     }
 
     /// Runs forward; sample positions depend on the rays' paths only, so they do not move between calls.

@@ -16,7 +16,6 @@ use crate::neif::light_path::{self, LitVertex, PathVertex, SplitLobe};
 use crate::neif::lobe_cones::{LobeCone, PathOfPixel, lobe_cones};
 use crate::neif::material::{MaterialBatch, Surface};
 use crate::neif::object::ObjectModel;
-use crate::neif::proposal::ConeRay;
 use crate::neif::radiance_field::{FieldBatch, FieldRay};
 use crate::neif::shading::{fresnel, outgoing};
 
@@ -366,18 +365,8 @@ impl ShadeScratch {
             let ray = camera.ray(x as f32 + 0.5, y as f32 + 0.5);
             let direction = motion.direction(ray.direction).to_array();
             let origin = frame.field_from_world(motion.point(ray.origin)).to_array();
-            let cone = ConeRay {
-                origin,
-                direction,
-                base: 0.0,
-                spread,
-                lobe_variance: 0.0,
-            };
-            self.batch.rays.push(FieldRay {
-                cone,
-                direction,
-                kappa: f32::INFINITY,
-            });
+            let ray = FieldRay::of_pixel(origin, direction, 0.0, spread);
+            self.batch.rays.push(ray);
         }
     }
 

@@ -220,18 +220,12 @@ impl Chunk {
             let sample = context
                 .pixels
                 .draw_background(&mut random, context.config.preconvolved_share);
-            let cone = ConeRay {
-                origin: context.frame.field_from_world(sample.origin).to_array(),
-                direction: sample.direction.to_array(),
-                base: 0.0,
-                spread: sample.spread,
-                lobe_variance: 0.0,
-            };
-            self.batch.rays.push(FieldRay {
-                cone,
-                direction: sample.direction.to_array(),
-                kappa: f32::INFINITY,
-            });
+            self.batch.rays.push(FieldRay::of_pixel(
+                context.frame.field_from_world(sample.origin).to_array(),
+                sample.direction.to_array(),
+                0.0,
+                sample.spread,
+            ));
             self.backgrounds.push(sample);
         }
     }

@@ -200,15 +200,9 @@ mod tests {
 
     fn seen(environment: &Environment, d: Vec3) -> Vec3 {
         let mut batch = FieldBatch::default();
-        batch.rays.push(FieldRay {
-            cone: ConeRay {
-                origin: [3.0, 2.0, 1.0],
-                direction: d.to_array(),
-                ..ConeRay::default()
-            },
-            direction: d.to_array(),
-            kappa: f32::INFINITY,
-        });
+        batch
+            .rays
+            .push(FieldRay::of_pixel([3.0, 2.0, 1.0], d.to_array(), 0.0, 0.0));
         environment.light(&mut batch, &mut LightScratch::default());
         Vec3::from(batch.radiance[0])
     }

@@ -299,11 +299,7 @@ mod tests {
             ..straight.config
         };
         let turned = DistantLight::new(config, straight.params()).unwrap();
-        let ray = FieldRay {
-            cone: crate::neif::proposal::ConeRay::default(),
-            direction: [0.0, 1.0, 0.0],
-            kappa: f32::INFINITY,
-        };
+        let ray = FieldRay::of_pixel([0.0; 3], [0.0, 1.0, 0.0], 0.0, 0.0);
         assert!(
             (turned.radiance(&ray)[0] - 9.0).abs() < 1e-5,
             "+x is at +y now"

@@ -93,20 +93,11 @@ impl Stand<'_> {
         let n = resolution.n_directions;
         let (mut batch, mut directions) = (FieldBatch::default(), Vec::with_capacity(n));
         for (direction, height) in irradiance_directions(up, n, 0.0) {
-            let variance = (1.0 / (4.0 * n as f32 * height)).min(1.0 / 3.0);
-            let kappa = 1.0 / variance;
+            let variance = 1.0 / (4.0 * n as f32 * height);
             directions.push(direction);
-            batch.rays.push(FieldRay {
-                cone: ConeRay {
-                    origin: middle.to_array(),
-                    direction: (direction * mean_length(kappa)).to_array(),
-                    base: 0.0,
-                    spread: 0.0,
-                    lobe_variance: variance,
-                },
-                direction: direction.to_array(),
-                kappa,
-            });
+            batch
+                .rays
+                .push(FieldRay::of_cone(middle, direction, variance, 0.0));
         }
         self.environment
             .light(&mut batch, &mut LightScratch::default());
@@ -234,16 +225,10 @@ pub(super) fn look_down(
             <(FieldBatch, LightScratch)>::default,
             |(batch, scratch), points| {
                 batch.rays.clear();
-                batch.rays.extend(points.iter().map(|&i| FieldRay {
-                    cone: ConeRay {
-                        origin: (square.point(i) + square.up * from_height).to_array(),
-                        direction: direction.to_array(),
-                        base: 0.3 * square.point_size(),
-                        spread: 0.0,
-                        lobe_variance: 0.0,
-                    },
-                    direction: direction.to_array(),
-                    kappa: f32::INFINITY,
+                batch.rays.extend(points.iter().map(|&i| {
+                    let origin = (square.point(i) + square.up * from_height).to_array();
+                    let base = 0.3 * square.point_size();
+                    FieldRay::of_pixel(origin, direction.to_array(), base, 0.0)
                 }));
                 environment.light(batch, scratch);
                 let n = batch.weights().len() / batch.rays.len().max(1);

@@ -19,7 +19,7 @@ use crate::neif::{Environment, EnvironmentTransform, ObjectModel};
 pub struct Shadow {
     square: Square,
     /// The share, and whether there is a floor.
-    share: Arc<Map>,
+    share: Map,
 }
 
 impl Shadow {
@@ -73,7 +73,7 @@ impl Shadow {
             .map(|(share, floor)| share.light.extend(*floor))
             .collect();
         Ok(Some(Self {
-            share: Arc::new(Map::new(square.side, values)),
+            share: Map::new(square.side, values),
             square,
         }))
     }

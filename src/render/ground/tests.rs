@@ -40,15 +40,10 @@ fn look(ground: Option<&Ground>, from: Vec3, to: Vec3) -> Vec3 {
     let room = room();
     let direction = (to - from).normalize_or_zero();
     let mut batch = FieldBatch::default();
-    batch.rays.push(FieldRay {
-        cone: ConeRay {
-            origin: room.frame().field_from_world(from).to_array(),
-            direction: direction.to_array(),
-            ..ConeRay::default()
-        },
-        direction: direction.to_array(),
-        kappa: f32::INFINITY,
-    });
+    let origin = room.frame().field_from_world(from).to_array();
+    batch
+        .rays
+        .push(FieldRay::of_pixel(origin, direction.to_array(), 0.0, 0.0));
     room.light(&mut batch, &mut LightScratch::default());
     if let Some(ground) = ground {
         ground.apply(&mut batch);

@@ -400,22 +400,9 @@ impl Gathered {
                 batch
                     .rays
                     .extend(beams.iter().filter_map(|beam| beam.ray).map(|cone| {
-                        // The widest lobe there is knows no direction; beyond it the formulas mean nothing.
-                        let variance = cone.variance.min(1.0 / 3.0);
-                        let kappa = 1.0 / variance;
-                        let direction = motion.direction(cone.direction);
                         let origin = frame.field_from_world(motion.point(cone.origin));
-                        FieldRay {
-                            cone: ConeRay {
-                                origin: origin.to_array(),
-                                direction: (direction * mean_length(kappa)).to_array(),
-                                base: cone.base * to_field,
-                                spread: 0.0,
-                                lobe_variance: variance,
-                            },
-                            direction: direction.to_array(),
-                            kappa,
-                        }
+                        let axis = motion.direction(cone.direction);
+                        FieldRay::of_cone(origin, axis, cone.variance, cone.base * to_field)
                     }));
                 if batch.rays.is_empty() {
                     // A probe without any ray is done too.

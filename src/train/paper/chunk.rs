@@ -203,19 +203,12 @@ impl Chunk {
                 SlotRandom::new(context.config.seed, context.step, (1 << 32) + slot as u64);
             let share = context.config.preconvolved_share;
             let sample = context.pixels.draw_background(&mut random, share);
-            let direction = sample.direction.to_array();
-            let cone = ConeRay {
-                origin: context.frame.field_from_world(sample.origin).to_array(),
-                direction,
-                base: 0.0,
-                spread: sample.spread,
-                lobe_variance: 0.0,
-            };
-            self.rays.push(FieldRay {
-                cone,
-                direction,
-                kappa: f32::INFINITY,
-            });
+            self.rays.push(FieldRay::of_pixel(
+                context.frame.field_from_world(sample.origin).to_array(),
+                sample.direction.to_array(),
+                0.0,
+                sample.spread,
+            ));
             self.backgrounds.push(sample);
         }
     }
