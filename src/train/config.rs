@@ -91,8 +91,8 @@ impl Default for TrainConfig {
         Self {
             seed: 0,
             threads: 0,
-            object_pixels: 384,
-            background_pixels: 384,
+            object_pixels: 512,
+            background_pixels: 512,
             samples_per_ray: 12,
             render_samples: 24,
             inner_box_scale: 1.1,
