@@ -7,7 +7,6 @@ use glam::Vec3;
 
 use super::environment::{EnvironmentField, LightScratch};
 use super::field_batch::{FieldBatch, FieldRay};
-use super::proposal::ConeRay;
 use super::{Environment, EnvironmentTransform};
 use crate::color::luminance;
 use crate::geometry::fibonacci_sphere;
@@ -36,9 +35,11 @@ pub fn mean_radiance(environment: &Environment, at: Vec3) -> Vec3 {
     let mut seen = Vec::with_capacity(N_DIRECTIONS);
     for directions in fibonacci_sphere(N_DIRECTIONS).chunks(TILE) {
         batch.rays.clear();
-        batch.rays.extend(directions.iter().map(|direction| {
-            FieldRay::of_pixel(origin, direction.to_array(), 0.0, spread)
-        }));
+        batch.rays.extend(
+            directions
+                .iter()
+                .map(|direction| FieldRay::of_pixel(origin, direction.to_array(), 0.0, spread)),
+        );
         environment.light(&mut batch, &mut scratch);
         seen.extend(batch.radiance.iter().map(|radiance| Vec3::from(*radiance)));
     }

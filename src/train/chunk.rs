@@ -18,7 +18,7 @@ use crate::neif::display::Display;
 use crate::neif::light_path::{self, LitVertex, PathVertex};
 use crate::neif::material::{Material, MaterialBatch, Surface};
 use crate::neif::mlp::Transposed;
-use crate::neif::proposal::{ConeRay, DensityGrid};
+use crate::neif::proposal::DensityGrid;
 use crate::neif::radiance_field::{FieldBatch, FieldRay, FieldTransposed, RadianceField};
 
 /// Every so many object pixels one takes part in the smoothness term.
@@ -49,6 +49,7 @@ pub(super) struct StepContext<'a> {
     pub(super) material_transposed: &'a Transposed,
     pub(super) display: Display,
     pub(super) step: u64,
+    pub(super) samples_per_ray: usize,
     pub(super) uniform_share: f32,
 }
 
@@ -143,7 +144,7 @@ impl Chunk {
         context.field.place(
             &mut self.batch,
             context.density,
-            context.config.samples_per_ray,
+            context.samples_per_ray,
             context.uniform_share,
             |ray| {
                 let mut random = SlotRandom::new(seed, step, first + ray as u64);

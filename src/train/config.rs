@@ -29,6 +29,9 @@ pub struct TrainConfig {
     pub background_pixels: usize,
     /// Field samples a ray while training.
     pub samples_per_ray: usize,
+    /// The same without an object, with as many fewer rays a step: photos that look around see each place from few
+    /// sides, and with few samples each photo keeps a copy of it of its own.
+    pub samples_per_ray_alone: usize,
     /// Field samples a ray when rendering.
     pub render_samples: usize,
     /// Half side of the field's inner box, in largest distances of a camera from its centre.
@@ -94,6 +97,7 @@ impl Default for TrainConfig {
             object_pixels: 512,
             background_pixels: 512,
             samples_per_ray: 12,
+            samples_per_ray_alone: 24,
             render_samples: 24,
             inner_box_scale: 1.1,
             field: FieldConfig {
@@ -158,6 +162,7 @@ impl TrainConfig {
             object_pixels: 32,
             background_pixels: 32,
             samples_per_ray: 128,
+            samples_per_ray_alone: 128,
             render_samples: 128,
             network_rate: 5e-4,
             final_rate: 0.01,
@@ -232,7 +237,7 @@ impl TrainConfig {
     /// Naming the first field that is out of range.
     pub fn validate(&self) -> Result<(), TrainError> {
         let positive = |v: f32| v.is_finite() && v > 0.0;
-        let checks: [(&'static str, bool); 18] = [
+        let checks: [(&'static str, bool); 19] = [
             ("threads", self.threads <= 1024),
             ("object_pixels", (1..=1 << 16).contains(&self.object_pixels)),
             (
@@ -240,6 +245,10 @@ impl TrainConfig {
                 (1..=1 << 16).contains(&self.background_pixels),
             ),
             ("samples_per_ray", (2..=256).contains(&self.samples_per_ray)),
+            (
+                "samples_per_ray_alone",
+                (2..=256).contains(&self.samples_per_ray_alone),
+            ),
             ("render_samples", (2..=256).contains(&self.render_samples)),
             ("inner_box_scale", positive(self.inner_box_scale)),
             ("field.grid", self.field.grid.is_sane()),

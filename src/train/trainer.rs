@@ -200,7 +200,14 @@ impl Trainer {
 
     /// Field samples a ray.
     pub fn samples_per_ray(&self) -> f32 {
-        self.config.samples_per_ray as f32
+        self.n_samples() as f32
+    }
+
+    fn n_samples(&self) -> usize {
+        match self.material {
+            Some(_) => self.config.samples_per_ray,
+            None => self.config.samples_per_ray_alone,
+        }
     }
 
     /// The learned exponent of the display transform.
@@ -253,6 +260,7 @@ impl Trainer {
             material_transposed: self.material.as_ref().map_or(&EMPTY, |m| &m.transposed),
             display: Display { gamma: self.gamma },
             step: self.step,
+            samples_per_ray: self.n_samples(),
             uniform_share: (1.0 - explored).max(self.config.uniform_share),
         }
     }
@@ -273,7 +281,8 @@ impl Trainer {
         };
         // Without an object its share of the work goes to the background.
         let backgrounds = if objects == 0 {
-            backgrounds + self.config.object_pixels
+            let n = (backgrounds + self.config.object_pixels) * self.config.samples_per_ray;
+            n.div_ceil(self.n_samples())
         } else {
             backgrounds
         };

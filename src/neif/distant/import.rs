@@ -189,7 +189,6 @@ mod tests {
     use crate::neif::Storage;
     use crate::neif::environment::{EnvironmentField, LightScratch};
     use crate::neif::field_batch::{FieldBatch, FieldRay};
-    use crate::neif::proposal::ConeRay;
 
     fn written(width: u32, height: u32, pixels: &[[f32; 3]]) -> (tempfile::TempDir, PathBuf) {
         let folder = tempfile::tempdir().unwrap();

@@ -10,9 +10,7 @@ use super::{Cancelled, GroundResolution};
 use crate::geometry::{Ray, irradiance_directions};
 use crate::neif::edit::EnvironmentFromWorld;
 use crate::neif::environment::LightScratch;
-use crate::neif::lobe::mean_length;
 use crate::neif::material::MaterialBatch;
-use crate::neif::proposal::ConeRay;
 use crate::neif::radiance_field::{FieldBatch, FieldRay};
 use crate::neif::{Environment, ObjectModel};
 

@@ -1,6 +1,5 @@
 //! The shadow of the object on the floor of surroundings that are not those it was captured in, or not where they were.
 
-use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use glam::Vec3;

@@ -9,7 +9,6 @@ use super::map::Map;
 use super::*;
 use crate::geometry::test_mesh::ellipsoid;
 use crate::neif::environment::LightScratch;
-use crate::neif::proposal::ConeRay;
 use crate::neif::{Environment, EnvironmentTransform, ObjectModel};
 use crate::render::Scene;
 use crate::render::test_scene::{fog_above, object_of};

@@ -14,7 +14,6 @@ use crate::neif::material::Surface;
 use crate::neif::paper::material::PaperMaterialBatch;
 use crate::neif::paper::ray_pass::{PaperPlacement, RayLight};
 use crate::neif::paper::{PaperField, PaperMaterial};
-use crate::neif::proposal::ConeRay;
 use crate::neif::radiance_field::FieldRay;
 use crate::train::chunk::{N_CHUNKS, SMOOTHNESS_STEP};
 use crate::train::config::TrainConfig;
