@@ -5,7 +5,7 @@
 //! edge-consistent scheme of Embree's Plücker intersector: an edge shared by two triangles gives
 //! exactly opposite signs in both, hence no ray slips between neighbours.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 use glam::{Vec3, Vec3A};
@@ -15,7 +15,7 @@ use obvhs::ray::Ray as BvhRay;
 use obvhs::triangle::Triangle;
 
 use super::wide_bvh::{Slabs, Walk, WideBvh};
-use super::{Mesh, Ray};
+use super::{Mesh, MeshParts, Ray};
 
 /// Units in the last place of the mesh's coordinates that a ray must leave behind: half of one is the error of its
 /// start, and a ray close to the surface needs a multiple of that to get clear of it.
@@ -52,6 +52,7 @@ pub struct SurfaceTracer {
     /// Ball space: `p_ball = (p_world - center) / radius`.
     center: Vec3,
     radius: f32,
+    parts: OnceLock<MeshParts>,
 }
 
 impl std::fmt::Debug for SurfaceTracer {
@@ -94,6 +95,7 @@ impl SurfaceTracer {
             triangle_of_leaf: bvh.primitive_indices,
             center,
             radius,
+            parts: OnceLock::new(),
         }
     }
 
@@ -107,6 +109,11 @@ impl SurfaceTracer {
     /// The mesh that is traced.
     pub fn mesh(&self) -> &Arc<Mesh> {
         &self.mesh
+    }
+
+    /// The mesh's connected parts, found when they are first asked for.
+    pub fn parts(&self) -> &MeshParts {
+        self.parts.get_or_init(|| MeshParts::new(&self.mesh))
     }
 
     /// The nearest hit with `t_min < t < t_max` (scene units), from either side of the surface.

@@ -13,6 +13,7 @@ mod fan;
 mod footprint;
 mod iso_surface;
 mod mesh;
+mod parts;
 mod ray;
 mod redistance;
 mod sampling;
@@ -30,6 +31,7 @@ pub use fan::Fan;
 pub use footprint::SurfaceFootprint;
 pub use iso_surface::iso_surface;
 pub use mesh::{Mesh, MeshError};
+pub use parts::MeshParts;
 pub use ray::Ray;
 pub use sampling::{
     GOLDEN_ANGLE, fibonacci_sphere, irradiance_directions, orthonormal_basis, sample_vmf,
