@@ -244,6 +244,7 @@ mod tests {
             scene: snapshot.scene(),
             camera: camera(width, 100),
             layer: Layer::Final,
+            highlight: None,
         }
     }
 

@@ -1,9 +1,14 @@
 //! Flags that change the material or move the surroundings.
 
+use std::path::{Path, PathBuf};
+
+use anyhow::Context as _;
 use glam::Vec3;
-use neif::neif::{EnvironmentTransform, MaterialEdit, RoughnessEdit};
+use neif::neif::region::ObjectEdit;
+use neif::neif::{EnvironmentTransform, MaterialEdit, Regions, RoughnessEdit};
 use neif::render::Scene;
 
+use super::failure::Failure;
 use super::values;
 
 /// Moves the surroundings: scale, then rotation, then translation, in world axes about the origin.
@@ -38,9 +43,13 @@ impl EnvironmentFlags {
     }
 }
 
-/// Changes the material of the whole object.
+/// Changes the material of the whole object, or as a file says.
 #[derive(Debug, clap::Args)]
 pub(crate) struct MaterialFlags {
+    /// Read the edits from a JSON file: those of the whole object and of regions of it
+    #[arg(long, value_name = "FILE.json", conflicts_with_all = ["roughness", "roughness_scale",
+          "roughness_offset", "tint", "tint_scale", "diffuse_gain"])]
+    edit: Option<PathBuf>,
     /// Roughness everywhere, 0 (mirror) to 1
     #[arg(long, value_name = "V", value_parser = values::unit_interval,
           conflicts_with_all = ["roughness_scale", "roughness_offset"])]
@@ -63,8 +72,18 @@ pub(crate) struct MaterialFlags {
 }
 
 impl MaterialFlags {
-    /// What the flags say.
-    pub(crate) fn edit(&self) -> MaterialEdit {
+    /// What the flags or the file say.
+    pub(crate) fn edit(&self) -> Result<ObjectEdit, Failure> {
+        match &self.edit {
+            Some(file) => read(file).map_err(Failure::unusable),
+            None => Ok(ObjectEdit {
+                whole: self.whole(),
+                regions: Regions::default(),
+            }),
+        }
+    }
+
+    fn whole(&self) -> MaterialEdit {
         let identity = MaterialEdit::default();
         MaterialEdit {
             roughness: match self.roughness {
@@ -81,15 +100,52 @@ impl MaterialFlags {
     }
 }
 
+fn read(file: &Path) -> anyhow::Result<ObjectEdit> {
+    let text = std::fs::read_to_string(file).with_context(|| file.display().to_string())?;
+    let edit: ObjectEdit =
+        serde_json::from_str(&text).with_context(|| file.display().to_string())?;
+    anyhow::ensure!(
+        edit.whole.is_finite(),
+        "{}: `whole` holds a number that is not finite",
+        file.display()
+    );
+    Ok(edit)
+}
+
 /// The scene with edits and a moved environment.
 pub(crate) fn apply(
     scene: Scene,
     material: &MaterialFlags,
     environment: &EnvironmentFlags,
-) -> Scene {
-    Scene {
+) -> Result<Scene, Failure> {
+    let ObjectEdit { whole, regions } = material.edit()?;
+    Ok(Scene {
         transform: environment.transform(),
-        edit: material.edit(),
+        edit: whole,
+        regions,
         ..scene
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_edit_file_is_read_and_a_bad_one_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("edit.json");
+        let text = r#"{"whole": {"tint_scale": 0.5}, "regions": [
+            {"seed": [0, 0, 1], "extent": "part", "edit": {"roughness": {"constant": 0.4}}},
+            {"seed": [0, 1, 0], "extent": {"material": {"threshold": 0.2}}}]}"#;
+        std::fs::write(&file, text).unwrap();
+        let edit = read(&file).unwrap();
+        assert_eq!((edit.whole.tint_scale, edit.regions.len()), (0.5, 2));
+        std::fs::write(&file, text.replace("0.2", "7")).unwrap();
+        let error = format!("{:#}", read(&file).unwrap_err());
+        assert!(
+            error.contains("edit.json") && error.contains("region 2"),
+            "{error}"
+        );
     }
 }

@@ -6,7 +6,8 @@ use glam::{EulerRot, Quat, Vec3};
 use neif::color::srgb_from_linear;
 use neif::data::{ExrSample, Texture, TexturedMesh, write_exr, write_textured_glb};
 use neif::geometry::{Atlas, Texel};
-use neif::neif::{EnvironmentTransform, MaterialEdit, ObjectModel};
+use neif::neif::region::ObjectEdit;
+use neif::neif::{EnvironmentTransform, ObjectModel};
 use neif::render::metallic_roughness::{DIELECTRIC, MetallicRoughness};
 use neif::render::{BakedSurface, Scene, bake, panorama, radiance_as_albedo, trained_light};
 
@@ -67,7 +68,7 @@ pub(crate) fn run(args: &ExportArgs) -> Result<(), Failure> {
             mesh.triangles.len()
         ))
     })?;
-    let baked = baked(&run.scene, object, args.material.edit(), &atlas)?;
+    let baked = baked(&run.scene, object, &args.material.edit()?, &atlas)?;
     let upright = z_up_from_world(run.scene.environment.up());
     let mesh = textured(object, &atlas, &baked, upright);
     write_textured_glb(&args.out, &mesh)?;
@@ -84,7 +85,7 @@ pub(crate) fn run(args: &ExportArgs) -> Result<(), Failure> {
 fn baked(
     scene: &Scene,
     object: &ObjectModel,
-    edit: MaterialEdit,
+    edit: &ObjectEdit,
     atlas: &Atlas,
 ) -> Result<BakedSurface, Failure> {
     let cancel = interrupt::install()?;
@@ -100,10 +101,22 @@ fn baked(
                     .map(|(texel, diffuse)| light.albedo(texel.position, texel.normal, *diffuse))
                     .collect()
             };
-            bake(object, &edit, atlas, PADDING_PX, &albedo)
+            bake(
+                object,
+                (&edit.whole, &edit.regions),
+                atlas,
+                PADDING_PX,
+                &albedo,
+            )
         }
         // The paper's own model keeps its diffuse part whatever the light.
-        None => bake(object, &edit, atlas, PADDING_PX, &radiance_as_albedo),
+        None => bake(
+            object,
+            (&edit.whole, &edit.regions),
+            atlas,
+            PADDING_PX,
+            &radiance_as_albedo,
+        ),
     })
 }
 

@@ -95,7 +95,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
     if args.baked_diffuse {
         scene.trained_in = None;
     }
-    let mut scene = apply(scene, &args.material, &args.environment);
+    let mut scene = apply(scene, &args.material, &args.environment)?;
     if args.env_match {
         scene.transform = scenes::matched(&scene, &run.scene.environment)?;
     }

@@ -57,6 +57,16 @@ impl MaterialEdit {
         }
     }
 
+    /// Whether every number is finite.
+    pub fn is_finite(&self) -> bool {
+        let roughness = match self.roughness {
+            RoughnessEdit::Map { scale, offset } => scale.is_finite() && offset.is_finite(),
+            RoughnessEdit::Constant(value) => value.is_finite(),
+        };
+        let gains = self.specular_gain() + self.diffuse_gain;
+        roughness && gains.is_finite()
+    }
+
     /// Factor of the specular part.
     pub fn specular_gain(&self) -> Vec3 {
         self.tint_color * self.tint_scale

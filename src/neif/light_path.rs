@@ -240,9 +240,14 @@ fn lobe_ray(
     }
 }
 
-/// Fills in the light of each vertex of a path, from the last to the first; `gain` is an edit's specular gain and
-/// `incoming(ray)` the radiance that a ray brought. Returns what the first vertex's lobe gathers.
-pub fn gather(lit: &mut [LitVertex], gain: Vec3, incoming: impl Fn(usize) -> Vec3) -> Vec3 {
+/// Fills in the light of each vertex of a path, from the last to the first; `gain(surface)` is the specular gain of an
+/// edit at the surface of that index and `incoming(ray)` the radiance that a ray brought. Returns what the first
+/// vertex's lobe gathers.
+pub fn gather(
+    lit: &mut [LitVertex],
+    gain: impl Fn(usize) -> Vec3,
+    incoming: impl Fn(usize) -> Vec3,
+) -> Vec3 {
     let mut beyond = Vec3::ZERO;
     for vertex in lit.iter_mut().rev() {
         let free = vertex.ray.map_or(Vec3::ZERO, &incoming);
@@ -253,7 +258,12 @@ pub fn gather(lit: &mut [LitVertex], gain: Vec3, incoming: impl Fn(usize) -> Vec
             let light = mean * (1.0 - split.blocked) + beyond * split.blocked;
             vertex.light = vertex.light.lerp(light, split.weight);
         }
-        beyond = outgoing(&vertex.surface, vertex.cos, gain, vertex.light);
+        beyond = outgoing(
+            &vertex.surface,
+            vertex.cos,
+            gain(vertex.index),
+            vertex.light,
+        );
     }
     lit.first().map_or(Vec3::ZERO, |first| first.light)
 }
@@ -364,14 +374,14 @@ mod tests {
 
     fn loss(surfaces: &[Surface; 3]) -> f32 {
         let (mut lit, _) = lit(surfaces);
-        gather(&mut lit, Vec3::ONE, |ray| Vec3::from(RADIANCE[ray]));
+        gather(&mut lit, |_| Vec3::ONE, |ray| Vec3::from(RADIANCE[ray]));
         lit[0].outgoing().dot(D_OUT)
     }
 
     #[test]
     fn surface_gradients_agree_with_finite_differences() {
         let (mut lit, _) = lit(&surfaces());
-        gather(&mut lit, Vec3::ONE, |ray| Vec3::from(RADIANCE[ray]));
+        gather(&mut lit, |_| Vec3::ONE, |ray| Vec3::from(RADIANCE[ray]));
         let (mut d_radiance, mut d) = ([[0.0; 3]; 3], [Surface::default(); 3]);
         backward(&lit, D_OUT, &RADIANCE, &mut d_radiance, &mut d);
         let numeric = |k: usize, change: &dyn Fn(&mut Surface, f32)| {
@@ -404,7 +414,7 @@ mod tests {
             .map(|(d, r)| d * r)
             .sum();
         let mut dark = lit.clone();
-        gather(&mut dark, Vec3::ONE, |_| Vec3::ZERO);
+        gather(&mut dark, |_| Vec3::ONE, |_| Vec3::ZERO);
         let expected = loss(&surfaces()) - dark[0].outgoing().dot(D_OUT);
         assert!(
             (by_light - expected).abs() < 1e-4,

@@ -5,6 +5,7 @@ pub mod contraction;
 pub mod display;
 pub mod distant;
 pub mod edit;
+pub mod edited_surface;
 pub mod environment;
 pub mod exposure_match;
 pub mod field_batch;
@@ -22,14 +23,17 @@ pub mod paper;
 mod properties;
 pub mod proposal;
 pub mod radiance_field;
+pub mod region;
 pub mod samples;
 pub mod shading;
 pub mod spherical_harmonics;
 pub mod storage;
 
 pub use edit::{EnvironmentFromWorld, EnvironmentTransform, MaterialEdit, RoughnessEdit};
+pub use edited_surface::EditedSurfaces;
 pub use environment::Environment;
 pub use object::{Material, ObjectModel, SurfaceField};
+pub use region::{Extent, Likeness, Region, Regions};
 pub use storage::Storage;
 
 use std::path::PathBuf;

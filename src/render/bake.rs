@@ -5,8 +5,7 @@ use rayon::prelude::*;
 
 use super::metallic_roughness::MetallicRoughness;
 use crate::geometry::{Atlas, Texel};
-use crate::neif::material::{MaterialBatch, Surface};
-use crate::neif::{MaterialEdit, ObjectModel};
+use crate::neif::{EditedSurfaces, MaterialEdit, ObjectModel, Regions};
 
 /// Texels evaluated together.
 const CHUNK: usize = 4096;
@@ -37,7 +36,7 @@ pub struct BakedSurface {
 /// Evaluates the edited material at every texel that shows the mesh; the others take the colours next to them, or the mean.
 pub fn bake(
     object: &ObjectModel,
-    edit: &MaterialEdit,
+    (edit, regions): (&MaterialEdit, &Regions),
     atlas: &Atlas,
     padding_px: u32,
     albedo_of: AlbedoOf<'_>,
@@ -45,7 +44,7 @@ pub fn bake(
     let texels = atlas.texels(object.tracer.mesh());
     let baked: Vec<Baked> = texels
         .par_chunks(CHUNK)
-        .flat_map_iter(|texels| bake_texels(object, edit, texels, albedo_of))
+        .flat_map_iter(|texels| bake_texels(object, (edit, regions), texels, albedo_of))
         .collect();
     let n = texels.len().max(1) as f32;
     let error = |of: fn(&MetallicRoughness) -> Vec3| {
@@ -96,27 +95,21 @@ struct Pixel {
 
 fn bake_texels(
     object: &ObjectModel,
-    edit: &MaterialEdit,
+    (edit, regions): (&MaterialEdit, &Regions),
     texels: &[Texel],
     albedo_of: AlbedoOf<'_>,
 ) -> Vec<Baked> {
-    let points: Vec<Vec3> = texels.iter().map(|texel| texel.position).collect();
-    let mut batch = MaterialBatch::default();
-    object
-        .material
-        .forward(&points, &mut batch, &mut Vec::new());
-    let surfaces = batch.surfaces.iter();
-    let surfaces: Vec<Surface> = surfaces
-        .map(|s| edit.apply(object.material.perceptual(*s)))
-        .collect();
+    let mut edited = EditedSurfaces::default();
+    let points = texels.iter().map(|texel| (texel.position, texel.normal));
+    edited.evaluate(object, edit, regions, points);
+    let surfaces = edited.surfaces();
     let diffuse: Vec<Vec3> = surfaces.iter().map(|s| s.diffuse).collect();
     let albedo = albedo_of(texels, &diffuse);
-    let gain = edit.specular_gain();
+    let surfaces = surfaces.iter().zip(edited.specular_gain());
     surfaces
-        .iter()
         .zip(albedo)
-        .map(|(surface, albedo)| {
-            let reflectance = (surface.tint * gain).clamp(Vec3::ZERO, Vec3::ONE);
+        .map(|((surface, gain), albedo)| {
+            let reflectance = (surface.tint * *gain).clamp(Vec3::ZERO, Vec3::ONE);
             Baked {
                 material: MetallicRoughness::nearest(albedo, reflectance),
                 roughness: surface.roughness,
@@ -184,6 +177,7 @@ fn grow(pixels: &mut [Option<Pixel>], size: usize) {
 mod tests {
     use super::*;
     use crate::neif::RoughnessEdit;
+    use crate::neif::material::MaterialBatch;
     use crate::render::test_scene;
 
     #[test]
@@ -196,7 +190,13 @@ mod tests {
             diffuse_gain: Vec3::new(1.0, 0.5, 0.0),
             ..MaterialEdit::default()
         };
-        let baked = bake(&object, &edit, &atlas, 2, &radiance_as_albedo);
+        let baked = bake(
+            &object,
+            (&edit, &Regions::default()),
+            &atlas,
+            2,
+            &radiance_as_albedo,
+        );
         assert!(
             baked.roughness.iter().all(|r| (r - 0.25).abs() < 1e-6),
             "roughness"
@@ -231,7 +231,7 @@ mod tests {
             tint_scale: 0.0,
             ..MaterialEdit::default()
         };
-        let baked = bake(&object, &edit, &atlas, 1, &black);
+        let baked = bake(&object, (&edit, &Regions::default()), &atlas, 1, &black);
         assert!(
             baked.material.iter().all(|m| m.base.max_element() < 1e-6),
             "black"

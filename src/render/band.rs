@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use super::gbuffer::{GBuffer, PathOptions};
+use super::highlight::{highlighted, region_share};
 use super::progressive::PreviewScene;
 use super::shade::{ShadeScratch, compose, shade_background, shade_object};
 use crate::geometry::Camera;
@@ -18,6 +19,7 @@ pub(super) struct Versions {
     pub(super) geometry: u64,
     pub(super) background: u64,
     pub(super) object: u64,
+    pub(super) highlight: u64,
 }
 
 /// Some rows of one pass, with what is known of them; a version of 0 is nothing.
@@ -40,6 +42,9 @@ struct BandObject {
     /// `[rows * width]` linear, or the layer's value.
     values: Vec<[f32; 3]>,
     version: u64,
+    /// `[rows * width]` share that is highlighted.
+    highlight: Vec<f32>,
+    highlight_version: u64,
 }
 
 /// What all bands of a pass share.
@@ -96,6 +101,7 @@ impl Band {
         } else {
             0
         };
+        self.update_highlight(work, scratch);
         [traced, background, object]
     }
 
@@ -136,6 +142,25 @@ impl Band {
         scatter(&mut object.values, first, &pixels, &out);
         object.version = work.versions.object;
         pixels.len()
+    }
+
+    fn update_highlight(&mut self, work: &Work<'_>, scratch: &mut ShadeScratch) {
+        let object = &self.objects[usize::from(work.is_fine)];
+        let is_fresh = object.highlight_version == work.versions.highlight;
+        let Some(region) = work.request.highlight.as_ref().filter(|_| !is_fresh) else {
+            return;
+        };
+        let pixels = self.pixels(work, |coverage| coverage > 0.0);
+        let object = &mut self.objects[usize::from(work.is_fine)];
+        let scene = &work.request.scene;
+        let shares = region_share(scene, &object.gbuffer, region, &pixels, scratch);
+        object.highlight.clear();
+        object
+            .highlight
+            .resize(object.gbuffer.coverage().len(), 0.0);
+        let first = self.rows.start * work.camera.width;
+        scatter(&mut object.highlight, first, &pixels, &shares);
+        object.highlight_version = work.versions.highlight;
     }
 
     fn update_background(&mut self, work: &Work<'_>, scratch: &mut ShadeScratch) -> usize {
@@ -183,18 +208,23 @@ impl Band {
         let value =
             |part: &[[f32; 3]], i: usize, shown: bool| if shown { part[i] } else { [0.0; 3] };
         let object = &self.objects[usize::from(work.is_fine)];
+        let is_highlighted = work.request.highlight.is_some() && layer.shows_object();
+        let shares = is_highlighted.then_some(&object.highlight);
         for (i, (out, &coverage)) in out.iter_mut().zip(object.gbuffer.coverage()).enumerate() {
             let coverage = if layer.shows_object() { coverage } else { 0.0 };
             let object = value(&object.values, i, layer.shows_object());
             let background = value(&self.background, i, layer.shows_background());
-            let [r, g, b] = compose(&work.request.scene, layer, coverage, object, background)
-                .map(|v| (v * 255.0 + 0.5) as u8);
+            let mut color = compose(&work.request.scene, layer, coverage, object, background);
+            if let Some(shares) = shares {
+                color = highlighted(color, shares[i] * coverage);
+            }
+            let [r, g, b] = color.map(|v| (v * 255.0 + 0.5) as u8);
             *out = [r, g, b, 255];
         }
     }
 }
 
-fn scatter(into: &mut [[f32; 3]], first: u32, pixels: &[u32], values: &[[f32; 3]]) {
+fn scatter<T: Copy>(into: &mut [T], first: u32, pixels: &[u32], values: &[T]) {
     for (pixel, value) in pixels.iter().zip(values) {
         into[(pixel - first) as usize] = *value;
     }

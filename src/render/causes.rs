@@ -7,7 +7,7 @@ use super::irradiance::DiffuseLight;
 use super::progressive::PreviewScene;
 use super::scene::Layer;
 use crate::geometry::{Camera, SurfaceTracer};
-use crate::neif::{Environment, EnvironmentTransform, MaterialEdit, SurfaceField};
+use crate::neif::{Environment, EnvironmentTransform, MaterialEdit, Region, Regions, SurfaceField};
 
 /// What the parts of a picture depend on; an `Arc` stands for its address.
 #[derive(Clone, Debug)]
@@ -21,7 +21,11 @@ pub(super) struct Causes {
     diffuse_light: Option<Arc<DiffuseLight>>,
     material: Option<Arc<SurfaceField>>,
     edit: MaterialEdit,
+    /// Without those that change nothing.
+    regions: Regions,
     layer: Layer,
+    /// Without its edit, which does not matter to where it lies.
+    highlight: Option<Region>,
 }
 
 impl Causes {
@@ -46,7 +50,12 @@ impl Causes {
                 .as_ref()
                 .map(|object| Arc::clone(&object.material)),
             edit: scene.edit,
+            regions: scene.regions.effective(),
             layer: request.layer,
+            highlight: request.highlight.map(|region| Region {
+                edit: MaterialEdit::default(),
+                ..region
+            }),
         }
     }
 
@@ -60,6 +69,12 @@ impl Causes {
             && same(self.ground.as_ref(), other.ground.as_ref())
     }
 
+    pub(super) fn same_highlight(&self, other: &Self) -> bool {
+        let needs_material = self.highlight.is_some();
+        self.highlight == other.highlight
+            && (!needs_material || same(self.material.as_ref(), other.material.as_ref()))
+    }
+
     fn same_diffuse_light(&self, other: &Self) -> bool {
         same(self.trained_in.as_ref(), other.trained_in.as_ref())
             && same(self.diffuse_light.as_ref(), other.diffuse_light.as_ref())
@@ -68,6 +83,7 @@ impl Causes {
     pub(super) fn same_object(&self, other: &Self) -> bool {
         self.layer == other.layer
             && self.edit == other.edit
+            && self.regions == other.regions
             && same(self.material.as_ref(), other.material.as_ref())
             && (!self.layer.is_lit() || self.same_light(other) && self.same_diffuse_light(other))
     }

@@ -5,6 +5,7 @@ mod band;
 mod causes;
 pub mod gbuffer;
 pub mod ground;
+mod highlight;
 pub mod irradiance;
 pub mod metallic_roughness;
 pub mod neilf;
@@ -14,6 +15,8 @@ pub mod preview;
 pub mod priority;
 pub mod progressive;
 pub mod reference;
+#[cfg(test)]
+mod region_tests;
 pub mod scene;
 pub mod shade;
 pub mod sketch;

@@ -362,6 +362,7 @@ mod tests {
             scene: scene(),
             camera: camera(width, width),
             layer: Layer::Final,
+            highlight: None,
         }
     }
 
@@ -422,6 +423,7 @@ mod tests {
                 scene,
                 camera,
                 layer,
+                ..
             } = &request;
             let never = AtomicBool::new(false);
             let offline = |scene| render(scene, camera, *layer, &never, &|_| {}).expect("done");

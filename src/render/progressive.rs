@@ -15,6 +15,7 @@ use super::scene::{Layer, Scene};
 use super::shade::ShadeScratch;
 use super::thread_clock::thread_cpu;
 use crate::geometry::Camera;
+use crate::neif::Region;
 
 /// The resolution divisors of the passes, coarsest first; nothing is ever coarser than a quarter.
 pub const SCALES: [u32; 3] = [4, 2, 1];
@@ -53,6 +54,8 @@ pub struct PreviewScene {
     pub camera: Camera,
     /// Which part.
     pub layer: Layer,
+    /// The region whose places are shown in a signal colour.
+    pub highlight: Option<Region>,
 }
 
 impl PreviewScene {
@@ -61,8 +64,10 @@ impl PreviewScene {
         let object = |scene: &Scene| scene.object.as_ref().map(Arc::as_ptr);
         self.camera == other.camera
             && self.layer == other.layer
+            && self.highlight == other.highlight
             && self.scene.transform == other.scene.transform
             && self.scene.edit == other.scene.edit
+            && self.scene.regions == other.scene.regions
             && Arc::ptr_eq(&self.scene.environment, &other.scene.environment)
             && same(
                 self.scene.trained_in.as_ref(),
@@ -218,9 +223,11 @@ impl Pass {
         let geometry = old.is_some_and(|old| old.same_geometry(&causes));
         let light = old.is_some_and(|old| old.same_light(&causes));
         let object = old.is_some_and(|old| old.same_object(&causes));
+        let highlight = old.is_some_and(|old| old.same_highlight(&causes));
         self.versions.geometry += u64::from(!geometry);
         self.versions.background += u64::from(!(geometry && light));
         self.versions.object += u64::from(!(geometry && object));
+        self.versions.highlight += u64::from(!(geometry && highlight));
         self.causes = Some(causes);
     }
 }
@@ -241,6 +248,7 @@ mod tests {
             scene: scene(),
             camera: camera(SIZE.0, SIZE.1),
             layer: Layer::Final,
+            highlight: None,
         }
     }
 

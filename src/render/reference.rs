@@ -116,23 +116,23 @@ fn walk(
 ) -> Vec3 {
     let motion = scene.transform.environment_from_world();
     let frame = *scene.environment.frame();
-    let gain = scene.edit.specular_gain();
     let tracer = &object.tracer;
     let n = walkers.len() as u32;
     let mut sum = Vec3::ZERO;
     let (mut rays, mut throughputs) = (Vec::new(), Vec::new());
     for bounce in 0..MAX_VERTICES as u32 {
-        let surfaces = scratch.surfaces(
+        let edited = scratch.surfaces(
             scene,
             object,
             walkers.iter().map(|w| (w.position, w.normal)),
         );
         let mut next = Vec::new();
-        for (walker, surface) in walkers.iter().zip(surfaces) {
+        let surfaces = edited.surfaces().iter().zip(edited.specular_gain());
+        for (walker, (surface, gain)) in walkers.iter().zip(surfaces) {
             let cos = walker.normal.dot(walker.to_eye).max(0.0);
             let fresnel = fresnel(surface.tint, cos);
             sum += walker.throughput * surface.diffuse * (Vec3::ONE - fresnel);
-            let throughput = walker.throughput * fresnel * gain;
+            let throughput = walker.throughput * fresnel * *gain;
             let draws = Draws {
                 pixel,
                 bounce,

@@ -11,7 +11,7 @@ use super::ground::{BakedGround, Ground};
 use super::irradiance::{DiffuseLights, KeyedLight, LightKey, Resolution};
 use crate::neif::environment::EnvironmentField;
 use crate::neif::exposure_match::matched;
-use crate::neif::{Environment, EnvironmentTransform, MaterialEdit, ObjectModel};
+use crate::neif::{Environment, EnvironmentTransform, MaterialEdit, ObjectModel, Regions};
 
 /// An object under an environment, with all edits.
 #[derive(Clone, Debug)]
@@ -22,8 +22,10 @@ pub struct Scene {
     pub environment: Arc<Environment>,
     /// Where the environment stands.
     pub transform: EnvironmentTransform,
-    /// How the material is changed.
+    /// How the material of the whole object is changed.
     pub edit: MaterialEdit,
+    /// What is changed in parts of it, on top of that.
+    pub regions: Regions,
     /// The surroundings that the object was trained in: its diffuse part follows the light. `None` leaves it as it was
     /// learned, whatever the light, as the paper does.
     pub trained_in: Option<Arc<Environment>>,
@@ -43,6 +45,7 @@ impl Scene {
             environment,
             transform: EnvironmentTransform::default(),
             edit: MaterialEdit::default(),
+            regions: Regions::default(),
             ground: None,
             diffuse_light: None,
         }
@@ -104,11 +107,6 @@ impl Scene {
     pub fn has_own_light(&self) -> bool {
         let own = self.trained_in.as_ref();
         own.is_none_or(|own| Arc::ptr_eq(own, &self.environment))
-    }
-
-    /// Whether lobes are asked for that the photos did not teach: another roughness, or other surroundings.
-    pub fn has_new_lobes(&self) -> bool {
-        self.edit.roughness != MaterialEdit::default().roughness || !self.has_own_light()
     }
 
     /// The transform with exposure and white balance such that the surroundings light the object as much as `own` does

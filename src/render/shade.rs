@@ -8,13 +8,14 @@ use super::gbuffer::GBuffer;
 use super::scene::{Layer, Scene};
 use super::trace::PIXEL_STD;
 use crate::geometry::{Camera, Ray};
+use crate::neif::EditedSurfaces;
 use crate::neif::EnvironmentFromWorld;
 use crate::neif::contraction::FieldFrame;
 use crate::neif::display::Display;
 use crate::neif::environment::{EnvironmentField, LightScratch};
 use crate::neif::light_path::{self, LitVertex, PathVertex, SplitLobe};
 use crate::neif::lobe_cones::{LobeCone, PathOfPixel, lobe_cones};
-use crate::neif::material::{MaterialBatch, Surface};
+use crate::neif::material::Surface;
 use crate::neif::object::ObjectModel;
 use crate::neif::radiance_field::{FieldBatch, FieldRay};
 use crate::neif::shading::{fresnel, outgoing};
@@ -32,11 +33,7 @@ const SHARP_TO_WIDE: f32 = 0.1;
 #[derive(Debug, Default)]
 pub struct ShadeScratch {
     batch: FieldBatch,
-    material: MaterialBatch,
-    points: Vec<Vec3>,
-    encoded: Vec<f32>,
-    /// Roughness of the surfaces before they were edited.
-    learned_roughness: Vec<f32>,
+    edited: EditedSurfaces,
     light: LightScratch,
     /// Of each path, its pixel in the tile.
     pixel_of_path: Vec<usize>,
@@ -176,53 +173,80 @@ pub(super) fn shade_paths(
     let vertices = paths.iter().flat_map(|path| path.iter());
     let points = vertices.map(|vertex| (vertex.point.position, vertex.point.normal));
     scratch.surfaces(scene, object, points);
-    let motion = scene.transform.environment_from_world();
     let mut starts = Vec::with_capacity(paths.len());
     let mut start = 0;
     for path in paths {
         starts.push(start);
         start += path.len();
     }
-    if let Some(values) = unlit(scene, paths, &starts, &scratch.material.surfaces, layer) {
+    if let Some(values) = unlit(paths, &starts, &scratch.edited, layer) {
         return values;
     }
+    let light = lobe_light(scene, object, (paths, &starts), of_pixel, scratch);
+    let edited = &scratch.edited;
+    let starts = starts.into_iter().zip(light);
+    let lit = paths.iter().zip(starts).map(|(path, (start, light))| {
+        let surface = edited.surfaces()[start];
+        let (surface, light) = match layer {
+            Layer::Diffuse => (surface, Vec3::ZERO),
+            Layer::Specular => (
+                Surface {
+                    diffuse: Vec3::ZERO,
+                    ..surface
+                },
+                light,
+            ),
+            _ => (surface, light),
+        };
+        let gain = edited.specular_gain()[start];
+        outgoing(&surface, path[0].point.n_dot_v(), gain, light)
+    });
+    lit.collect()
+}
+
+/// What the lobe at the first vertex of a path gathers, linear radiance; leaves the path's surfaces in the scratch.
+pub(super) fn light_of_path(
+    scene: &Scene,
+    object: &ObjectModel,
+    path: &[PathVertex],
+    scratch: &mut ShadeScratch,
+) -> Vec3 {
+    let points = path.iter();
+    let points = points.map(|vertex| (vertex.point.position, vertex.point.normal));
+    scratch.surfaces(scene, object, points);
+    let alone = |_| PathOfPixel { index: 0, of: 1 };
+    lobe_light(scene, object, (&[path], &[0]), alone, scratch)[0]
+}
+
+/// What the lobe at the first vertex of each path gathers; `starts` are the indices of its surfaces in the scratch.
+fn lobe_light(
+    scene: &Scene,
+    object: &ObjectModel,
+    (paths, starts): (&[&[PathVertex]], &[usize]),
+    of_pixel: impl Fn(usize) -> PathOfPixel,
+    scratch: &mut ShadeScratch,
+) -> Vec<Vec3> {
+    let motion = scene.transform.environment_from_world();
     let aim = Aim {
         object,
         motion: &motion,
         frame: scene.environment.frame(),
-        has_new_lobes: scene.has_new_lobes(),
         has_own_light: scene.has_own_light(),
     };
     scratch.batch.rays.clear();
     scratch.lit.clear();
     let lit: Vec<Range<usize>> = paths
         .iter()
-        .zip(&starts)
+        .zip(starts)
         .enumerate()
         .map(|(number, (path, &start))| aim.path(path, start, of_pixel(number), scratch))
         .collect();
     scratch.light(scene);
-    let gain = scene.edit.specular_gain();
+    let (edited, batch, vertices) = (&scratch.edited, &scratch.batch, &mut scratch.lit);
+    let gain = |surface: usize| edited.specular_gain()[surface];
+    let incoming = |ray: usize| Vec3::from(batch.radiance[ray]) * motion.gain;
     lit.into_iter()
-        .zip(paths)
-        .zip(starts)
-        .map(|((lit, path), start)| {
-            let incoming = |ray: usize| Vec3::from(scratch.batch.radiance[ray]) * motion.gain;
-            let light = light_path::gather(&mut scratch.lit[lit], gain, incoming);
-            let surface = scratch.material.surfaces[start];
-            let (surface, light) = match layer {
-                Layer::Diffuse => (surface, Vec3::ZERO),
-                Layer::Specular => (
-                    Surface {
-                        diffuse: Vec3::ZERO,
-                        ..surface
-                    },
-                    light,
-                ),
-                _ => (surface, light),
-            };
-            outgoing(&surface, path[0].point.n_dot_v(), gain, light)
-        })
+        .map(|lit| light_path::gather(&mut vertices[lit], gain, incoming))
         .collect()
 }
 
@@ -231,7 +255,6 @@ struct Aim<'a> {
     object: &'a ObjectModel,
     motion: &'a EnvironmentFromWorld,
     frame: &'a FieldFrame,
-    has_new_lobes: bool,
     has_own_light: bool,
 }
 
@@ -244,13 +267,23 @@ impl Aim<'_> {
         of_pixel: PathOfPixel,
         scratch: &mut ShadeScratch,
     ) -> Range<usize> {
-        let (surfaces, learned) = (&scratch.material.surfaces, &scratch.learned_roughness);
+        let (surfaces, learned) = (
+            scratch.edited.surfaces(),
+            scratch.edited.learned_roughness(),
+        );
+        // Lobes that the photos did not teach: another roughness, or other surroundings.
+        let new_roughness = scratch.edited.has_new_roughness();
+        let is_new = |k: usize| new_roughness[start + k] || !self.has_own_light;
         let roughness = surfaces[start].roughness;
-        let weight = self.split_weight(roughness, learned[start]);
+        let weight = if is_new(0) {
+            self.split_weight(roughness, learned[start])
+        } else {
+            0.0
+        };
         let surface = |k: usize| {
             let mut surface = surfaces[start + k];
             // One cone is as wide as it was when it was taught.
-            if !self.has_new_lobes || k == 0 && weight < 1.0 {
+            if !is_new(k) || k == 0 && weight < 1.0 {
                 surface.roughness = learned[start + k];
             }
             (start + k, surface)
@@ -271,9 +304,6 @@ impl Aim<'_> {
 
     /// How much several cones count against the one that photos taught, `[0, 1]`.
     fn split_weight(&self, roughness: f32, learned: f32) -> f32 {
-        if !self.has_new_lobes {
-            return 0.0;
-        }
         let taught = self.object.material.perceptual(Surface {
             roughness: learned,
             ..Surface::default()
@@ -325,15 +355,15 @@ impl Aim<'_> {
 
 /// Layers that need no light.
 fn unlit(
-    scene: &Scene,
     paths: &[&[PathVertex]],
     starts: &[usize],
-    surfaces: &[Surface],
+    edited: &EditedSurfaces,
     layer: Layer,
 ) -> Option<Vec<Vec3>> {
-    let value = |path: &[PathVertex], surface: &Surface| match layer {
-        Layer::Roughness => Some(Vec3::splat(surface.roughness)),
-        Layer::Tint => Some(fresnel(surface.tint, 1.0) * scene.edit.specular_gain()),
+    let surfaces = edited.surfaces();
+    let value = |path: &[PathVertex], i: usize| match layer {
+        Layer::Roughness => Some(Vec3::splat(surfaces[i].roughness)),
+        Layer::Tint => Some(fresnel(surfaces[i].tint, 1.0) * edited.specular_gain()[i]),
         Layer::Normal => Some(path[0].point.normal * 0.5 + Vec3::splat(0.5)),
         Layer::Environment => Some(Vec3::ZERO),
         Layer::Final | Layer::Diffuse | Layer::Specular => None,
@@ -341,7 +371,7 @@ fn unlit(
     paths
         .iter()
         .zip(starts)
-        .map(|(path, &start)| value(path, &surfaces[start]))
+        .map(|(path, &start)| value(path, start))
         .collect()
 }
 
@@ -387,21 +417,20 @@ impl ShadeScratch {
         scene: &Scene,
         object: &ObjectModel,
         points: impl Iterator<Item = (Vec3, Vec3)> + Clone,
-    ) -> &[Surface] {
-        self.points.clear();
-        self.points
-            .extend(points.clone().map(|(position, _)| position));
-        object
-            .material
-            .forward(&self.points, &mut self.material, &mut self.encoded);
+    ) -> &EditedSurfaces {
+        self.edited
+            .evaluate(object, &scene.edit, &scene.regions, points.clone());
         let gain = scene.transform.environment_from_world().gain;
-        self.learned_roughness.clear();
-        for (surface, (position, normal)) in self.material.surfaces.iter_mut().zip(points) {
-            self.learned_roughness.push(surface.roughness);
-            *surface = scene.edit.apply(object.material.perceptual(*surface));
+        let surfaces = self.edited.surfaces_mut().iter_mut();
+        for (surface, (position, normal)) in surfaces.zip(points) {
             surface.diffuse *= scene.diffuse_response(position, normal, gain);
         }
-        &self.material.surfaces
+        &self.edited
+    }
+
+    /// The surfaces that were last evaluated.
+    pub(super) fn edited(&mut self) -> &mut EditedSurfaces {
+        &mut self.edited
     }
 
     /// Rays to evaluate, and after [`Self::light`] their radiance.

@@ -306,7 +306,11 @@ impl Chunk {
         let mut out = Vec3::ZERO;
         for path in &self.paths[slot.paths.clone()] {
             let lit = &mut self.lit[path.lit.clone()];
-            light_path::gather(lit, Vec3::ONE, |ray| Vec3::from(self.batch.radiance[ray]));
+            light_path::gather(
+                lit,
+                |_| Vec3::ONE,
+                |ray| Vec3::from(self.batch.radiance[ray]),
+            );
             out += lit[0].outgoing();
         }
         let share = 1.0 / slot.paths.len() as f32;

@@ -258,7 +258,7 @@ impl Chunk {
     /// Eq. 7 and 9 and their way back for one object pixel; returns the squared error.
     fn object_loss(&mut self, context: &StepContext<'_>, slot: usize, weight: f32) -> f32 {
         let lit = &mut self.lit[slot..=slot];
-        light_path::gather(lit, Vec3::ONE, |ray| Vec3::from(self.radiance[ray]));
+        light_path::gather(lit, |_| Vec3::ONE, |ray| Vec3::from(self.radiance[ray]));
         let loss = pixel_loss(context.display, lit[0].outgoing(), self.slots[slot].target);
         let scale = weight / context.config.object_pixels as f32;
         light_path::backward(
