@@ -1,8 +1,9 @@
 //! Equirectangular panoramas: the environment as a point inside it sees it.
 
+use std::f32::consts::{PI, TAU};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use glam::Vec3;
+use glam::{Quat, Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::picture::Picture;
@@ -12,11 +13,44 @@ use crate::neif::lobe::Lobe;
 use crate::neif::proposal::ConeRay;
 use crate::neif::radiance_field::FieldRay;
 
-/// Linear radiance of a scene's surroundings around the world point `at`, `width` x `width / 2`; `None` when cancelled.
-///
-/// `u = (x + 0.5)/w`, `v = (y + 0.5)/h`, azimuth `2π (0.5 - u)`, elevation `π (0.5 - v)`, direction
-/// `(cos el cos az, cos el sin az, sin el)`: z is up, the centre looks along +x. Roughness 0 is sharp, else every pixel is the
-/// lobe of that roughness.
+/// What a panorama shows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PanoramaView {
+    /// The point around which it is, world coordinates.
+    pub at: Vec3,
+    /// The unit direction at its top edge.
+    pub up: Vec3,
+    /// 0 is sharp, else every pixel is the lobe of that roughness.
+    pub roughness: f32,
+    /// Pixels per row; half as many rows.
+    pub width: u32,
+}
+
+impl PanoramaView {
+    /// The unit world direction shown at a place of the picture, `[0, 1]` from the top left.
+    ///
+    /// Azimuth `2π (0.5 - u)`, elevation `π (0.5 - v)`, direction `(cos el cos az, cos el sin az, sin el)` where z is up.
+    pub fn direction(&self, place: Vec2) -> Vec3 {
+        let (azimuth, elevation) = (TAU * (0.5 - place.x), PI * (0.5 - place.y));
+        let (sin_el, cos_el) = elevation.sin_cos();
+        let upright = Vec3::new(cos_el * azimuth.cos(), cos_el * azimuth.sin(), sin_el);
+        self.world_from_upright() * upright
+    }
+
+    /// Undoes [`Self::direction`].
+    pub fn place(&self, direction: Vec3) -> Vec2 {
+        let d = self.world_from_upright().inverse() * direction;
+        let elevation = d.z.clamp(-1.0, 1.0).asin();
+        Vec2::new(0.5 - d.y.atan2(d.x) / TAU, 0.5 - elevation / PI)
+    }
+
+    fn world_from_upright(&self) -> Quat {
+        Quat::from_rotation_arc(Vec3::Z, self.up.normalize_or(Vec3::Z))
+    }
+}
+
+/// Linear radiance of a scene's surroundings around the world point `at`, z up, the centre looking along +x:
+/// [`panorama_of`] with `width` x `width / 2` pixels; `None` when cancelled.
 pub fn panorama(
     scene: &Scene,
     at: Vec3,
@@ -24,6 +58,19 @@ pub fn panorama(
     width: u32,
     cancel: &AtomicBool,
 ) -> Option<Picture> {
+    let view = PanoramaView {
+        at,
+        up: Vec3::Z,
+        roughness,
+        width,
+    };
+    panorama_of(scene, &view, cancel)
+}
+
+/// Linear radiance of a scene's surroundings as `view` says, each pixel's middle by [`PanoramaView::direction`]; `None`
+/// when cancelled.
+pub fn panorama_of(scene: &Scene, view: &PanoramaView, cancel: &AtomicBool) -> Option<Picture> {
+    let width = view.width.max(1);
     let height = (width / 2).max(1);
     let mut pixels = vec![[0.0; 3]; (width * height) as usize];
     pixels
@@ -31,7 +78,7 @@ pub fn panorama(
         .enumerate()
         .for_each_init(ShadeScratch::default, |scratch, (y, row)| {
             if !cancel.load(Ordering::Relaxed) {
-                panorama_row(scene, at, roughness, (y as u32, height), row, scratch);
+                panorama_row(scene, view, (y as u32, height), row, scratch);
             }
         });
     (!cancel.load(Ordering::Relaxed)).then_some(Picture {
@@ -43,8 +90,7 @@ pub fn panorama(
 
 fn panorama_row(
     scene: &Scene,
-    at: Vec3,
-    roughness: f32,
+    view: &PanoramaView,
     (y, height): (u32, u32),
     row: &mut [[f32; 3]],
     scratch: &mut ShadeScratch,
@@ -53,19 +99,19 @@ fn panorama_row(
     let origin = scene
         .environment
         .frame()
-        .field_from_world(motion.point(at))
+        .field_from_world(motion.point(view.at))
         .to_array();
     let width = row.len();
-    let elevation = std::f32::consts::PI * (0.5 - (y as f32 + 0.5) / height as f32);
-    let lobe = (roughness > 0.0).then(|| Lobe::from_roughness(roughness));
+    let lobe = (view.roughness > 0.0).then(|| Lobe::from_roughness(view.roughness));
     // A pixel is a box of π/height radians.
-    let spread = std::f32::consts::PI / height as f32 * 0.288_675_13;
+    let spread = PI / height as f32 * 0.288_675_13;
     scratch.batch().rays.clear();
     for x in 0..width {
-        let azimuth = std::f32::consts::TAU * (0.5 - (x as f32 + 0.5) / width as f32);
-        let (sin_el, cos_el) = elevation.sin_cos();
-        let d_world = Vec3::new(cos_el * azimuth.cos(), cos_el * azimuth.sin(), sin_el);
-        let direction = motion.direction(d_world);
+        let place = Vec2::new(
+            (x as f32 + 0.5) / width as f32,
+            (y as f32 + 0.5) / height as f32,
+        );
+        let direction = motion.direction(view.direction(place));
         let cone = ConeRay {
             origin,
             direction: (direction * lobe.map_or(1.0, |l| l.mean_length)).to_array(),
@@ -94,6 +140,24 @@ mod tests {
     use crate::data::{ExrSample, write_exr};
     use crate::neif::EnvironmentTransform;
     use crate::neif::distant::{ImportOptions, import_environment};
+
+    #[test]
+    fn places_and_directions_undo_each_other_whatever_is_up() {
+        for up in [Vec3::Z, Vec3::Y, Vec3::NEG_Z, Vec3::new(0.6, 0.0, 0.8)] {
+            let view = PanoramaView {
+                at: Vec3::ZERO,
+                up,
+                roughness: 0.0,
+                width: 2,
+            };
+            for (u, v) in [(0.1, 0.2), (0.5, 0.5), (0.9, 0.7)] {
+                let place = Vec2::new(u, v);
+                let back = view.place(view.direction(place));
+                assert!((back - place).length() < 1e-4, "{up}: {back}");
+            }
+            assert!((view.direction(Vec2::new(0.3, 0.0)) - up).length() < 1e-5);
+        }
+    }
 
     #[test]
     fn an_imported_picture_s_panorama_is_the_picture_bit_for_bit() {
