@@ -1,6 +1,9 @@
 //! The window's panels, driven by their accessible labels; no display and no GPU.
 #![cfg(feature = "gui")]
 
+#[path = "ui/inspect.rs"]
+mod inspect;
+
 use std::path::PathBuf;
 use std::sync::Arc;
 

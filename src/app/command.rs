@@ -8,9 +8,10 @@ use std::path::PathBuf;
 use glam::Vec2;
 
 use crate::app::camera_control::{CameraMove, Viewpoint};
+use crate::app::inspect::{self, InspectCommand};
 use crate::app::pace::{self, PaceCommand};
 use crate::app::state::{
-    AppState, EnvironmentContent, Look, PathDialog, PathPurpose, Source, file_name,
+    AppState, EnvironmentContent, Look, Overlays, PathDialog, PathPurpose, Source, file_name,
 };
 use crate::app::training_state::{Level, Phase};
 use crate::neif::{EnvironmentTransform, MaterialEdit};
@@ -113,6 +114,8 @@ pub enum Command {
     CloseOverlays,
     /// Take a message off the viewport.
     Dismiss(usize),
+    /// Look into a point, or edit a part.
+    Inspect(InspectCommand),
 }
 
 /// What a command asks of the world.
@@ -166,7 +169,8 @@ pub fn apply(state: &mut AppState, command: Command, effects: &mut Vec<Effect>) 
         Command::SetWipe(_) | Command::HoldPhoto(_) => apply_compare(state, &command),
         Command::ToggleHelp => state.overlays.is_help_open ^= true,
         Command::ToggleLog => state.overlays.is_log_open ^= true,
-        Command::CloseOverlays => state.overlays = crate::app::state::Overlays::default(),
+        Command::CloseOverlays => close_front(state),
+        Command::Inspect(command) => inspect::apply(state, command),
         Command::Dismiss(index) => state.messages.dismiss(index),
         Command::MoveCamera(_)
         | Command::PivotAt { .. }
@@ -178,6 +182,14 @@ pub fn apply(state: &mut AppState, command: Command, effects: &mut Vec<Effect>) 
     if state.is_original_shown && state.look == Look::default() {
         state.is_original_shown = false;
     }
+}
+
+/// Closes the windows over the main one; where there is none, forgets the picked point.
+fn close_front(state: &mut AppState) {
+    if state.overlays == Overlays::default() {
+        state.inspect.forget();
+    }
+    state.overlays = Overlays::default();
 }
 
 fn apply_path(state: &mut AppState, command: Command, effects: &mut Vec<Effect>) {

@@ -44,6 +44,7 @@ impl std::fmt::Debug for Shortcut {
 
 const CAMERA: &str = "Camera";
 const LIGHT: &str = "Environment";
+const OBJECT: &str = "Object";
 const COMPARE: &str = "Photos";
 const LAYERS: &str = "Layers";
 const TRAINING: &str = "Training";
@@ -106,6 +107,11 @@ pub const BINDINGS: &[Binding] = &[
         ("F", Modifiers::NONE, Key::F),
         "Show the whole object",
         |_| Command::FrameObject,
+    ),
+    gesture(
+        OBJECT,
+        "Click",
+        "Look into the point under the pointer, or edit a part",
     ),
     gesture(LIGHT, "Shift+drag", "Rotate the environment"),
     gesture(
@@ -194,7 +200,7 @@ pub const BINDINGS: &[Binding] = &[
     key(
         WINDOW,
         ("Esc", Modifiers::NONE, Key::Escape),
-        "Close what is in front",
+        "Close what is in front, or forget the picked point",
         |_| Command::CloseOverlays,
     ),
     gesture(

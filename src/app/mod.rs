@@ -8,6 +8,7 @@ pub mod camera_control;
 pub mod command;
 pub mod dialog;
 pub mod environment_control;
+pub mod inspect;
 pub mod keys;
 pub mod messages;
 pub mod opener;

@@ -44,6 +44,7 @@ pub fn draw(
             ScrollArea::vertical()
                 .auto_shrink([false, false])
                 .show(ui, |ui| {
+                    panels::inspect_ui(ui, state, pictures, commands);
                     panels::material_ui(ui, state, commands);
                     ui.separator();
                     panels::environment_ui(ui, state, commands);

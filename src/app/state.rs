@@ -6,12 +6,13 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use crate::app::camera_control::{Viewpoint, nearest_view, point_looked_at, up_axis};
+use crate::app::inspect::InspectState;
 use crate::app::messages::Messages;
 use crate::app::pace::Pace;
 use crate::app::training_state::TrainingState;
 use crate::data::{Dataset, View};
 use crate::geometry::Aabb;
-use crate::neif::{Environment, EnvironmentTransform, MaterialEdit};
+use crate::neif::{Environment, EnvironmentTransform, MaterialEdit, Regions};
 use crate::render::{Layer, Scene};
 use crate::train::Snapshot;
 
@@ -66,8 +67,10 @@ pub fn file_name(path: &std::path::Path) -> String {
 /// Everything a person edits about the picture: one value, so that edits can be compared and kept.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Look {
-    /// The material.
+    /// The material of the whole object.
     pub edit: MaterialEdit,
+    /// Parts of it that are edited on their own.
+    pub regions: Regions,
     /// Where the surroundings stand.
     pub transform: EnvironmentTransform,
     /// Which surroundings: index into [`AppState::environments`]; none is the capture's own.
@@ -246,6 +249,8 @@ pub struct AppState {
     pub view: ViewState,
     /// Comparison with the photo.
     pub compare: Compare,
+    /// The picked point.
+    pub inspect: InspectState,
     /// What was said.
     pub messages: Messages,
     /// Windows over the main one.
@@ -274,6 +279,7 @@ impl Default for AppState {
             environments: Vec::new(),
             view: ViewState::default(),
             compare: Compare::default(),
+            inspect: InspectState::default(),
             messages: Messages::default(),
             overlays: Overlays::default(),
             recent: Vec::new(),
@@ -305,6 +311,7 @@ impl AppState {
             environment,
             transform: self.look.transform,
             edit: self.look.edit,
+            regions: self.look.regions,
             ..scene
         }
     }

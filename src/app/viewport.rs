@@ -9,6 +9,7 @@ use glam::Vec2;
 use crate::app::camera_control::CameraMove;
 use crate::app::command::Command;
 use crate::app::environment_control::{DEGREES_PER_POINT, shifted, turned};
+use crate::app::inspect::marker::{marker_ui, pick_ui};
 use crate::app::panels::widgets::weak;
 use crate::app::state::{AppState, PathPurpose, Source};
 use crate::app::training_state::Phase;
@@ -35,6 +36,8 @@ pub struct Pictures {
     pub photo: Option<TextureId>,
     /// The first photo of a capture that is being read, and its size in pixels.
     pub first_photo: Option<(TextureId, [usize; 2])>,
+    /// The surroundings as the picked point sees them.
+    pub panorama: Option<TextureId>,
 }
 
 /// Draws the viewport into all of `ui`; returns its size in physical pixels.
@@ -57,8 +60,10 @@ pub fn viewport_ui(
             );
             describe(&response);
             mouse_ui(ui, &response, state, window, commands);
+            pick_ui(ui, &response, window, commands);
             ui.painter().image(preview, rect, WHOLE, Color32::WHITE);
             photo_ui(ui, rect, state, pictures, window, commands);
+            marker_ui(ui, rect, state, window);
             caption_ui(ui, rect, state);
         }
         (None, Some((photo, size))) => {

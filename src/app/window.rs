@@ -7,6 +7,8 @@ use egui::{ColorImage, Context, TextureHandle, TextureOptions, Ui};
 
 use crate::app::AppOptions;
 use crate::app::command::{Command, Effect, apply};
+use crate::app::inspect::Inspector;
+use crate::app::inspect::driver::{Pace, Wanted};
 use crate::app::keys;
 use crate::app::opener::ScreenPhoto;
 use crate::app::preview_driver::{PreviewDriver, Situation};
@@ -17,7 +19,9 @@ use crate::app::training_state::Phase;
 use crate::app::viewport::Pictures;
 use crate::app::work::{News, Work};
 use crate::app::{assets, recent};
+use crate::geometry::Camera;
 use crate::render::{Preview, PreviewScene};
+use crate::train::Snapshot;
 
 /// Pictures on the graphics card.
 #[derive(Default)]
@@ -36,6 +40,7 @@ pub(super) struct Window {
     work: Work,
     preview: Preview,
     driver: PreviewDriver,
+    inspector: Inspector,
     n_frames_seen: u64,
     textures: Textures,
     viewport: (u32, u32),
@@ -62,6 +67,7 @@ impl Window {
             work: Work::new(ctx),
             preview,
             driver: PreviewDriver::default(),
+            inspector: Inspector::new(ctx)?,
             n_frames_seen: 0,
             textures: Textures::default(),
             viewport: (0, 0),
@@ -104,6 +110,7 @@ impl Window {
                 News::Reset => self.forget_pictures(),
             }
         }
+        self.inspector.poll(ctx, &mut self.state.inspect);
         self.take_frame(ctx);
     }
 
@@ -178,6 +185,7 @@ impl Window {
             scene: state.scene_of(snapshot),
             camera,
             layer,
+            highlight: state.highlight(),
         };
         if let Some(wanted) = self.driver.decide(&snapshot, scene, &situation) {
             let number = self.preview.request(wanted.scene, wanted.passes);
@@ -186,6 +194,29 @@ impl Window {
             let wait = self.driver.wait_secs(&situation).clamp(0.01, 5.0);
             ctx.request_repaint_after(Duration::from_secs_f64(wait));
         }
+        self.ask_about_point(ctx, &snapshot, &camera, &situation);
+    }
+
+    fn ask_about_point(
+        &mut self,
+        ctx: &Context,
+        snapshot: &Snapshot,
+        camera: &Camera,
+        situation: &Situation,
+    ) {
+        let state = &self.state;
+        let wanted = state.inspect.pick.map(|pick| Wanted {
+            pick,
+            view: pick.seen_by(camera),
+            scene: state.scene_of(snapshot),
+            up: state.view.up,
+            is_sharp: state.inspect.is_sharp,
+        });
+        let pace = Pace {
+            now_secs: situation.now_secs,
+            is_training: situation.is_training,
+        };
+        self.inspector.ask(ctx, wanted, pace);
     }
 
     fn ask_photo(&mut self) {
@@ -213,6 +244,7 @@ impl Window {
                 .first_photo
                 .as_ref()
                 .map(|(texture, size)| (texture.id(), *size)),
+            panorama: self.inspector.texture(),
         }
     }
 

@@ -174,6 +174,7 @@ impl Work {
         state.is_original_shown = false;
         state.view = ViewState::default();
         state.compare = crate::app::state::Compare::default();
+        state.inspect = crate::app::inspect::InspectState::default();
     }
 
     fn start(&mut self, state: &mut AppState) {

@@ -5,9 +5,9 @@ use glam::Vec3;
 use super::gbuffer::GBuffer;
 use super::scene::Scene;
 use super::shade::ShadeScratch;
-use crate::neif::Region;
+use crate::neif::{ObjectModel, Region};
 
-/// The colour, sRGB: rare in photos of things.
+/// The colour, for linear values in motion as well: rare in photos of things.
 const COLOR: [f32; 3] = [1.0, 0.25, 0.9];
 /// How much of it covers what belongs to the region fully.
 const OPACITY: f32 = 0.5;
@@ -40,7 +40,24 @@ pub(super) fn region_share(
     shares.collect()
 }
 
-/// An sRGB colour of which a share `[0, 1]` is highlighted.
+/// Covers linear values of the object, one a point seen of it (with its unit normal), with the colour.
+pub(super) fn cover_values(
+    object: &ObjectModel,
+    region: &Region,
+    points: impl Iterator<Item = (Vec3, Vec3)> + Clone,
+    values: &mut [[f32; 3]],
+    scratch: &mut ShadeScratch,
+) {
+    let mut weights = Vec::new();
+    scratch
+        .edited()
+        .weights(object, region, points, &mut weights);
+    for (value, weight) in values.iter_mut().zip(weights) {
+        *value = highlighted(*value, weight);
+    }
+}
+
+/// A colour of which a share `[0, 1]` is highlighted.
 pub(super) fn highlighted(srgb: [f32; 3], share: f32) -> [f32; 3] {
     let opacity = OPACITY * share;
     std::array::from_fn(|c| srgb[c] * (1.0 - opacity) + COLOR[c] * opacity)

@@ -3,6 +3,8 @@
 use egui::Ui;
 
 use crate::app::command::Command;
+use crate::app::inspect::InspectCommand;
+use crate::app::panels::scope_ui;
 use crate::app::panels::widgets::{Setting, color_row, heading, slider_row, weak};
 use crate::app::state::AppState;
 use crate::neif::{MaterialEdit, RoughnessEdit};
@@ -23,33 +25,39 @@ const ROUGHNESS_VALUE: Setting = Setting {
     name: "Value",
     range: 0.0..=1.0,
     default: 0.3,
-    hint: "Roughness of the whole object: 0 is a mirror, 1 is dull",
+    hint: "0 is a mirror, 1 is dull",
 };
 const TINT_SCALE: Setting = Setting {
     name: "Strength",
     range: 0.0..=2.0,
     default: 1.0,
-    hint: "Multiplies all reflections of the object",
+    hint: "Multiplies all reflections",
 };
 const DIFFUSE_GAIN: Setting = Setting {
     name: "Brightness",
     range: 0.0..=3.0,
     default: 1.0,
-    hint: "Multiplies the object's own diffuse colour",
+    hint: "Multiplies the diffuse colour",
 };
 
 /// Draws the panel.
 pub fn material_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
+    let scope = state.scope();
+    let before = scope.map_or(state.look.edit, |(_, region)| region.edit);
+    let command = |edit: MaterialEdit| match scope {
+        Some((index, _)) => Command::Inspect(InspectCommand::Edit(index, edit)),
+        None => Command::Edit(edit),
+    };
     ui.horizontal(|ui| {
         heading(ui, "Material");
-        let has_edits = state.look.edit != MaterialEdit::default();
+        let has_edits = before != MaterialEdit::default();
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
             let reset = ui.add_enabled(has_edits, egui::Button::new("Reset material"));
             if reset
                 .on_hover_text("All of it back to what was learned")
                 .clicked()
             {
-                commands.push(Command::Edit(MaterialEdit::default()));
+                commands.push(command(MaterialEdit::default()));
             }
         });
     });
@@ -61,15 +69,16 @@ pub fn material_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
         ui.label(weak(ui, "There is no object to edit."));
         return;
     }
-    let mut edit = state.look.edit;
+    scope_ui(ui, state, commands);
+    let mut edit = before;
     roughness_ui(ui, &mut edit.roughness);
     ui.label(weak(ui, "Specular tint"));
     slider_row(ui, &TINT_SCALE, &mut edit.tint_scale);
     color_row(ui, "Colour", &mut edit.tint_color);
     ui.label(weak(ui, "Diffuse"));
     diffuse_ui(ui, &mut edit);
-    if edit != state.look.edit {
-        commands.push(Command::Edit(edit));
+    if edit != before {
+        commands.push(command(edit));
     }
 }
 

@@ -128,6 +128,7 @@ impl Desk {
                 scene,
                 camera,
                 layer: Layer::Final,
+                highlight: None,
             }
         };
         if let Some(wanted) = self.driver.decide(snapshot, scene, &situation) {

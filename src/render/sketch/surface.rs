@@ -10,6 +10,7 @@ use crate::geometry::{Camera, SurfaceTracer};
 use crate::neif::light_path::PathVertex;
 use crate::neif::lobe_cones::PathOfPixel;
 use crate::render::causes::same;
+use crate::render::highlight::cover_values;
 use crate::render::shade::{TILE, shade_paths};
 use crate::render::trace::{MAX_VERTICES, PathStore, Seen, trace_path, trace_pixel};
 
@@ -253,6 +254,11 @@ impl Surface {
                         let lit = shade_paths(scene, object, &paths, one, layer, scratch);
                         for (out, value) in out.iter_mut().zip(lit) {
                             *out = value.to_array();
+                        }
+                        if let Some(region) = &job.request.highlight {
+                            let firsts = paths.iter().map(|path| &path[0].point);
+                            let points = firsts.map(|point| (point.position, point.normal));
+                            cover_values(object, region, points, out, scratch);
                         }
                     });
                 },

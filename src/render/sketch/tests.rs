@@ -17,6 +17,7 @@ fn request(width: u32, height: u32) -> PreviewScene {
         scene: Scene::new(object, fog(-1.0, 0.8)),
         camera: camera(width, height),
         layer: Layer::Final,
+        highlight: None,
     }
 }
 
@@ -27,6 +28,7 @@ fn floor() -> PreviewScene {
         scene: Scene::new(None, fog_above(-1.3)),
         camera: Camera::look_at(eye, Vec3::ZERO, Vec3::Z, 0.9, 160, 120),
         layer: Layer::Final,
+        highlight: None,
     }
 }
 

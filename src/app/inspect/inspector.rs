@@ -1,0 +1,92 @@
+//! The window's side of a picked point: the worker with its driver, and the panorama on the graphics card.
+
+use std::time::Duration;
+
+use egui::{ColorImage, Context, TextureHandle, TextureId, TextureOptions};
+
+use crate::app::inspect::InspectState;
+use crate::app::inspect::driver::{InspectDriver, Pace, REFRESH_SECS, Wanted};
+use crate::app::inspect::worker::{FoundPanorama, PanoramaWish, PointRequest, PointWorker};
+
+/// Worker, driver and texture.
+pub(in crate::app) struct Inspector {
+    worker: PointWorker,
+    driver: InspectDriver,
+    /// How much of the worker's results was taken in.
+    seen: (u64, u64),
+    texture: Option<TextureHandle>,
+}
+
+impl Inspector {
+    /// Starts the worker, which wakes the window with every result.
+    ///
+    /// # Errors
+    /// When the system gives no threads.
+    pub(in crate::app) fn new(ctx: &Context) -> std::io::Result<Self> {
+        let wake = ctx.clone();
+        Ok(Self {
+            worker: PointWorker::new(move || wake.request_repaint())?,
+            driver: InspectDriver::default(),
+            seen: (0, 0),
+            texture: None,
+        })
+    }
+
+    /// Takes in what was found since the last frame.
+    pub(in crate::app) fn poll(&mut self, ctx: &Context, inspect: &mut InspectState) {
+        let (values, panorama) = (self.worker.values(), self.worker.panorama());
+        let versions = (values.version(), panorama.version());
+        if versions.0 != self.seen.0
+            && let Some(found) = values.get()
+            && self.driver.is_current(found.number)
+        {
+            inspect.values = Some(found.values);
+        }
+        if versions.1 != self.seen.1
+            && let Some(found) = panorama.get()
+            && self.driver.was_reached(found.number, found.view.width)
+        {
+            upload(ctx, &mut self.texture, &found);
+            inspect.panorama = Some(found.view);
+        }
+        self.seen = versions;
+    }
+
+    /// Asks for what is missing; nothing is wanted while nothing is picked.
+    pub(in crate::app) fn ask(&mut self, ctx: &Context, wanted: Option<Wanted>, pace: Pace) {
+        let Some(wanted) = wanted else {
+            self.driver.clear();
+            return;
+        };
+        if let Some(decision) = self.driver.decide(&wanted, pace) {
+            let wish = PanoramaWish {
+                up: wanted.up,
+                is_sharp: wanted.is_sharp,
+                widths: decision.widths.clone(),
+            };
+            let number = self.worker.request(PointRequest {
+                scene: wanted.scene.clone(),
+                view: wanted.view,
+                panorama: (!wish.widths.is_empty()).then_some(wish),
+            });
+            self.driver.was_requested(wanted, &decision, number, pace);
+        } else if pace.is_training {
+            ctx.request_repaint_after(Duration::from_secs_f64(REFRESH_SECS));
+        }
+    }
+
+    /// The panorama on the graphics card.
+    pub(in crate::app) fn texture(&self) -> Option<TextureId> {
+        self.texture.as_ref().map(TextureHandle::id)
+    }
+}
+
+fn upload(ctx: &Context, texture: &mut Option<TextureHandle>, found: &FoundPanorama) {
+    let size = [found.view.width as usize, found.height as usize];
+    let image = ColorImage::from_rgba_premultiplied(size, found.pixels.as_flattened());
+    let options = TextureOptions::LINEAR;
+    match texture {
+        Some(texture) => texture.set(image, options),
+        None => *texture = Some(ctx.load_texture("panorama", image, options)),
+    }
+}

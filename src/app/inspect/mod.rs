@@ -1,0 +1,236 @@
+//! Looking into one point of the object, and editing the parts that grow from such points.
+//!
+//! The state and its commands; values and panorama are computed on a thread of their own ([`worker`]), which
+//! [`driver`] asks for what is out of date.
+
+pub mod driver;
+mod inspector;
+pub mod marker;
+pub mod worker;
+
+use glam::{Vec2, Vec3};
+
+use crate::app::state::AppState;
+use crate::app::training_state::Level;
+use crate::geometry::Camera;
+use crate::neif::region::MAX_REGIONS;
+use crate::neif::{Extent, MaterialEdit, Region};
+use crate::render::{PanoramaView, PointValues, PointView};
+
+pub(in crate::app) use inspector::Inspector;
+
+/// A picked point of the surface, world coordinates.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pick {
+    /// Where.
+    pub position: Vec3,
+    /// Unit shading normal, on the side from which it was picked.
+    pub normal: Vec3,
+    /// Unit normal of the triangle, on the same side.
+    pub face_normal: Vec3,
+}
+
+impl Pick {
+    /// The point as a camera sees it.
+    pub fn seen_by(&self, camera: &Camera) -> PointView {
+        PointView::from_camera(self.position, self.normal, self.face_normal, camera)
+    }
+}
+
+/// What is looked into, and what the material panel acts on.
+#[derive(Clone, Debug, Default)]
+pub struct InspectState {
+    /// The point.
+    pub pick: Option<Pick>,
+    /// What is known of it.
+    pub values: Option<PointValues>,
+    /// Whether the panorama is sharp rather than as blurred as the point's reflection.
+    pub is_sharp: bool,
+    /// The panorama on the graphics card.
+    pub panorama: Option<PanoramaView>,
+    /// The region that the material panel changes; none is the whole object.
+    pub scope: Option<usize>,
+    /// The region under the pointer, shown in a signal colour.
+    pub hovered: Option<usize>,
+}
+
+/// What a person does about points and regions.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum InspectCommand {
+    /// Look into what is seen at this point of a window of that size, both in pixels.
+    PickAt {
+        /// From the top left.
+        at: Vec2,
+        /// Width and height.
+        window: (u32, u32),
+    },
+    /// Forget the point.
+    Forget,
+    /// Show the panorama sharp, or as blurred as the point's reflection.
+    ShowSharp(bool),
+    /// Grow a region from the point, and edit that.
+    AddRegion(Extent),
+    /// Change what belongs to a region.
+    SetExtent(usize, Extent),
+    /// Edit a region's material.
+    Edit(usize, MaterialEdit),
+    /// Give a region up, with its edit.
+    RemoveRegion(usize),
+    /// What the material panel changes: a region, or the whole object.
+    ChooseScope(Option<usize>),
+    /// Show where a region lies.
+    Hover(Option<usize>),
+}
+
+impl InspectState {
+    /// Forgets the point.
+    pub fn forget(&mut self) {
+        (self.pick, self.values, self.panorama) = (None, None, None);
+    }
+}
+
+impl AppState {
+    /// The region that the material panel changes; none is the whole object.
+    pub fn scope(&self) -> Option<(usize, &Region)> {
+        let index = self.inspect.scope?;
+        Some((index, self.look.regions.get(index)?))
+    }
+
+    /// The region that is shown in a signal colour.
+    pub fn highlight(&self) -> Option<Region> {
+        self.look.regions.get(self.inspect.hovered?).copied()
+    }
+}
+
+/// Changes the state by a command.
+pub fn apply(state: &mut AppState, command: InspectCommand) {
+    let inspect = &mut state.inspect;
+    match command {
+        InspectCommand::PickAt { at, window } => pick_at(state, at, window),
+        InspectCommand::Forget => inspect.forget(),
+        InspectCommand::ShowSharp(on) => inspect.is_sharp = on,
+        InspectCommand::AddRegion(extent) => add_region(state, extent),
+        InspectCommand::SetExtent(index, extent) => {
+            if let Some(region) = state.look.regions.get_mut(index) {
+                region.extent = extent;
+            }
+        }
+        InspectCommand::Edit(index, edit) => {
+            if let Some(region) = state.look.regions.get_mut(index) {
+                region.edit = edit;
+            }
+        }
+        InspectCommand::RemoveRegion(index) => {
+            state.look.regions.remove(index);
+            inspect.hovered = None;
+            inspect.scope = match inspect.scope {
+                Some(scope) if scope == index => None,
+                Some(scope) if scope > index => Some(scope - 1),
+                scope => scope,
+            };
+        }
+        InspectCommand::ChooseScope(scope) => inspect.scope = scope,
+        InspectCommand::Hover(region) => inspect.hovered = region,
+    }
+}
+
+fn pick_at(state: &mut AppState, at: Vec2, window: (u32, u32)) {
+    state.inspect.forget();
+    let snapshot = state.snapshot.as_ref();
+    let object = snapshot.and_then(|snapshot| snapshot.object.as_ref());
+    let Some(object) = object.filter(|_| state.layer.shows_object()) else {
+        return;
+    };
+    let camera = state.view.viewpoint.camera_for(window.0, window.1);
+    let hit = object
+        .tracer
+        .intersect(&camera.ray(at.x, at.y), 0.0, f32::INFINITY);
+    state.inspect.pick = hit.map(|hit| Pick {
+        position: hit.position,
+        normal: hit.normal,
+        face_normal: hit.geometric_normal,
+    });
+}
+
+fn add_region(state: &mut AppState, extent: Extent) {
+    let Some(pick) = state.inspect.pick else {
+        return;
+    };
+    let region = Region {
+        seed: pick.position,
+        extent,
+        edit: MaterialEdit::default(),
+    };
+    if state.look.regions.push(region) {
+        state.inspect.scope = Some(state.look.regions.len() - 1);
+    } else {
+        state.messages.say(
+            Level::Warning,
+            format!("There are {MAX_REGIONS} regions already: delete one first"),
+        );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::render::test_scene;
+    use crate::train::Snapshot;
+
+    fn state() -> AppState {
+        let scene = test_scene::scene();
+        let snapshot = Arc::new(Snapshot {
+            step: 1,
+            object: scene.object,
+            environment: scene.environment,
+        });
+        let mut state = AppState::default();
+        state.look_at_model(&snapshot);
+        state.snapshot = Some(snapshot);
+        state
+    }
+
+    #[test]
+    fn a_pick_is_the_point_under_the_pointer_and_stays_there() {
+        let mut state = state();
+        let window = (400, 300);
+        let mut n_hits = 0;
+        for at in [(200.0, 150.0), (230.0, 160.0), (2.0, 2.0)] {
+            let at = Vec2::from(at);
+            apply(&mut state, InspectCommand::PickAt { at, window });
+            let camera = state.view.viewpoint.camera_for(window.0, window.1);
+            let Some(pick) = state.inspect.pick else {
+                continue;
+            };
+            n_hits += 1;
+            let shown = camera.project(pick.position).expect("in front");
+            assert!((shown - at).length() < 0.05, "{shown} for {at}");
+            let facing = pick.normal.dot(camera.position() - pick.position);
+            assert!(facing > 0.0, "the normal looks at the eye");
+        }
+        assert_eq!(n_hits, 2, "the corner is beside the object");
+        assert_eq!(state.inspect.pick, None, "and a click there forgets");
+    }
+
+    #[test]
+    fn regions_grow_from_the_pick_and_the_scope_follows_them() {
+        let mut state = state();
+        apply(&mut state, InspectCommand::AddRegion(Extent::Part));
+        assert!(state.look.regions.is_empty(), "nothing is picked");
+        let at = Vec2::new(200.0, 150.0);
+        let window = (400, 300);
+        apply(&mut state, InspectCommand::PickAt { at, window });
+        for _ in 0..=MAX_REGIONS {
+            apply(&mut state, InspectCommand::AddRegion(Extent::Part));
+        }
+        assert_eq!(state.look.regions.len(), MAX_REGIONS);
+        assert_eq!(state.messages.all().len(), 1, "one too many");
+        apply(&mut state, InspectCommand::ChooseScope(Some(3)));
+        apply(&mut state, InspectCommand::RemoveRegion(1));
+        assert_eq!(state.inspect.scope, Some(2), "the same region");
+        apply(&mut state, InspectCommand::RemoveRegion(2));
+        assert!(state.scope().is_none(), "its region is gone");
+    }
+}
