@@ -5,6 +5,8 @@
 //! IEC 61966-2-1; below its foot it is continued as the straight line, so negative values keep
 //! their sign, and nothing finite becomes infinite.
 
+pub mod map;
+
 use glam::Vec3;
 
 /// Linear value at which the curve changes from a line to a power.
