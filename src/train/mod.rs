@@ -40,6 +40,7 @@ pub mod trainer;
 mod trainer_tests;
 mod upkeep;
 mod validation;
+pub mod view_error;
 
 pub use any_trainer::AnyTrainer;
 pub use config::TrainConfig;
