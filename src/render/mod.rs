@@ -21,6 +21,7 @@ mod region_tests;
 pub mod scene;
 pub mod shade;
 pub mod sketch;
+pub mod slice;
 #[cfg(test)]
 pub(crate) mod test_scene;
 mod thread_clock;
