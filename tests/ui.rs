@@ -3,6 +3,8 @@
 
 #[path = "ui/inspect.rs"]
 mod inspect;
+#[path = "ui/watch.rs"]
+mod watch;
 
 use std::path::PathBuf;
 use std::sync::Arc;

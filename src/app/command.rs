@@ -14,6 +14,7 @@ use crate::app::state::{
     AppState, EnvironmentContent, Look, Overlays, PathDialog, PathPurpose, Source, file_name,
 };
 use crate::app::training_state::{Level, Phase};
+use crate::app::watch::{self, Comparison, WatchCommand};
 use crate::neif::{EnvironmentTransform, MaterialEdit};
 use crate::render::Layer;
 use crate::train::events::TrainCommand;
@@ -116,6 +117,8 @@ pub enum Command {
     Dismiss(usize),
     /// Look into a point, or edit a part.
     Inspect(InspectCommand),
+    /// Watch training.
+    Watch(WatchCommand),
 }
 
 /// What a command asks of the world.
@@ -137,6 +140,8 @@ pub enum Effect {
     MatchExposure,
     /// Show the system's dialog.
     Browse(Browse, PathPurpose),
+    /// Write the table of the run's figures.
+    WriteLog(PathBuf),
 }
 
 /// Changes the state by a command; `effects` gets what remains to be done.
@@ -172,6 +177,7 @@ pub fn apply(state: &mut AppState, command: Command, effects: &mut Vec<Effect>) 
         Command::CloseOverlays => close_front(state),
         Command::Inspect(command) => inspect::apply(state, command),
         Command::Dismiss(index) => state.messages.dismiss(index),
+        Command::Watch(command) => watch::apply(state, command),
         Command::MoveCamera(_)
         | Command::PivotAt { .. }
         | Command::GoToView(_)
@@ -203,6 +209,10 @@ fn apply_path(state: &mut AppState, command: Command, effects: &mut Vec<Effect>)
                     .saved
                     .clone()
                     .unwrap_or_else(|| run_folder_for(&state.source))
+                    .display()
+                    .to_string(),
+                PathPurpose::Log => run_folder_for(&state.source)
+                    .with_extension("csv")
                     .display()
                     .to_string(),
             };
@@ -250,6 +260,7 @@ fn use_path(state: &mut AppState, path: PathBuf, effects: &mut Vec<Effect>) {
     effects.push(match dialog.purpose {
         PathPurpose::Open => Effect::Open(path),
         PathPurpose::Save => Effect::Train(TrainCommand::Save(path)),
+        PathPurpose::Log => Effect::WriteLog(path),
     });
     state.overlays.path_dialog = None;
 }
@@ -330,7 +341,10 @@ fn apply_compare(state: &mut AppState, command: &Command) {
         }
     }
     match command {
-        Command::SetWipe(at) => state.compare.wipe = at.map(|at| at.clamp(0.0, 1.0)),
+        Command::SetWipe(at) => {
+            state.compare.wipe = at.map(|at| at.clamp(0.0, 1.0));
+            state.compare.with_photo = Comparison::Off;
+        }
         Command::HoldPhoto(on) => state.compare.is_photo_held = *on,
         _ => {}
     }
@@ -379,7 +393,7 @@ fn leave_view(state: &mut AppState) {
     state.compare = crate::app::state::Compare::default();
 }
 
-fn go_to_view(state: &mut AppState, index: usize) {
+pub(super) fn go_to_view(state: &mut AppState, index: usize) {
     if let Some((_, view)) = state.view_at(index) {
         state.view.viewpoint = Viewpoint::of_camera(&view.camera, state.view.viewpoint.pivot);
         state.view.at_view = Some(index);

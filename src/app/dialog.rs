@@ -66,6 +66,10 @@ impl FileDialog {
 fn ask(kind: Browse, purpose: PathPurpose) -> Option<PathBuf> {
     let dialog = rfd::FileDialog::new();
     match (purpose, kind) {
+        (PathPurpose::Log, _) => dialog
+            .set_title("File for the figures")
+            .set_file_name("metrics.csv")
+            .save_file(),
         (PathPurpose::Save, _) => dialog.set_title("Folder for the run").pick_folder(),
         (PathPurpose::Open, Browse::Folder) => {
             dialog.set_title("Open a capture or a run").pick_folder()

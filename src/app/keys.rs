@@ -4,6 +4,7 @@ use egui::{Key, Modifiers};
 
 use crate::app::command::{Command, Train};
 use crate::app::state::{AppState, PathPurpose};
+use crate::app::watch::{Comparison, WatchCommand};
 use crate::render::Layer;
 
 /// One line of the help.
@@ -86,6 +87,16 @@ const fn layer(
     key(LAYERS, (keys, Modifiers::NONE, number), what, command)
 }
 
+/// Switches a comparison on, or off where it is on.
+fn compare(state: &AppState, with: Comparison) -> Command {
+    let is_on = state.compare.with_photo == with;
+    Command::Watch(WatchCommand::Compare(if is_on {
+        Comparison::Off
+    } else {
+        with
+    }))
+}
+
 /// All of them. Of two with the same key, the one with more modifiers comes first.
 pub const BINDINGS: &[Binding] = &[
     gesture(CAMERA, "Drag", "Turn about the pivot"),
@@ -139,6 +150,30 @@ pub const BINDINGS: &[Binding] = &[
     ),
     key(
         COMPARE,
+        ("Shift+W", Modifiers::SHIFT, Key::W),
+        "Photo and rendering side by side",
+        |state| compare(state, Comparison::Beside),
+    ),
+    key(
+        COMPARE,
+        ("T", Modifiers::NONE, Key::T),
+        "Photo and rendering in turn (flicker)",
+        |state| compare(state, Comparison::Flicker),
+    ),
+    key(
+        COMPARE,
+        ("D", Modifiers::NONE, Key::D),
+        "Difference from the photo: absolute, signed, FLIP, off",
+        |state| Command::Watch(WatchCommand::Compare(state.compare.with_photo.next_error())),
+    ),
+    key(
+        COMPARE,
+        ("C", Modifiers::NONE, Key::C),
+        "Show the photos' cameras; click one to go there",
+        |state| Command::Watch(WatchCommand::ShowCameras(!state.watch.are_cameras_shown)),
+    ),
+    key(
+        COMPARE,
         ("W", Modifiers::NONE, Key::W),
         "Wipe between photo and rendering; drag the line",
         |state| {
@@ -166,6 +201,15 @@ pub const BINDINGS: &[Binding] = &[
     }),
     layer("7", Key::Num7, "Environment alone", |_| {
         Command::ShowLayer(Layer::Environment)
+    }),
+    layer("8", Key::Num8, "Depth", |_| {
+        Command::ShowLayer(Layer::Depth)
+    }),
+    layer("9", Key::Num9, "Visibility of a uniform sky", |_| {
+        Command::ShowLayer(Layer::Visibility)
+    }),
+    layer("0", Key::Num0, "Field samples a pixel", |_| {
+        Command::ShowLayer(Layer::Samples)
     }),
     key(
         TRAINING,

@@ -6,10 +6,14 @@
 pub mod assets;
 pub mod camera_control;
 pub mod command;
+pub mod compare_view;
 pub mod dialog;
 pub mod environment_control;
+mod error_maps;
+mod frustums;
 pub mod inspect;
 pub mod keys;
+mod layer_bar;
 pub mod messages;
 pub mod opener;
 pub mod pace;
@@ -17,10 +21,13 @@ pub mod panels;
 pub mod preview_driver;
 pub mod recent;
 pub mod shell;
+mod slice_view;
 pub mod state;
 pub mod theme;
+pub mod training_log;
 pub mod training_state;
 pub mod viewport;
+pub mod watch;
 mod window;
 mod work;
 

@@ -1,11 +1,14 @@
 //! Reads files on threads of their own, so that the window never waits for a disk.
 
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crossbeam::channel::{Receiver, Sender, bounded};
 
-use crate::data::{DataError, Dataset, LoadOptions, Photo, first_photo, list_capture};
+use crate::data::{
+    DataError, Dataset, LoadOptions, Photo, first_photo, list_capture, write_atomically,
+};
 use crate::neif::distant::is_environment_file;
 use crate::neif::{Environment, EnvironmentTransform};
 use crate::render::Scene;
@@ -84,6 +87,8 @@ pub enum Opened {
         /// Their transform; none where there is no light to compare.
         transform: Option<EnvironmentTransform>,
     },
+    /// A file was written.
+    Wrote(PathBuf),
     /// It cannot be used.
     Failed {
         /// What was opened.
@@ -176,6 +181,23 @@ impl Opener {
                     photo: screen_photo(&found.photo),
                 });
             }
+        });
+    }
+
+    /// Writes a text file whole or not at all, and the folder for it.
+    pub fn write_text(&self, path: PathBuf, text: String) {
+        self.spawn(move |send| {
+            let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
+            let written = folder
+                .map_or(Ok(()), std::fs::create_dir_all)
+                .and_then(|()| write_atomically(&path, |w| w.write_all(text.as_bytes())));
+            send(match written {
+                Ok(()) => Opened::Wrote(path),
+                Err(error) => Opened::Failed {
+                    reason: format!("{}: cannot be written: {error}", path.display()),
+                    path,
+                },
+            });
         });
     }
 

@@ -9,6 +9,8 @@ use crate::app::viewport::{Pictures, viewport_ui};
 
 /// Width of the panel at the left.
 const LEFT_WIDTH: f32 = 262.0;
+/// Room that the list of photos keeps under the training panel.
+const PHOTOS_HEIGHT: f32 = 130.0;
 /// Width of the panel at the right.
 const RIGHT_WIDTH: f32 = 306.0;
 
@@ -33,7 +35,15 @@ pub fn draw(
         .default_size(LEFT_WIDTH)
         .size_range(220.0..=420.0)
         .show(ui, |ui| {
-            panels::training_ui(ui, state, commands);
+            let room = (ui.available_height() - PHOTOS_HEIGHT).max(0.0);
+            ScrollArea::vertical()
+                .id_salt("training")
+                .max_height(room)
+                .show(ui, |ui| {
+                    panels::training_ui(ui, state, commands);
+                    panels::slice_ui(ui, state, pictures.slice, commands);
+                    panels::plots_ui(ui, state, commands);
+                });
             panels::cameras_ui(ui, state, commands);
         });
     Panel::right("right")

@@ -10,9 +10,11 @@ use crate::app::inspect::InspectState;
 use crate::app::messages::Messages;
 use crate::app::pace::Pace;
 use crate::app::training_state::TrainingState;
+use crate::app::watch::{Comparison, WatchState};
 use crate::data::{Dataset, View};
 use crate::geometry::Aabb;
 use crate::neif::{Environment, EnvironmentTransform, MaterialEdit, Regions};
+use crate::render::progressive::Recomputed;
 use crate::render::{Layer, Scene};
 use crate::train::Snapshot;
 
@@ -161,6 +163,8 @@ pub struct Compare {
     pub wipe: Option<f32>,
     /// Whether the photo covers everything while a key is held.
     pub is_photo_held: bool,
+    /// Another comparison instead of the wipe.
+    pub with_photo: Comparison,
 }
 
 /// What a typed path is for.
@@ -170,6 +174,8 @@ pub enum PathPurpose {
     Open,
     /// Save the run there.
     Save,
+    /// Write the table of figures there.
+    Log,
 }
 
 /// The window in which a path is chosen.
@@ -205,6 +211,18 @@ pub struct ShownPicture {
     pub step: u64,
     /// Whether a finer one follows.
     pub is_refining: bool,
+    /// What of it was computed anew.
+    pub recomputed: Recomputed,
+}
+
+impl ShownPicture {
+    /// Share of its pixels that were taken over from the picture before, `[0, 1]`; none of an empty picture.
+    pub fn reused_share(&self) -> Option<f32> {
+        let n = f64::from(self.size.0) * f64::from(self.size.1);
+        let computed = (self.recomputed.background + self.recomputed.object) as f64;
+        // Pixels on the silhouette are computed twice.
+        (n > 0.0).then(|| (1.0 - computed / n).clamp(0.0, 1.0) as f32)
+    }
 }
 
 /// The windows over the main one.
@@ -251,6 +269,8 @@ pub struct AppState {
     pub compare: Compare,
     /// The picked point.
     pub inspect: InspectState,
+    /// How training is watched.
+    pub watch: WatchState,
     /// What was said.
     pub messages: Messages,
     /// Windows over the main one.
@@ -280,6 +300,7 @@ impl Default for AppState {
             view: ViewState::default(),
             compare: Compare::default(),
             inspect: InspectState::default(),
+            watch: WatchState::default(),
             messages: Messages::default(),
             overlays: Overlays::default(),
             recent: Vec::new(),

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use crate::app::training_log::TrainingLog;
 use crate::train::events::{FinishReason, Progress, TrainEvent, Validation};
 
 /// Points a curve keeps; older ones are then merged in pairs.
@@ -64,22 +65,22 @@ pub struct CaptureInfo {
     pub has_object: bool,
 }
 
-/// A line of a plot: `[seconds, value]`, merged in pairs when it grows long.
+/// A line of a plot: `[seconds, step, value]`, merged in pairs when it grows long.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Curve {
-    points: Vec<[f64; 2]>,
+    points: Vec<[f64; 3]>,
     /// Values per point, and those waiting for a full point.
     stride: usize,
-    waiting: Vec<[f64; 2]>,
+    waiting: Vec<[f64; 3]>,
 }
 
 impl Curve {
     /// Adds a value; those that are not finite are left out.
-    pub fn push(&mut self, secs: f64, value: f64) {
+    pub fn push(&mut self, secs: f64, step: u64, value: f64) {
         if !(secs.is_finite() && value.is_finite()) {
             return;
         }
-        self.waiting.push([secs, value]);
+        self.waiting.push([secs, step as f64, value]);
         if self.waiting.len() >= self.stride.max(1) {
             self.points.push(mean(&self.waiting));
             self.waiting.clear();
@@ -91,14 +92,14 @@ impl Curve {
     }
 
     /// The points, oldest first.
-    pub fn points(&self) -> &[[f64; 2]] {
+    pub fn points(&self) -> &[[f64; 3]] {
         &self.points
     }
 }
 
-fn mean(points: &[[f64; 2]]) -> [f64; 2] {
+fn mean(points: &[[f64; 3]]) -> [f64; 3] {
     let n = points.len().max(1) as f64;
-    [0, 1].map(|axis| points.iter().map(|p| p[axis]).sum::<f64>() / n)
+    [0, 1, 2].map(|axis| points.iter().map(|p| p[axis]).sum::<f64>() / n)
 }
 
 /// The state of training.
@@ -112,16 +113,35 @@ pub struct TrainingState {
     pub capture: Option<CaptureInfo>,
     /// Training loss.
     pub loss: Curve,
+    /// Its part that object pixels cause.
+    pub loss_object: Curve,
+    /// Its part that background pixels cause.
+    pub loss_background: Curve,
     /// PSNR on held-out pixels.
     pub psnr: Curve,
     /// The same on object pixels.
     pub psnr_object: Curve,
+    /// The same on background pixels.
+    pub psnr_background: Curve,
+    /// All figures as a table.
+    pub log: TrainingLog,
     /// The last measurement.
     pub validation: Option<Validation>,
+    /// The best one: by the object, where there is one.
+    pub best: Option<Validation>,
+    /// The same by validation view, dB, in the capture's order.
+    pub view_psnr: Vec<Option<f64>>,
     /// Where the run was last saved.
     pub saved: Option<PathBuf>,
     /// The step of the last save.
     pub saved_step: Option<u64>,
+    /// Seconds of training at each save.
+    pub saved_secs: Vec<f64>,
+}
+
+/// The figure that counts: PSNR of the object where there is one, in dB.
+pub fn headline(validation: &Validation) -> f64 {
+    validation.psnr_object.unwrap_or(validation.psnr)
 }
 
 /// How much a message matters.
@@ -163,20 +183,14 @@ impl TrainingState {
                     .collect();
             }
             TrainEvent::Progress(progress) => {
-                self.loss
-                    .push(progress.elapsed_secs, f64::from(progress.loss));
-                self.progress = progress;
+                self.take_progress(progress);
             }
-            TrainEvent::Validated(validation) => {
-                self.psnr.push(validation.elapsed_secs, validation.psnr);
-                if let Some(psnr) = validation.psnr_object {
-                    self.psnr_object.push(validation.elapsed_secs, psnr);
-                }
-                self.validation = Some(validation);
-            }
+            TrainEvent::Validated(validation) => self.take_validation(validation),
+            TrainEvent::ViewsValidated(psnr) => self.view_psnr = psnr,
             TrainEvent::Warning(message) => return vec![(Level::Warning, message)],
             TrainEvent::Saved(path) => {
                 self.saved_step = Some(self.progress.step);
+                self.saved_secs.push(self.progress.elapsed_secs);
                 let message = format!("Saved to {}", path.display());
                 self.saved = Some(path);
                 return vec![(Level::Info, message)];
@@ -202,6 +216,47 @@ impl TrainingState {
         Vec::new()
     }
 
+    fn take_progress(&mut self, p: Progress) {
+        let curves = [
+            (&mut self.loss, p.loss),
+            (&mut self.loss_object, p.loss_object),
+            (&mut self.loss_background, p.loss_background),
+        ];
+        for (curve, loss) in curves {
+            // A run without an object has no such part.
+            if loss > 0.0 {
+                curve.push(p.elapsed_secs, p.step, f64::from(loss));
+            }
+        }
+        self.log.push_progress(&p);
+        self.progress = p;
+    }
+
+    fn take_validation(&mut self, v: Validation) {
+        let curves = [
+            (&mut self.psnr, Some(v.psnr)),
+            (&mut self.psnr_object, v.psnr_object),
+            (&mut self.psnr_background, v.psnr_background),
+        ];
+        for (curve, psnr) in curves {
+            if let Some(psnr) = psnr {
+                curve.push(v.elapsed_secs, v.step, psnr);
+            }
+        }
+        if self.best.is_none_or(|best| headline(&v) > headline(&best)) {
+            self.best = Some(v);
+        }
+        self.log.push_validation(&v);
+        self.validation = Some(v);
+    }
+
+    /// Shares of the plan, 0 to 1, at which the run was saved.
+    pub fn saved_fractions(&self) -> Vec<f32> {
+        let end = self.progress.elapsed_secs + self.progress.eta_secs;
+        let fractions = self.saved_secs.iter().map(|secs| (secs / end) as f32);
+        fractions.filter(|f| (0.0..=1.0).contains(f)).collect()
+    }
+
     /// Whether there is training that was never saved.
     pub fn is_unsaved(&self) -> bool {
         self.progress.step > self.saved_step.unwrap_or(0)
@@ -217,9 +272,9 @@ mod tests {
     fn a_long_curve_keeps_its_range_with_few_points() {
         let mut curve = Curve::default();
         for i in 0..10_000 {
-            curve.push(f64::from(i), f64::from(i % 7));
+            curve.push(f64::from(i), i as u64, f64::from(i % 7));
         }
-        curve.push(f64::NAN, 1.0);
+        curve.push(f64::NAN, 1, 1.0);
         assert!(
             curve.points().len() < MAX_POINTS,
             "{} points",
@@ -230,6 +285,21 @@ mod tests {
             curve.points().windows(2).all(|p| p[0][0] < p[1][0]),
             "out of order"
         );
+    }
+
+    #[test]
+    fn the_best_measurement_is_the_objects_and_stays() {
+        let mut state = TrainingState::default();
+        for (step, object) in [(1, 20.0), (2, 25.0), (3, 24.0)] {
+            state.take(TrainEvent::Validated(Validation {
+                step,
+                psnr: 40.0 - object,
+                psnr_object: Some(object),
+                ..Validation::default()
+            }));
+        }
+        assert_eq!(state.best.map(|best| best.step), Some(2));
+        assert_eq!(state.validation.map(|last| last.step), Some(3));
     }
 
     #[test]

@@ -1,17 +1,20 @@
 //! The viewport: the preview picture, the photo over it, and what the mouse does there.
 
 use egui::{
-    Align2, Color32, CursorIcon, FontId, PointerButton, Pos2, Rect, Response, Sense, Stroke,
-    TextureId, Ui, pos2, vec2,
+    Align2, Color32, CursorIcon, FontId, PointerButton, Pos2, Rect, Response, Sense, TextureId, Ui,
+    pos2, vec2,
 };
 use glam::Vec2;
 
 use crate::app::camera_control::CameraMove;
 use crate::app::command::Command;
+use crate::app::compare_view::{self, photo_ui};
 use crate::app::environment_control::{DEGREES_PER_POINT, shifted, turned};
+use crate::app::frustums::frustums_ui;
 use crate::app::inspect::marker::{marker_ui, pick_ui};
+use crate::app::layer_bar::layer_bar_ui;
 use crate::app::panels::widgets::weak;
-use crate::app::state::{AppState, PathPurpose, Source};
+use crate::app::state::{AppState, Compare, PathPurpose, Source};
 use crate::app::training_state::Phase;
 use crate::neif::distant::is_environment_file;
 
@@ -19,10 +22,8 @@ use crate::neif::distant::is_environment_file;
 const ORBIT_PER_POINT: f32 = 0.008;
 /// Change of the logarithm of the distance for one point of scrolling.
 const DOLLY_PER_POINT: f32 = 0.003;
-/// Width of the strip that catches the wipe's line.
-const WIPE_GRAB: f32 = 14.0;
 /// All of a texture.
-const WHOLE: Rect = Rect {
+pub(super) const WHOLE: Rect = Rect {
     min: pos2(0.0, 0.0),
     max: pos2(1.0, 1.0),
 };
@@ -34,20 +35,28 @@ pub struct Pictures {
     pub preview: Option<TextureId>,
     /// The photo of the view at which the camera stands.
     pub photo: Option<TextureId>,
+    /// The error map that is asked for.
+    pub error: Option<TextureId>,
+    /// The slice through the surroundings.
+    pub slice: Option<TextureId>,
     /// The first photo of a capture that is being read, and its size in pixels.
     pub first_photo: Option<(TextureId, [usize; 2])>,
     /// The surroundings as the picked point sees them.
     pub panorama: Option<TextureId>,
 }
 
-/// Draws the viewport into all of `ui`; returns its size in physical pixels.
+/// Draws the viewport into all of `ui`; returns the size of the preview in it, in physical pixels.
 pub fn viewport_ui(
     ui: &mut Ui,
     state: &AppState,
     pictures: &Pictures,
     commands: &mut Vec<Command>,
 ) -> (u32, u32) {
-    let rect = ui.max_rect();
+    let whole = ui.max_rect();
+    let (beside, rect) = match pictures.preview {
+        Some(_) => compare_view::split(whole, state),
+        None => (None, whole),
+    };
     let per_point = ui.ctx().pixels_per_point();
     let size = (rect.size() * per_point).round();
     let window = (size.x.max(1.0) as u32, size.y.max(1.0) as u32);
@@ -60,11 +69,15 @@ pub fn viewport_ui(
             );
             describe(&response);
             mouse_ui(ui, &response, state, window, commands);
-            pick_ui(ui, &response, window, commands);
             ui.painter().image(preview, rect, WHOLE, Color32::WHITE);
-            photo_ui(ui, rect, state, pictures, window, commands);
+            // A click on a camera goes there instead of looking into what is behind it.
+            if !frustums_ui(ui, rect, &response, state, window, commands) {
+                pick_ui(ui, &response, window, commands);
+            }
+            photo_ui(ui, (beside, rect), state, pictures, commands);
             marker_ui(ui, rect, state, window);
             caption_ui(ui, rect, state);
+            layer_bar_ui(ui, rect, state);
         }
         (None, Some((photo, size))) => {
             let area = fit(rect, vec2(size[0] as f32, size[1] as f32));
@@ -78,7 +91,7 @@ pub fn viewport_ui(
         }
         (None, None) => empty_ui(ui, rect, state, commands),
     }
-    drop_ui(ui, rect);
+    drop_ui(ui, whole);
     window
 }
 
@@ -165,67 +178,6 @@ fn pan(state: &AppState, drag_px: egui::Vec2, window: (u32, u32)) -> CameraMove 
     }
 }
 
-/// The photo over the preview: all of it, or left of the wipe's line.
-fn photo_ui(
-    ui: &Ui,
-    rect: Rect,
-    state: &AppState,
-    pictures: &Pictures,
-    window: (u32, u32),
-    commands: &mut Vec<Command>,
-) {
-    let Some(photo) = pictures.photo.filter(|_| state.view.at_view.is_some()) else {
-        return;
-    };
-    let area = state.view.viewpoint.photo_area(window.0, window.1);
-    let to_points = 1.0 / ui.ctx().pixels_per_point();
-    let min = rect.min + vec2(area.min.x, area.min.y) * to_points;
-    let area = Rect::from_min_size(min, vec2(area.size.x, area.size.y) * to_points);
-    if state.compare.is_photo_held {
-        ui.painter().image(photo, area, WHOLE, Color32::WHITE);
-        label(
-            ui,
-            area.left_top() + vec2(10.0, 34.0),
-            Align2::LEFT_TOP,
-            "Photo",
-        );
-    } else if let Some(wipe) = state.compare.wipe {
-        wipe_ui(ui, photo, area, wipe, commands);
-    }
-}
-
-fn wipe_ui(ui: &Ui, photo: TextureId, area: Rect, wipe: f32, commands: &mut Vec<Command>) {
-    let x = area.left() + wipe * area.width();
-    let left = Rect::from_min_max(area.min, pos2(x, area.bottom()));
-    let part = Rect::from_min_max(Pos2::ZERO, pos2(wipe, 1.0));
-    ui.painter().image(photo, left, part, Color32::WHITE);
-    let strip = Rect::from_x_y_ranges(x - 0.5 * WIPE_GRAB..=x + 0.5 * WIPE_GRAB, area.y_range());
-    let handle = ui
-        .interact(strip, ui.scope_id().with("wipe"), Sense::drag())
-        .on_hover_cursor(CursorIcon::ResizeHorizontal);
-    handle.widget_info(|| {
-        egui::WidgetInfo::labeled(egui::Role::Slider, true, "Wipe between photo and rendering")
-    });
-    if let Some(at) = handle.interact_pointer_pos().filter(|_| handle.dragged()) {
-        commands.push(Command::SetWipe(Some((at.x - area.left()) / area.width())));
-    }
-    let width = if handle.hovered() || handle.dragged() {
-        3.0
-    } else {
-        1.5
-    };
-    for (stroke, color) in [
-        (width + 2.0, Color32::from_black_alpha(120)),
-        (width, Color32::WHITE),
-    ] {
-        ui.painter()
-            .vline(x, area.y_range(), Stroke::new(stroke, color));
-    }
-    let y = area.bottom() - 10.0;
-    label(ui, pos2(x - 10.0, y), Align2::RIGHT_BOTTOM, "Photo");
-    label(ui, pos2(x + 10.0, y), Align2::LEFT_BOTTOM, "Rendering");
-}
-
 /// Where the camera stands and what of the picture is not what was learned.
 fn caption_ui(ui: &Ui, rect: Rect, state: &AppState) {
     let view = state.view.at_view.and_then(|i| state.view_at(i));
@@ -248,6 +200,8 @@ fn caption_ui(ui: &Ui, rect: Rect, state: &AppState) {
     if let Some(shown) = state
         .shown
         .filter(|shown| shown.step > 0 && state.training.phase == Phase::Training)
+        // What a comparison says stands in the same place.
+        .filter(|_| state.compare == Compare::default())
     {
         label(
             ui,
@@ -258,8 +212,8 @@ fn caption_ui(ui: &Ui, rect: Rect, state: &AppState) {
     }
 }
 
-/// White text on a dark ground, readable over any picture.
-fn label(ui: &Ui, at: Pos2, anchor: Align2, text: &str) {
+/// White text on a dark ground, readable over any picture; returns where it is.
+pub(super) fn label(ui: &Ui, at: Pos2, anchor: Align2, text: &str) -> Rect {
     let galley =
         ui.painter()
             .layout_no_wrap(text.to_owned(), FontId::proportional(13.0), Color32::WHITE);
@@ -268,6 +222,7 @@ fn label(ui: &Ui, at: Pos2, anchor: Align2, text: &str) {
         .rect_filled(rect, 4.0, Color32::from_black_alpha(150));
     ui.painter()
         .galley(rect.min + vec2(6.0, 3.0), galley, Color32::WHITE);
+    rect
 }
 
 fn empty_ui(ui: &mut Ui, rect: Rect, state: &AppState, commands: &mut Vec<Command>) {

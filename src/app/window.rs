@@ -7,12 +7,14 @@ use egui::{ColorImage, Context, TextureHandle, TextureOptions, Ui};
 
 use crate::app::AppOptions;
 use crate::app::command::{Command, Effect, apply};
+use crate::app::error_maps::ErrorMaps;
 use crate::app::inspect::Inspector;
 use crate::app::inspect::driver::{Pace, Wanted};
 use crate::app::keys;
 use crate::app::opener::ScreenPhoto;
 use crate::app::preview_driver::{PreviewDriver, Situation};
 use crate::app::shell;
+use crate::app::slice_view::SliceView;
 use crate::app::state::{Adapter, AppState, ShownPicture};
 use crate::app::theme;
 use crate::app::training_state::Phase;
@@ -43,6 +45,8 @@ pub(super) struct Window {
     inspector: Inspector,
     n_frames_seen: u64,
     textures: Textures,
+    errors: ErrorMaps,
+    slice: SliceView,
     viewport: (u32, u32),
     started: Instant,
     n_cores: usize,
@@ -70,6 +74,8 @@ impl Window {
             inspector: Inspector::new(ctx)?,
             n_frames_seen: 0,
             textures: Textures::default(),
+            errors: ErrorMaps::new()?,
+            slice: SliceView::default(),
             viewport: (0, 0),
             started: Instant::now(),
             n_cores: std::thread::available_parallelism().map_or(1, usize::from),
@@ -117,6 +123,8 @@ impl Window {
     /// Drops every picture of what was open before.
     fn forget_pictures(&mut self) {
         self.driver.clear();
+        self.errors.clear();
+        self.slice = SliceView::default();
         self.textures = Textures::default();
         self.state.shown = None;
     }
@@ -155,6 +163,7 @@ impl Window {
             scale: frame.scale,
             step,
             is_refining: !frame.is_last,
+            recomputed: frame.recomputed,
         });
     }
 
@@ -240,6 +249,8 @@ impl Window {
         Pictures {
             preview: textures.preview.as_ref().map(TextureHandle::id),
             photo: photo.map(|(_, texture)| texture.id()),
+            error: self.errors.texture(&self.state),
+            slice: self.slice.texture(),
             first_photo: textures
                 .first_photo
                 .as_ref()
@@ -275,6 +286,8 @@ impl eframe::App for Window {
         }
         self.carry_out(effects);
         self.ask(&ctx);
+        self.errors.update(&ctx, &mut self.state);
+        self.slice.update(&ctx, &mut self.state);
         self.set_title(&ctx);
         if has_commands {
             ctx.request_repaint();

@@ -108,6 +108,7 @@ impl Work {
             }
             Effect::MatchExposure => self.match_exposure(state),
             Effect::Browse(kind, purpose) => self.browse(state, kind, purpose),
+            Effect::WriteLog(path) => self.opener.write_text(path, state.training.log.to_csv()),
         }
         None
     }
@@ -175,6 +176,7 @@ impl Work {
         state.view = ViewState::default();
         state.compare = crate::app::state::Compare::default();
         state.inspect = crate::app::inspect::InspectState::default();
+        state.watch.forget();
     }
 
     fn start(&mut self, state: &mut AppState) {
@@ -290,6 +292,9 @@ impl Work {
             {
                 return Some(News::FirstPhoto(photo));
             }
+            Opened::Wrote(path) => state
+                .messages
+                .say(Level::Info, format!("Written to {}", path.display())),
             Opened::ViewPhoto { view, photo } => return Some(News::ViewPhoto(view, photo)),
             Opened::Failed { reason, .. } => state.messages.say(Level::Error, reason),
             // Read for something that is no longer open.

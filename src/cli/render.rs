@@ -35,7 +35,7 @@ pub(crate) struct RenderArgs {
     baked_diffuse: bool,
     #[command(flatten)]
     material: MaterialFlags,
-    /// What to render: final, diffuse, specular, roughness, tint, normal, environment
+    /// What to render: final, diffuse, specular, roughness, tint, normal, environment, depth, visibility, samples
     #[arg(
         long,
         value_name = "LAYER,..",

@@ -136,6 +136,7 @@ impl Watcher {
             TrainEvent::Finished(finish) => self.finish = Some(*finish),
             // Saving is routine; a failure comes back from the session itself.
             TrainEvent::Saved(_)
+            | TrainEvent::ViewsValidated(_)
             | TrainEvent::Paused
             | TrainEvent::Resumed
             | TrainEvent::Failed(_) => {}

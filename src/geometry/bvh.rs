@@ -116,6 +116,11 @@ impl SurfaceTracer {
         self.parts.get_or_init(|| MeshParts::new(&self.mesh))
     }
 
+    /// Centre and radius of a ball that holds the mesh.
+    pub fn bounding_ball(&self) -> (Vec3, f32) {
+        (self.center, self.radius)
+    }
+
     /// The nearest hit with `t_min < t < t_max` (scene units), from either side of the surface.
     pub fn intersect(&self, ray: &Ray, t_min: f32, t_max: f32) -> Option<Hit> {
         let ray_ball = self.ball_ray(ray, t_min, t_max)?;

@@ -26,6 +26,7 @@ pub mod radiance_field;
 pub mod region;
 pub mod samples;
 pub mod shading;
+pub mod skip_counts;
 pub mod spherical_harmonics;
 pub mod storage;
 

@@ -236,6 +236,41 @@ fn place_samples_body<const FMA: bool>(
     );
 }
 
+/// What the look-ups along a ray found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RaySteps {
+    /// All of them.
+    pub n: usize,
+    /// Those in the open that hold next to nothing of the ray's light.
+    pub empty: usize,
+    /// Those behind something opaque.
+    pub hidden: usize,
+}
+
+/// Share of a ray's light below which a step counts as empty, and what is left of it behind something opaque.
+const NEXT_TO_NOTHING: f32 = 1e-3;
+
+/// Counts the look-ups of a ray by what the cached density says of them.
+pub fn steps_of_ray(grid: &DensityGrid, ray: &ConeRay) -> RaySteps {
+    let mut weights = [0.0; N_STEPS];
+    march::<false>(grid, ray, split_distance(ray), &mut weights);
+    let mut left = 1.0;
+    let mut steps = RaySteps {
+        n: N_STEPS,
+        empty: 0,
+        hidden: 0,
+    };
+    for weight in weights {
+        if left < NEXT_TO_NOTHING {
+            steps.hidden += 1;
+        } else if weight < NEXT_TO_NOTHING {
+            steps.empty += 1;
+        }
+        left -= weight;
+    }
+    steps
+}
+
 /// Weights of all steps, composited front to back from the cached density.
 #[inline(always)]
 fn march<const FMA: bool>(
@@ -402,6 +437,14 @@ mod tests {
         );
         let near = edges.iter().filter(|&&t| (t - 1.3).abs() < 0.1).count();
         assert!(near >= 12, "{near} of 17 edges at the wall: {edges:?}");
+    }
+
+    #[test]
+    fn steps_before_a_wall_are_empty_and_those_behind_it_hidden() {
+        let steps = steps_of_ray(&wall_at(-0.5), &ray());
+        // From 0.8 to -1 in 48 steps: the wall is 1.3 away.
+        assert!((33..=36).contains(&steps.empty), "{steps:?}");
+        assert!((40..=46).contains(&steps.hidden), "{steps:?}");
     }
 
     #[test]

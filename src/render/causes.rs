@@ -85,7 +85,8 @@ impl Causes {
             && self.edit == other.edit
             && self.regions == other.regions
             && same(self.material.as_ref(), other.material.as_ref())
-            && (!self.layer.is_lit() || self.same_light(other) && self.same_diffuse_light(other))
+            && (!self.layer.is_lit() && self.layer != Layer::Samples
+                || self.same_light(other) && self.same_diffuse_light(other))
     }
 }
 

@@ -2,6 +2,8 @@
 
 use std::ops::Range;
 
+use glam::Vec3;
+
 use super::trace::{MAX_VERTICES, PathStore, PixelHit, Seen, trace_path, trace_pixel};
 use crate::geometry::{Camera, SurfaceTracer};
 use crate::neif::light_path::PathVertex;
@@ -41,6 +43,7 @@ impl PathOptions {
 /// Traced pixels of some rows of a camera's image.
 #[derive(Clone, Debug, Default)]
 pub struct GBuffer {
+    eye: Vec3,
     first: u32,
     coverage: Vec<f32>,
     /// `[n + 1]`: where each pixel's paths start.
@@ -60,6 +63,7 @@ impl GBuffer {
         match tracer {
             Some(tracer) => Self::trace_some(tracer, camera, rows, options, |_| true),
             None => Self {
+                eye: camera.position(),
                 first: rows.start * camera.width,
                 coverage: vec![0.0; n],
                 starts: vec![0; n + 1],
@@ -78,6 +82,7 @@ impl GBuffer {
     ) -> Self {
         let n = (rows.len() as u32 * camera.width) as usize;
         let mut buffer = Self {
+            eye: camera.position(),
             first: rows.start * camera.width,
             coverage: vec![0.0; n],
             starts: vec![0; n + 1],
@@ -85,6 +90,11 @@ impl GBuffer {
         };
         buffer.fill(tracer, camera, rows, options, is_wanted);
         buffer
+    }
+
+    /// Where the camera stands.
+    pub fn eye(&self) -> Vec3 {
+        self.eye
     }
 
     /// Share of each pixel that the object covers, `[0, 1]`, of the traced rows.

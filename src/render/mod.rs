@@ -3,6 +3,7 @@
 pub mod bake;
 mod band;
 mod causes;
+pub mod diagnostic;
 pub mod gbuffer;
 pub mod ground;
 mod highlight;

@@ -136,11 +136,17 @@ pub enum Layer {
     Normal,
     /// The surroundings without the object.
     Environment,
+    /// Distance of the object from the eye, near ones light ([`super::diagnostic::depth_range`]).
+    Depth,
+    /// Share of a uniform sky's light that the object leaves to itself.
+    Visibility,
+    /// Field samples that the pixel costs ([`super::diagnostic::SAMPLES_RANGE`]).
+    Samples,
 }
 
 impl Layer {
     /// All layers, in the order of the window's keys.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 10] = [
         Self::Final,
         Self::Diffuse,
         Self::Specular,
@@ -148,6 +154,9 @@ impl Layer {
         Self::Tint,
         Self::Normal,
         Self::Environment,
+        Self::Depth,
+        Self::Visibility,
+        Self::Samples,
     ];
 
     /// Lower-case name, as on the command line.
@@ -160,6 +169,9 @@ impl Layer {
             Self::Tint => "tint",
             Self::Normal => "normal",
             Self::Environment => "environment",
+            Self::Depth => "depth",
+            Self::Visibility => "visibility",
+            Self::Samples => "samples",
         }
     }
 

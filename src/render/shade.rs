@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use glam::Vec3;
 
+use super::diagnostic::{depth_share, diagnostic_color, visibility};
 use super::gbuffer::GBuffer;
 use super::scene::{Layer, Scene};
 use super::trace::PIXEL_STD;
@@ -150,15 +151,30 @@ pub fn shade_object(
             index: numbers[path],
             of: counts[pixel_of_path[path]],
         };
-        let values = shade_paths(scene, object, &paths, of_pixel, layer, scratch);
+        let view = PathView {
+            layer,
+            eye: gbuffer.eye(),
+        };
+        let values = shade_paths(scene, object, &paths, of_pixel, view, scratch);
         for (&i, value) in pixel_of_path.iter().zip(&values) {
             out[i] = (Vec3::from(out[i]) + *value).to_array();
         }
         scratch.pixel_of_path = pixel_of_path;
+        // Costs add up over a pixel's paths; everything else is their mean.
+        if layer == Layer::Samples {
+            continue;
+        }
         for (out, n) in out.iter_mut().zip(counts) {
             *out = out.map(|v| v / n.max(1) as f32);
         }
     }
+}
+
+/// What is wanted of a path, and from where it is seen.
+#[derive(Clone, Copy)]
+pub(super) struct PathView {
+    pub(super) layer: Layer,
+    pub(super) eye: Vec3,
 }
 
 /// The layer's value at the first vertex of each path.
@@ -167,7 +183,7 @@ pub(super) fn shade_paths(
     object: &ObjectModel,
     paths: &[&[PathVertex]],
     of_pixel: impl Fn(usize) -> PathOfPixel,
-    layer: Layer,
+    view: PathView,
     scratch: &mut ShadeScratch,
 ) -> Vec<Vec3> {
     let vertices = paths.iter().flat_map(|path| path.iter());
@@ -179,15 +195,21 @@ pub(super) fn shade_paths(
         starts.push(start);
         start += path.len();
     }
-    if let Some(values) = unlit(paths, &starts, &scratch.edited, layer) {
+    let edited = &scratch.edited;
+    if let Some(values) = unlit(object, (paths, &starts), edited, view) {
         return values;
+    }
+    if view.layer == Layer::Samples {
+        let (_, n_rays) = aim_lobes(scene, object, (paths, &starts), of_pixel, scratch);
+        let samples = |n: usize| Vec3::splat((n * scene.environment.n_samples()) as f32);
+        return n_rays.into_iter().map(samples).collect();
     }
     let light = lobe_light(scene, object, (paths, &starts), of_pixel, scratch);
     let edited = &scratch.edited;
     let starts = starts.into_iter().zip(light);
     let lit = paths.iter().zip(starts).map(|(path, (start, light))| {
         let surface = edited.surfaces()[start];
-        let (surface, light) = match layer {
+        let (surface, light) = match view.layer {
             Layer::Diffuse => (surface, Vec3::ZERO),
             Layer::Specular => (
                 Surface {
@@ -227,6 +249,25 @@ fn lobe_light(
     scratch: &mut ShadeScratch,
 ) -> Vec<Vec3> {
     let motion = scene.transform.environment_from_world();
+    let (lit, _) = aim_lobes(scene, object, (paths, starts), of_pixel, scratch);
+    scratch.light(scene);
+    let (edited, batch, vertices) = (&scratch.edited, &scratch.batch, &mut scratch.lit);
+    let gain = |surface: usize| edited.specular_gain()[surface];
+    let incoming = |ray: usize| Vec3::from(batch.radiance[ray]) * motion.gain;
+    lit.into_iter()
+        .map(|lit| light_path::gather(&mut vertices[lit], gain, incoming))
+        .collect()
+}
+
+/// The lit vertices of each path, and how many rays it takes; both are put into the scratch.
+fn aim_lobes(
+    scene: &Scene,
+    object: &ObjectModel,
+    (paths, starts): (&[&[PathVertex]], &[usize]),
+    of_pixel: impl Fn(usize) -> PathOfPixel,
+    scratch: &mut ShadeScratch,
+) -> (Vec<Range<usize>>, Vec<usize>) {
+    let motion = scene.transform.environment_from_world();
     let aim = Aim {
         object,
         motion: &motion,
@@ -235,19 +276,13 @@ fn lobe_light(
     };
     scratch.batch.rays.clear();
     scratch.lit.clear();
-    let lit: Vec<Range<usize>> = paths
-        .iter()
-        .zip(starts)
-        .enumerate()
-        .map(|(number, (path, &start))| aim.path(path, start, of_pixel(number), scratch))
-        .collect();
-    scratch.light(scene);
-    let (edited, batch, vertices) = (&scratch.edited, &scratch.batch, &mut scratch.lit);
-    let gain = |surface: usize| edited.specular_gain()[surface];
-    let incoming = |ray: usize| Vec3::from(batch.radiance[ray]) * motion.gain;
-    lit.into_iter()
-        .map(|lit| light_path::gather(&mut vertices[lit], gain, incoming))
-        .collect()
+    let paths = paths.iter().zip(starts).enumerate();
+    let aimed = paths.map(|(number, (path, &start))| {
+        let before = scratch.batch.rays.len();
+        let lit = aim.path(path, start, of_pixel(number), scratch);
+        (lit, scratch.batch.rays.len() - before)
+    });
+    aimed.unzip()
 }
 
 /// From surfaces to the rays that their lobes need.
@@ -355,23 +390,34 @@ impl Aim<'_> {
 
 /// Layers that need no light.
 fn unlit(
-    paths: &[&[PathVertex]],
-    starts: &[usize],
+    object: &ObjectModel,
+    (paths, starts): (&[&[PathVertex]], &[usize]),
     edited: &EditedSurfaces,
-    layer: Layer,
+    view: PathView,
 ) -> Option<Vec<Vec3>> {
-    let surfaces = edited.surfaces();
-    let value = |path: &[PathVertex], i: usize| match layer {
+    let (tracer, surfaces) = (&object.tracer, edited.surfaces());
+    let value = |number: usize, path: &[PathVertex], i: usize| match view.layer {
         Layer::Roughness => Some(Vec3::splat(surfaces[i].roughness)),
         Layer::Tint => Some(fresnel(surfaces[i].tint, 1.0) * edited.specular_gain()[i]),
         Layer::Normal => Some(path[0].point.normal * 0.5 + Vec3::splat(0.5)),
         Layer::Environment => Some(Vec3::ZERO),
-        Layer::Final | Layer::Diffuse | Layer::Specular => None,
+        Layer::Depth => Some(Vec3::splat(depth_share(
+            tracer,
+            view.eye,
+            path[0].point.position,
+        ))),
+        Layer::Visibility => Some(Vec3::splat(visibility(
+            tracer,
+            &path[0].point,
+            number as f32,
+        ))),
+        Layer::Final | Layer::Diffuse | Layer::Specular | Layer::Samples => None,
     };
     paths
         .iter()
         .zip(starts)
-        .map(|(path, &start)| value(path, start))
+        .enumerate()
+        .map(|(number, (path, &start))| value(number, path, start))
         .collect()
 }
 
@@ -447,6 +493,9 @@ pub fn compose(
     object: [f32; 3],
     background: [f32; 3],
 ) -> [f32; 3] {
+    if let Some(color) = diagnostic_color(scene, layer, coverage, object[0]) {
+        return color;
+    }
     let behind = if layer.shows_background() {
         background
     } else {

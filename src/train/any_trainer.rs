@@ -5,6 +5,7 @@ use std::sync::atomic::AtomicBool;
 use super::TrainError;
 use super::config::TrainConfig;
 use super::paper::PaperTrainer;
+use super::skips::SkipShares;
 use super::snapshot::Snapshot;
 use super::trainer::{StepStats, Trainer};
 use crate::data::Dataset;
@@ -67,6 +68,14 @@ impl AnyTrainer {
     /// Field samples a ray.
     pub fn samples_per_ray(&self) -> f32 {
         either!(self, trainer => trainer.samples_per_ray())
+    }
+
+    /// What the shortcuts left out of the last step; the paper's own model has none.
+    pub fn skips(&self) -> Option<SkipShares> {
+        match self {
+            Self::Fast(trainer) => Some(trainer.skips()),
+            Self::Paper(_) => None,
+        }
     }
 
     /// The model as it stands.

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use serde_json::{Value, json};
 
 use crate::train::plan::Budget;
+use crate::train::skips::SkipShares;
 
 /// A request to the training thread, carried out between two steps.
 #[derive(Clone, Debug, PartialEq)]
@@ -53,6 +54,9 @@ pub enum TrainEvent {
     Progress(Progress),
     /// Quality on held-out pixels.
     Validated(Validation),
+    /// The same by validation view, in the capture's order: PSNR in dB of the object, or of all pixels where nothing of it
+    /// was measured.
+    ViewsValidated(Vec<Option<f64>>),
     /// Something that does not end the run but should be known.
     Warning(String),
     /// A run folder was saved.
@@ -88,8 +92,14 @@ pub struct Progress {
     pub samples_per_ray: f32,
     /// Mean loss since the last report.
     pub loss: f32,
+    /// Its part that object pixels cause, unweighted.
+    pub loss_object: f32,
+    /// Its part that background pixels cause, unweighted.
+    pub loss_background: f32,
     /// Steps skipped because of a value that was not finite.
     pub skipped_steps: u64,
+    /// What the shortcuts left out of the last step.
+    pub skips: Option<SkipShares>,
 }
 
 /// Quality on held-out pixels.
@@ -103,6 +113,8 @@ pub struct Validation {
     pub psnr: f64,
     /// PSNR over those of the object, dB; none where nothing of it was measured.
     pub psnr_object: Option<f64>,
+    /// PSNR over the others, dB; none where there are none.
+    pub psnr_background: Option<f64>,
 }
 
 /// Why a run has come to its end.
@@ -162,12 +174,14 @@ impl TrainEvent {
                 "fraction": p.fraction, "elapsed_secs": p.elapsed_secs, "eta_secs": p.eta_secs,
                 "steps_per_sec": p.steps_per_sec, "rays_per_sec": p.rays_per_sec,
                 "samples_per_ray": p.samples_per_ray, "loss": p.loss,
-                "skipped_steps": p.skipped_steps,
+                "loss_object": p.loss_object, "loss_background": p.loss_background,
+                "skipped_steps": p.skipped_steps, "skips": p.skips,
             }),
             Self::Validated(v) => json!({
                 "event": "validated", "step": v.step, "elapsed_secs": v.elapsed_secs,
-                "psnr": v.psnr, "psnr_object": v.psnr_object,
+                "psnr": v.psnr, "psnr_object": v.psnr_object, "psnr_background": v.psnr_background,
             }),
+            Self::ViewsValidated(psnr) => json!({"event": "views_validated", "psnr": psnr}),
             Self::Warning(message) => json!({"event": "warning", "message": message}),
             Self::Saved(path) => json!({"event": "saved", "path": path.to_string_lossy()}),
             Self::Paused => json!({"event": "paused"}),

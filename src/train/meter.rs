@@ -48,7 +48,8 @@ impl Clock {
 pub(super) struct Meter {
     steps: u64,
     rays: u64,
-    loss: f64,
+    /// Whole, of object pixels, of background pixels.
+    losses: [f64; 3],
     n_losses: u64,
     /// When the last report was made, in seconds of training.
     since_secs: f64,
@@ -62,7 +63,10 @@ impl Meter {
         self.steps += 1;
         self.rays += u64::from(stats.rays);
         if !stats.skipped {
-            self.loss += f64::from(stats.loss);
+            let losses = [stats.loss, stats.loss_object, stats.loss_background];
+            for (sum, loss) in self.losses.iter_mut().zip(losses) {
+                *sum += f64::from(loss);
+            }
             self.n_losses += 1;
         }
     }
@@ -79,6 +83,7 @@ impl Meter {
             elapsed_secs: now,
             samples_per_ray: trainer.samples_per_ray(),
             skipped_steps: trainer.skipped_steps(),
+            skips: trainer.skips(),
             ..self.last
         };
         if self.steps > 0 && interval > 0.0 {
@@ -86,7 +91,10 @@ impl Meter {
             progress.rays_per_sec = (self.rays as f64 / interval) as f32;
         }
         if self.n_losses > 0 {
-            progress.loss = (self.loss / self.n_losses as f64) as f32;
+            let [loss, object, background] =
+                self.losses.map(|sum| (sum / self.n_losses as f64) as f32);
+            progress.loss = loss;
+            (progress.loss_object, progress.loss_background) = (object, background);
         }
         progress.eta_secs = eta_secs(plan, position, progress.steps_per_sec);
         *self = Self {

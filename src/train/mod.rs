@@ -30,6 +30,7 @@ pub mod run_folder;
 pub mod run_log;
 pub mod session;
 mod session_thread;
+pub mod skips;
 pub mod snapshot;
 mod srgb_codes;
 pub mod stage_one;

@@ -153,9 +153,12 @@ impl Run<'_> {
         let measure = || self.validator.measure(&scene, &self.dataset);
         let measured = self.worker.pool.install(measure);
         let (step, now) = (self.trainer.steps(), self.clock.secs());
-        if let Some(validation) = measured.and_then(|m| m.at(step, now)) {
+        if let Some(measured) = measured
+            && let Some(validation) = measured.total.at(step, now)
+        {
             self.settling.add(validation);
             self.tell(TrainEvent::Validated(validation));
+            self.tell(measured.of_views());
         }
         let cost = begun.elapsed().as_secs_f64();
         self.due.validation = now + VALIDATE_SECS.max(cost * VALIDATE_SHARE);

@@ -13,7 +13,7 @@ use crate::neif::ObjectModel;
 use crate::render::{
     GBuffer, Layer, PathOptions, Scene, ShadeScratch, compose, shade_background, shade_object,
 };
-use crate::train::events::Validation;
+use crate::train::events::{TrainEvent, Validation};
 use crate::train::metrics::SquaredError;
 use crate::train::plan::Plan;
 use crate::train::random::SlotRandom;
@@ -46,6 +46,14 @@ struct Row {
 pub(super) struct Measured {
     all: SquaredError,
     object: SquaredError,
+    background: SquaredError,
+}
+
+/// What was measured: over all validation views, and of each.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Measurement {
+    pub(super) total: Measured,
+    views: Vec<Measured>,
 }
 
 impl Validator {
@@ -72,7 +80,7 @@ impl Validator {
     }
 
     /// Measures the scene; `None` when there is no validation view.
-    pub(super) fn measure(&self, scene: &Scene, dataset: &Dataset) -> Option<Measured> {
+    pub(super) fn measure(&self, scene: &Scene, dataset: &Dataset) -> Option<Measurement> {
         let rows: Vec<Measured> = self
             .rows
             .par_iter()
@@ -81,10 +89,23 @@ impl Validator {
             })
             .collect();
         // Summed in order, so that the result does not depend on the threads.
-        rows.into_iter().reduce(|sum, row| Measured {
-            all: sum.all.plus(row.all),
-            object: sum.object.plus(row.object),
-        })
+        let mut measurement = Measurement {
+            views: vec![Measured::default(); dataset.val.len()],
+            ..Measurement::default()
+        };
+        for (row, measured) in self.rows.iter().zip(&rows) {
+            measurement.total = measurement.total.plus(measured);
+            measurement.views[row.view] = measurement.views[row.view].plus(measured);
+        }
+        (!rows.is_empty()).then_some(measurement)
+    }
+}
+
+impl Measurement {
+    /// The event that reports the views.
+    pub(super) fn of_views(&self) -> TrainEvent {
+        let psnr = |m: &Measured| m.object.psnr().or_else(|| m.all.psnr());
+        TrainEvent::ViewsValidated(self.views.iter().map(psnr).collect())
     }
 }
 
@@ -115,6 +136,8 @@ impl Row {
             measured.all.add(render, truth);
             if is_object {
                 measured.object.add(render, truth);
+            } else {
+                measured.background.add(render, truth);
             }
         }
         measured
@@ -122,6 +145,14 @@ impl Row {
 }
 
 impl Measured {
+    fn plus(&self, other: &Self) -> Self {
+        Self {
+            all: self.all.plus(other.all),
+            object: self.object.plus(other.object),
+            background: self.background.plus(other.background),
+        }
+    }
+
     /// The event that reports it; `None` when no pixel was measured or one was not finite.
     pub(super) fn at(&self, step: u64, elapsed_secs: f64) -> Option<Validation> {
         Some(Validation {
@@ -129,6 +160,7 @@ impl Measured {
             elapsed_secs,
             psnr: self.all.psnr()?,
             psnr_object: self.object.psnr(),
+            psnr_background: self.background.psnr(),
         })
     }
 }
@@ -203,7 +235,7 @@ mod tests {
                 step: 0,
                 elapsed_secs: f64::from(secs),
                 psnr: psnr_at(f64::from(secs)),
-                psnr_object: None,
+                ..Validation::default()
             });
         }
         settling

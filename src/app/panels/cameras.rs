@@ -28,25 +28,52 @@ pub fn cameras_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
         ui.label(weak(ui, at));
     });
     let row_height = ui.spacing().interact_size.y;
-    let names: Vec<_> = state
+    let rows: Vec<_> = state
         .views()
-        .map(|(split, view)| format!("{} / {}", split.name(), view.name))
+        .enumerate()
+        .map(|(i, (split, view))| {
+            let name = format!("{} / {}", split.name(), view.name);
+            let psnr = psnr_of(state, i);
+            (name, psnr.map(|db| format!("{db:.1} dB")))
+        })
         .collect();
     ScrollArea::vertical()
         .auto_shrink([false, false])
         .id_salt("photos")
-        .show_rows(ui, row_height, n, |ui, rows| {
-            for i in rows {
+        .show_rows(ui, row_height, n, |ui, shown| {
+            for i in shown {
                 let is_here = state.view.at_view == Some(i);
-                let row = Button::selectable(is_here, names[i].as_str())
+                let (name, psnr) = &rows[i];
+                let mut row = Button::selectable(is_here, name.as_str())
                     .min_size(egui::vec2(ui.available_width(), row_height));
-                if ui
-                    .add(row)
-                    .on_hover_text("Stand where this photo was taken")
+                if let Some(psnr) = psnr {
+                    row = row.right_text(weak(ui, psnr.as_str()));
+                }
+                let row = ui.add(row);
+                let hint = match psnr {
+                    Some(_) => "Stand where this photo was taken; PSNR of the object in it, where there is one",
+                    None => "Stand where this photo was taken",
+                };
+                if row
+                    .on_hover_text(hint)
                     .clicked()
                 {
                     commands.push(Command::GoToView(i));
                 }
             }
         });
+}
+
+/// PSNR of a view by its index, dB: from its error map, else from the validation of the run. Of the object where there is
+/// one.
+fn psnr_of(state: &AppState, index: usize) -> Option<f64> {
+    let measured = state.watch.by_view.get(&index).map(|m| m.figures);
+    let n_train = state.dataset.as_ref().map_or(0, |d| d.train.len());
+    let validated = || {
+        let views = &state.training.view_psnr;
+        index.checked_sub(n_train).and_then(|i| *views.get(i)?)
+    };
+    measured
+        .and_then(|figures| figures.psnr_object.or(figures.psnr))
+        .or_else(validated)
 }

@@ -21,6 +21,7 @@ pub fn path_dialog_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>
         let (title, what) = match dialog.purpose {
             PathPurpose::Open => ("Open", "A capture (folder or transforms.json), a saved run, or an environment (.safetensors, or a panorama as .hdr or .exr). Dropping it on the window works too."),
             PathPurpose::Save => ("Save the run", "A folder for the model and everything to go on with it; it is made if it does not exist."),
+            PathPurpose::Log => ("Export the figures", "A file for loss, PSNR and speed over the run so far, as a table with commas (.csv)."),
         };
         ui.heading(title);
         ui.label(weak(ui, what));
@@ -39,10 +40,10 @@ pub fn path_dialog_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>
 
 fn path_ui(ui: &mut Ui, dialog: &PathDialog, commands: &mut Vec<Command>) {
     let mut typed = dialog.typed.clone();
-    let verb = if dialog.purpose == PathPurpose::Open {
-        "Open path"
-    } else {
-        "Save"
+    let verb = match dialog.purpose {
+        PathPurpose::Open => "Open path",
+        PathPurpose::Save => "Save",
+        PathPurpose::Log => "Export",
     };
     ui.horizontal(|ui| {
         let label = ui.label("Path");
@@ -71,12 +72,12 @@ fn path_ui(ui: &mut Ui, dialog: &PathDialog, commands: &mut Vec<Command>) {
             ("Browse for a folder…", Browse::Folder),
             ("Browse for a file…", Browse::File),
         ];
-        let n = if dialog.purpose == PathPurpose::Open {
-            2
-        } else {
-            1
+        let offered = match dialog.purpose {
+            PathPurpose::Open => 0..2,
+            PathPurpose::Save => 0..1,
+            PathPurpose::Log => 1..2,
         };
-        for (text, kind) in &browse[..n] {
+        for (text, kind) in &browse[offered] {
             if ui
                 .add_enabled(!dialog.is_browsing, Button::new(*text))
                 .clicked()

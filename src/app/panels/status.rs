@@ -17,7 +17,7 @@ pub fn status_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
             Phase::Idle => {}
             Phase::Loading { what, fraction } => {
                 ui.label(what);
-                progress(ui, *fraction);
+                progress(ui, *fraction, &[]);
             }
             Phase::Failed(reason) => {
                 ui.add(egui::Label::new(reason).truncate());
@@ -42,7 +42,7 @@ fn figures_ui(ui: &mut Ui, state: &AppState) {
     if matches!(state.training.phase, Phase::Training | Phase::Paused) {
         ui.label(format!("{} left", duration(p.eta_secs)));
     }
-    progress(ui, p.fraction);
+    progress(ui, p.fraction, &state.training.saved_fractions());
     if let Some(psnr) = state
         .training
         .validation
@@ -53,12 +53,22 @@ fn figures_ui(ui: &mut Ui, state: &AppState) {
     }
 }
 
-fn progress(ui: &mut Ui, fraction: f32) {
+/// A bar with a notch at each save.
+fn progress(ui: &mut Ui, fraction: f32, saves: &[f32]) {
     let bar = ProgressBar::new(fraction.clamp(0.0, 1.0))
         .desired_width(140.0)
         .desired_height(10.0);
-    ui.add(bar)
-        .on_hover_text(format!("{:.0} %", 100.0 * fraction));
+    let bar = ui.add(bar);
+    let stroke = egui::Stroke::new(2.0, ui.visuals().strong_text_color());
+    for at in saves {
+        let x = bar.rect.left() + at * bar.rect.width();
+        ui.painter().vline(x, bar.rect.y_range(), stroke);
+    }
+    let mut hint = format!("{:.0} % of the plan", 100.0 * fraction);
+    if !saves.is_empty() {
+        hint.push_str("; a notch is a save");
+    }
+    bar.on_hover_text(hint);
     ui.label(weak(ui, format!("{:.0} %", 100.0 * fraction)));
 }
 

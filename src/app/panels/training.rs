@@ -1,18 +1,16 @@
-//! The training panel: what is trained, its controls, its figures and curves.
+//! The training panel: what is trained, its controls and its figures.
 
 use egui::{Button, DragValue, Grid, Ui};
-use egui_plot::{GridInput, GridMark, Line, Plot, PlotPoints, Points};
 
 use crate::app::command::{Command, Train};
 use crate::app::pace::pace_ui;
+use crate::app::panels::skips::skips_ui;
 use crate::app::panels::status::chip;
 use crate::app::panels::widgets::{count, describe_number, duration, heading, weak};
 use crate::app::state::{AppState, PathPurpose, Source};
 use crate::app::theme;
-use crate::app::training_state::{Curve, Phase};
-
-/// Height of a plot.
-const PLOT_HEIGHT: f32 = 96.0;
+use crate::app::training_state::{Phase, headline};
+use crate::app::watch::WatchCommand;
 
 /// Draws the panel.
 pub fn training_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
@@ -27,19 +25,8 @@ pub fn training_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     capture_ui(ui, state);
     controls_ui(ui, state, commands);
     figures_ui(ui, state);
-    let training = &state.training;
-    let accents = [theme::accent(ui.visuals()), theme::accent_2(ui.visuals())];
-    plot_ui(
-        ui,
-        "Loss (log scale)",
-        &[("loss", &training.loss, accents[0])],
-        Scale::Log,
-    );
-    let psnr = [
-        ("object", &training.psnr_object, accents[1]),
-        ("whole photo", &training.psnr, accents[0]),
-    ];
-    plot_ui(ui, "PSNR on held-out photos, dB", &psnr, Scale::Linear);
+    best_ui(ui, state);
+    skips_ui(ui, state);
 }
 
 fn capture_ui(ui: &mut Ui, state: &AppState) {
@@ -71,6 +58,7 @@ fn controls_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
         Phase::Training | Phase::Paused => {
             running_ui(ui, phase, commands);
             pace_ui(ui, state, commands);
+            extend_ui(ui, state, commands);
         }
         Phase::Loading { .. } => {
             if ui.button("Cancel").clicked() {
@@ -108,23 +96,39 @@ fn running_ui(ui: &mut Ui, phase: &Phase, commands: &mut Vec<Command>) {
             }
         }
     });
-    extend_ui(ui, commands);
 }
 
-fn extend_ui(ui: &mut Ui, commands: &mut Vec<Command>) {
+/// More training, while it runs and after its end.
+fn extend_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     ui.horizontal(|ui| {
-        ui.label("Train longer");
-        for (text, secs) in [("+1 min", 60.0), ("+5 min", 300.0)] {
-            if ui.button(text).clicked() {
-                commands.push(Command::Train(Train::Extend(secs)));
-            }
+        let mut secs = state.watch.extend_secs;
+        let extend = |secs| Command::Train(Train::Extend(secs));
+        let longer = ui.button("Train longer");
+        if longer
+            .on_hover_text("By so many seconds, after the end of the plan")
+            .clicked()
+        {
+            commands.push(extend(secs));
+        }
+        let number = DragValue::new(&mut secs)
+            .range(5.0..=86_400.0)
+            .speed(5.0)
+            .max_decimals(0)
+            .suffix(" s");
+        let number = ui.add(number);
+        describe_number(&number, "Seconds more");
+        if number.changed() {
+            commands.push(Command::Watch(WatchCommand::SetExtend(secs)));
+        }
+        if ui.button("+1 min").clicked() {
+            commands.push(extend(60.0));
         }
     });
 }
 
 fn start_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     if matches!(state.training.phase, Phase::Finished(_)) && state.training.phase.takes_commands() {
-        extend_ui(ui, commands);
+        extend_ui(ui, state, commands);
         if ui.button("Save…").clicked() {
             commands.push(Command::AskPath(PathPurpose::Save));
         }
@@ -219,112 +223,21 @@ fn figure_hint(name: &str) -> &'static str {
     }
 }
 
-/// How values are drawn.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Scale {
-    Linear,
-    /// By their decimal logarithm.
-    Log,
-}
-
-fn plot_ui(ui: &mut Ui, title: &str, curves: &[(&str, &Curve, egui::Color32)], scale: Scale) {
-    ui.add_space(4.0);
-    ui.horizontal(|ui| {
-        ui.label(weak(ui, title));
-        if curves.len() > 1 {
-            for (name, curve, color) in curves
-                .iter()
-                .filter(|(_, curve, _)| !curve.points().is_empty())
-            {
-                let last = curve.points().last().map_or(0.0, |p| p[1]);
-                ui.label(egui::RichText::new(format!("{last:.1}")).color(*color))
-                    .on_hover_text(*name);
-            }
-        }
-    });
-    let value = move |y: f64| {
-        if scale == Scale::Log {
-            y.max(1e-12).log10()
-        } else {
-            y
-        }
-    };
-    let text = move |y: f64| match (scale, 10_f64.powf(y)) {
-        (Scale::Log, value) if value >= 1e-3 => format!("{}", (value * 1e4).round() / 1e4),
-        (Scale::Log, value) => format!("{value:.0e}"),
-        (Scale::Linear, _) => format!("{y:.0}"),
-    };
-    let plot = Plot::new(title)
-        .height(PLOT_HEIGHT)
-        .show_background(false)
-        .show_grid([false, true])
-        .show_x(false)
-        .show_y(false)
-        .allow_zoom(false)
-        .allow_drag(false)
-        .allow_scroll(false)
-        .allow_boxed_zoom(false)
-        .allow_axis_zoom_drag(false)
-        .y_axis_min_width(34.0)
-        .set_margin_fraction(egui::vec2(0.02, 0.12))
-        .x_axis_formatter(|mark, _| duration(mark.value))
-        .y_axis_formatter(move |mark, _| text(mark.value));
-    let plot = if scale == Scale::Log {
-        plot.y_grid_spacer(decades)
-    } else {
-        plot
-    };
-    let is_empty = curves.iter().all(|(_, curve, _)| curve.points().is_empty());
-    if is_empty {
-        let size = egui::vec2(ui.available_width(), PLOT_HEIGHT);
-        ui.add_sized(size, egui::Label::new(weak(ui, "no values yet")));
+/// The best measurement on held-out photos against the last one.
+fn best_ui(ui: &mut Ui, state: &AppState) {
+    let (Some(best), Some(last)) = (state.training.best, state.training.validation) else {
         return;
-    }
-    let first = |curve: &Curve| curve.points().first().map(|p| [p[0], value(p[1])]);
-    let starts: Vec<_> = curves
-        .iter()
-        .filter_map(|(name, curve, color)| Some((*name, first(curve)?, *color)))
-        .collect();
-    let lines: Vec<Line<'static>> = curves
-        .iter()
-        .map(|(name, curve, color)| {
-            let points: Vec<[f64; 2]> =
-                curve.points().iter().map(|p| [p[0], value(p[1])]).collect();
-            Line::new(*name, PlotPoints::new(points))
-                .color(*color)
-                .width(1.5)
-        })
-        .collect();
-    plot.show(ui, |plot_ui| {
-        for line in lines {
-            plot_ui.line(line);
-        }
-        // A line of one point cannot be seen.
-        for (name, start, color) in starts {
-            plot_ui.points(
-                Points::new(name, PlotPoints::new(vec![start]))
-                    .color(color)
-                    .radius(2.0),
-            );
-        }
-    });
-}
-
-/// Lines at 1, 2 and 5 times the powers of ten, for values drawn by their logarithm.
-#[expect(
-    clippy::needless_pass_by_value,
-    reason = "the signature that the plot wants"
-)]
-fn decades(input: GridInput) -> Vec<GridMark> {
-    let (low, high) = input.bounds;
-    let range = low.floor().max(-12.0) as i32..=high.ceil().min(12.0) as i32;
-    range
-        .flat_map(|decade| [1.0, 2.0, 5.0].map(|digit| f64::from(decade) + f64::log10(digit)))
-        .filter(|value| (low..=high).contains(value))
-        // Where lines are crowded, only the powers of ten keep their numbers.
-        .map(|value| GridMark {
-            value,
-            step_size: if value.fract() == 0.0 { 1.0 } else { 0.3 },
-        })
-        .collect()
+    };
+    let what = match last.psnr_object {
+        Some(_) => "Object on held-out photos",
+        None => "Held-out photos",
+    };
+    let text = format!(
+        "{:.2} dB at step {}, best {:.2} at {}",
+        headline(&last),
+        last.step,
+        headline(&best),
+        best.step
+    );
+    ui.label(text).on_hover_text(what);
 }

@@ -15,6 +15,7 @@ use rayon::prelude::*;
 use self::points::PointCloud;
 use self::surface::{Cover, Surface, SurfaceKey};
 use self::tone::Tone;
+use super::diagnostic::diagnostic_color;
 use super::gbuffer::PathOptions;
 use super::progressive::{PassOutput, PreviewScene, Recomputed, scaled};
 use super::shade::{SeenLight, ShadeScratch, TILE, see_background};
@@ -282,6 +283,12 @@ impl Sketch {
                     for (i, out) in out.iter_mut().enumerate() {
                         let at = band * 4 * width + i;
                         let object = surface.value(at, values).filter(|_| layer.shows_object());
+                        let (coverage, first) = object.map_or((0.0, 0.0), |value| (1.0, value[0]));
+                        if let Some(color) = diagnostic_color(scene, layer, coverage, first) {
+                            let [r, g, b] = color.map(|v| (v * 255.0 + 0.5) as u8);
+                            *out = [r, g, b, 255];
+                            continue;
+                        }
                         let value = match object {
                             Some(value) => value,
                             None if layer.shows_background() => {

@@ -11,7 +11,7 @@ use crate::neif::light_path::PathVertex;
 use crate::neif::lobe_cones::PathOfPixel;
 use crate::render::causes::same;
 use crate::render::highlight::cover_values;
-use crate::render::shade::{TILE, shade_paths};
+use crate::render::shade::{PathView, TILE, shade_paths};
 use crate::render::trace::{MAX_VERTICES, PathStore, Seen, trace_path, trace_pixel};
 
 /// Pixels between two samples, per axis.
@@ -250,8 +250,11 @@ impl Surface {
                     job.meter.time(|| {
                         let paths: Vec<_> = (0..store.n_paths()).map(|i| store.path(i)).collect();
                         let one = |_| PathOfPixel { index: 0, of: 1 };
-                        let layer = job.request.layer;
-                        let lit = shade_paths(scene, object, &paths, one, layer, scratch);
+                        let view = PathView {
+                            layer: job.request.layer,
+                            eye: job.camera.position(),
+                        };
+                        let lit = shade_paths(scene, object, &paths, one, view, scratch);
                         for (out, value) in out.iter_mut().zip(lit) {
                             *out = value.to_array();
                         }

@@ -139,7 +139,8 @@ fn a_refresh_shows_nothing_of_an_earlier_state() {
 
 #[test]
 fn every_layer_is_like_its_full_picture() {
-    for layer in Layer::ALL {
+    // What a pixel costs is another thing in a sketch.
+    for layer in Layer::ALL.into_iter().filter(|l| *l != Layer::Samples) {
         let mut request = request(80, 64);
         request.layer = layer;
         let output = sketch(&mut Sketch::default(), &request, 1, Purpose::Rest);
