@@ -1,6 +1,8 @@
 //! The window's panels, driven by their accessible labels; no display and no GPU.
 #![cfg(feature = "gui")]
 
+#[path = "ui/commands.rs"]
+mod commands;
 #[path = "ui/inspect.rs"]
 mod inspect;
 #[path = "ui/watch.rs"]
@@ -249,7 +251,8 @@ fn photos_are_visited_by_key_list_and_button() {
 #[test]
 fn a_typed_path_is_opened_and_typing_triggers_no_shortcuts() {
     let mut harness = harness(training_state());
-    click(&mut harness, "Open…");
+    harness.key_press_modifiers(egui::Modifiers::COMMAND, egui::Key::O);
+    harness.run_steps(3);
     harness.get_by_label("Path").type_text("/data/b w 3");
     harness.run_steps(3);
     assert_eq!(
@@ -463,7 +466,7 @@ fn help_lists_every_binding() {
     let mut harness = harness(training_state());
     harness.key_press(egui::Key::Questionmark);
     harness.run_steps(3);
-    for binding in keys::BINDINGS {
+    for binding in keys::BINDINGS.iter().filter(|b| !b.keys.is_empty()) {
         assert!(
             harness.query_all_by_label(binding.what).next().is_some(),
             "{} is missing",

@@ -10,6 +10,7 @@ use glam::Vec2;
 use crate::app::camera_control::{CameraMove, Viewpoint};
 use crate::app::inspect::{self, InspectCommand};
 use crate::app::pace::{self, PaceCommand};
+use crate::app::palette::{self, PaletteCommand};
 use crate::app::state::{
     AppState, EnvironmentContent, Look, Overlays, PathDialog, PathPurpose, Source, file_name,
 };
@@ -119,6 +120,8 @@ pub enum Command {
     Inspect(InspectCommand),
     /// Watch training.
     Watch(WatchCommand),
+    /// Look for a command.
+    Palette(PaletteCommand),
 }
 
 /// What a command asks of the world.
@@ -178,6 +181,7 @@ pub fn apply(state: &mut AppState, command: Command, effects: &mut Vec<Effect>) 
         Command::Inspect(command) => inspect::apply(state, command),
         Command::Dismiss(index) => state.messages.dismiss(index),
         Command::Watch(command) => watch::apply(state, command),
+        Command::Palette(command) => palette::apply(state, command, effects),
         Command::MoveCamera(_)
         | Command::PivotAt { .. }
         | Command::GoToView(_)

@@ -1,48 +1,18 @@
-//! Keys and gestures: one table, from which both the shortcuts and the help are made.
+//! The table of commands, keys and gestures: shortcuts, menus, palette, help and the README's list
+//! of keys are all made from it.
 
-use egui::{Key, Modifiers};
+use egui::{Key, KeyboardShortcut, Modifiers};
 
+use crate::app::binding::{Binding, gesture, key, plain};
 use crate::app::command::{Command, Train};
-use crate::app::state::{AppState, PathPurpose};
+use crate::app::palette::PaletteCommand;
+use crate::app::state::{AppState, Look, PathPurpose};
+use crate::app::training_state::Phase;
 use crate::app::watch::{Comparison, WatchCommand};
+use crate::neif::{EnvironmentTransform, MaterialEdit};
 use crate::render::Layer;
 
-/// One line of the help.
-pub struct Binding {
-    /// The heading it stands under.
-    pub group: &'static str,
-    /// Keys or gesture, as people write them.
-    pub keys: &'static str,
-    /// What it does.
-    pub what: &'static str,
-    /// The key that does it, unless it is a gesture.
-    pub shortcut: Option<Shortcut>,
-}
-
-/// A key and what it causes.
-pub struct Shortcut {
-    modifiers: Modifiers,
-    key: Key,
-    command: fn(&AppState) -> Command,
-}
-
-impl std::fmt::Debug for Binding {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Binding")
-            .field("keys", &self.keys)
-            .field("what", &self.what)
-            .finish_non_exhaustive()
-    }
-}
-
-impl std::fmt::Debug for Shortcut {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Shortcut")
-            .field("key", &self.key)
-            .finish_non_exhaustive()
-    }
-}
-
+const FILE: &str = "File";
 const CAMERA: &str = "Camera";
 const LIGHT: &str = "Environment";
 const OBJECT: &str = "Object";
@@ -51,32 +21,13 @@ const LAYERS: &str = "Layers";
 const TRAINING: &str = "Training";
 const WINDOW: &str = "Window";
 
-const fn gesture(group: &'static str, keys: &'static str, what: &'static str) -> Binding {
-    Binding {
-        group,
-        keys,
-        what,
-        shortcut: None,
-    }
-}
-
-const fn key(
-    group: &'static str,
-    (keys, modifiers, key): (&'static str, Modifiers, Key),
-    what: &'static str,
-    command: fn(&AppState) -> Command,
-) -> Binding {
-    Binding {
-        group,
-        keys,
-        what,
-        shortcut: Some(Shortcut {
-            modifiers,
-            key,
-            command,
-        }),
-    }
-}
+/// The menus and the groups in each; groups without commands are left out.
+pub const MENUS: &[(&str, &[&str])] = &[
+    ("File", &[FILE]),
+    ("View", &[CAMERA, COMPARE, LAYERS, LIGHT]),
+    ("Training", &[TRAINING]),
+    ("Window", &[WINDOW]),
+];
 
 const fn layer(
     keys: &'static str,
@@ -97,8 +48,36 @@ fn compare(state: &AppState, with: Comparison) -> Command {
     }))
 }
 
-/// All of them. Of two with the same key, the one with more modifiers comes first.
+fn has_photos(state: &AppState) -> bool {
+    state.view_at(0).is_some()
+}
+
+fn is_running(state: &AppState) -> bool {
+    matches!(state.training.phase, Phase::Training | Phase::Paused)
+}
+
+fn can_start(state: &AppState) -> bool {
+    let phase = &state.training.phase;
+    let is_idle = matches!(phase, Phase::Idle | Phase::Finished(_) | Phase::Failed(_));
+    is_idle && !phase.takes_commands() && state.source.is_trainable()
+}
+
+/// All of them, by group.
 pub const BINDINGS: &[Binding] = &[
+    key(
+        FILE,
+        ("Ctrl+O", Modifiers::COMMAND, Key::O),
+        "Open…",
+        |_| Command::AskPath(PathPurpose::Open),
+    ),
+    plain(FILE, "Open the bundled demo", |_| Command::OpenDemo),
+    key(
+        FILE,
+        ("Ctrl+S", Modifiers::COMMAND, Key::S),
+        "Save the run…",
+        |_| Command::AskPath(PathPurpose::Save),
+    )
+    .when(|state| state.training.phase.takes_commands()),
     gesture(CAMERA, "Drag", "Turn about the pivot"),
     gesture(CAMERA, "Middle drag, Ctrl+drag", "Pan"),
     gesture(CAMERA, "Wheel", "Closer or farther"),
@@ -109,15 +88,16 @@ pub const BINDINGS: &[Binding] = &[
     ),
     key(
         CAMERA,
-        ("Shift+F", Modifiers::SHIFT, Key::F),
-        "Back to the first view",
-        |_| Command::ResetView,
-    ),
-    key(
-        CAMERA,
         ("F", Modifiers::NONE, Key::F),
         "Show the whole object",
         |_| Command::FrameObject,
+    )
+    .when(|state| state.view.bounds.is_some()),
+    key(
+        CAMERA,
+        ("Shift+F", Modifiers::SHIFT, Key::F),
+        "Back to the first view",
+        |_| Command::ResetView,
     ),
     gesture(
         OBJECT,
@@ -135,19 +115,37 @@ pub const BINDINGS: &[Binding] = &[
         ("B", Modifiers::NONE, Key::B),
         "Before and after: hide or show all edits",
         |state| Command::ShowOriginal(!state.is_original_shown),
-    ),
+    )
+    .when(|state| state.look != Look::default())
+    .marked(|state| state.is_original_shown),
+    plain(LIGHT, "Back to the environment as captured", |_| {
+        Command::ChooseEnvironment(None)
+    })
+    .when(|state| state.look.environment.is_some()),
+    plain(LIGHT, "Put the environment back where it was", |_| {
+        Command::MoveEnvironment(EnvironmentTransform::default())
+    })
+    .when(|state| state.look.transform != EnvironmentTransform::default()),
+    plain(LIGHT, "Match exposure", |_| Command::MatchExposure)
+        .when(|state| state.chosen_environment().is_some()),
+    plain(LIGHT, "Reset material", |_| {
+        Command::Edit(MaterialEdit::default())
+    })
+    .when(|state| state.look.edit != MaterialEdit::default()),
     key(
         COMPARE,
         ("[", Modifiers::NONE, Key::OpenBracket),
         "Previous photo's camera",
         |_| Command::StepView(-1),
-    ),
+    )
+    .when(has_photos),
     key(
         COMPARE,
         ("]", Modifiers::NONE, Key::CloseBracket),
         "Next photo's camera",
         |_| Command::StepView(1),
-    ),
+    )
+    .when(has_photos),
     key(
         COMPARE,
         ("Shift+W", Modifiers::SHIFT, Key::W),
@@ -175,7 +173,7 @@ pub const BINDINGS: &[Binding] = &[
     key(
         COMPARE,
         ("W", Modifiers::NONE, Key::W),
-        "Wipe between photo and rendering; drag the line",
+        "Wipe between photo and rendering",
         |state| {
             Command::SetWipe(if state.compare.wipe.is_some() {
                 None
@@ -183,64 +181,88 @@ pub const BINDINGS: &[Binding] = &[
                 Some(0.5)
             })
         },
-    ),
+    )
+    .when(has_photos)
+    .marked(|state| state.compare.wipe.is_some()),
     gesture(COMPARE, "Hold G", "Show the photo"),
-    layer("1", Key::Num1, "Lit", |_| Command::ShowLayer(Layer::Final)),
+    layer("1", Key::Num1, "Lit", |_| Command::ShowLayer(Layer::Final))
+        .marked(|state| state.layer == Layer::Final),
     layer("2", Key::Num2, "Diffuse", |_| {
         Command::ShowLayer(Layer::Diffuse)
-    }),
+    })
+    .marked(|state| state.layer == Layer::Diffuse),
     layer("3", Key::Num3, "Specular", |_| {
         Command::ShowLayer(Layer::Specular)
-    }),
+    })
+    .marked(|state| state.layer == Layer::Specular),
     layer("4", Key::Num4, "Roughness", |_| {
         Command::ShowLayer(Layer::Roughness)
-    }),
-    layer("5", Key::Num5, "Tint", |_| Command::ShowLayer(Layer::Tint)),
+    })
+    .marked(|state| state.layer == Layer::Roughness),
+    layer("5", Key::Num5, "Tint", |_| Command::ShowLayer(Layer::Tint))
+        .marked(|state| state.layer == Layer::Tint),
     layer("6", Key::Num6, "Normals", |_| {
         Command::ShowLayer(Layer::Normal)
-    }),
+    })
+    .marked(|state| state.layer == Layer::Normal),
     layer("7", Key::Num7, "Environment alone", |_| {
         Command::ShowLayer(Layer::Environment)
-    }),
+    })
+    .marked(|state| state.layer == Layer::Environment),
     layer("8", Key::Num8, "Depth", |_| {
         Command::ShowLayer(Layer::Depth)
-    }),
+    })
+    .marked(|state| state.layer == Layer::Depth),
     layer("9", Key::Num9, "Visibility of a uniform sky", |_| {
         Command::ShowLayer(Layer::Visibility)
-    }),
+    })
+    .marked(|state| state.layer == Layer::Visibility),
     layer("0", Key::Num0, "Field samples a pixel", |_| {
         Command::ShowLayer(Layer::Samples)
-    }),
+    })
+    .marked(|state| state.layer == Layer::Samples),
+    plain(TRAINING, "Start training, or train further", |_| {
+        Command::Train(Train::Start)
+    })
+    .when(can_start),
     key(
         TRAINING,
         ("Space", Modifiers::NONE, Key::Space),
         "Pause or resume",
         |_| Command::Train(Train::PauseOrResume),
-    ),
+    )
+    .when(is_running),
     key(
         TRAINING,
         (".", Modifiers::NONE, Key::Period),
         "One step",
         |_| Command::Train(Train::Step),
-    ),
+    )
+    .when(is_running),
+    plain(TRAINING, "Train one minute longer", |_| {
+        Command::Train(Train::Extend(60.0))
+    })
+    .when(|state| state.training.phase.takes_commands()),
+    plain(TRAINING, "Train five minutes longer", |_| {
+        Command::Train(Train::Extend(300.0))
+    })
+    .when(|state| state.training.phase.takes_commands()),
+    plain(TRAINING, "Stop training", |_| Command::Train(Train::Stop)).when(is_running),
     key(
         WINDOW,
-        ("Ctrl+O", Modifiers::COMMAND, Key::O),
-        "Open",
-        |_| Command::AskPath(PathPurpose::Open),
-    ),
-    key(
-        WINDOW,
-        ("Ctrl+S", Modifiers::COMMAND, Key::S),
-        "Save the run",
-        |_| Command::AskPath(PathPurpose::Save),
-    ),
+        ("Ctrl+K, Ctrl+P", Modifiers::COMMAND, Key::K),
+        "Find a command…",
+        |_| Command::Palette(PaletteCommand::Toggle),
+    )
+    .or(Modifiers::COMMAND, Key::P),
     key(
         WINDOW,
         ("?", Modifiers::NONE, Key::Questionmark),
-        "This help",
+        "Mouse and keys",
         |_| Command::ToggleHelp,
-    ),
+    )
+    .marked(|state| state.overlays.is_help_open),
+    plain(WINDOW, "Messages", |_| Command::ToggleLog).marked(|state| state.overlays.is_log_open),
     key(
         WINDOW,
         ("Esc", Modifiers::NONE, Key::Escape),
@@ -261,16 +283,16 @@ pub fn pressed(ctx: &egui::Context, state: &AppState, commands: &mut Vec<Command
     if ctx.text_edit_focused() {
         return;
     }
-    for shortcut in BINDINGS
-        .iter()
-        .filter_map(|binding| binding.shortcut.as_ref())
-    {
-        // The space bar presses the button that has the focus.
-        if shortcut.key == Key::Space && has_focus {
-            continue;
-        }
-        if ctx.input_mut(|input| input.consume_key(shortcut.modifiers, shortcut.key)) {
-            commands.push((shortcut.command)(state));
+    let is_key = |event: &egui::Event| matches!(event, egui::Event::Key { pressed: true, .. });
+    if ctx.input(|input| input.events.iter().any(is_key)) {
+        for (shortcut, binding) in by_modifiers() {
+            // The space bar presses the button that has the focus.
+            if shortcut.logical_key == Key::Space && has_focus {
+                continue;
+            }
+            if ctx.input_mut(|input| input.consume_shortcut(&shortcut)) {
+                commands.extend(binding.command(state));
+            }
         }
     }
     let is_held = ctx.input(|input| input.key_down(Key::G) && input.modifiers.is_none());
@@ -279,21 +301,28 @@ pub fn pressed(ctx: &egui::Context, state: &AppState, commands: &mut Vec<Command
     }
 }
 
+/// All shortcuts, those with more modifiers first: `Ctrl+S` also answers to `Ctrl+Shift+S`.
+fn by_modifiers() -> Vec<(KeyboardShortcut, &'static Binding)> {
+    let mut all: Vec<_> = BINDINGS
+        .iter()
+        .flat_map(|binding| binding.shortcuts().map(move |shortcut| (shortcut, binding)))
+        .collect();
+    let n_modifiers =
+        |m: Modifiers| usize::from(m.alt) + usize::from(m.shift) + usize::from(m.command);
+    all.sort_by_key(|(shortcut, _)| std::cmp::Reverse(n_modifiers(shortcut.modifiers)));
+    all
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn no_key_hides_behind_another() {
-        let shortcuts: Vec<_> = BINDINGS
-            .iter()
-            .filter_map(|b| b.shortcut.as_ref().map(|s| (b.keys, s)))
-            .collect();
-        for (i, (keys, later)) in shortcuts.iter().enumerate() {
-            for (_, earlier) in &shortcuts[..i] {
-                let hides = earlier.key == later.key && later.modifiers.contains(earlier.modifiers);
-                assert!(!hides, "{keys} is never reached");
-            }
+    fn no_key_has_two_commands() {
+        let all = by_modifiers();
+        for (i, (later, binding)) in all.iter().enumerate() {
+            let other = all[..i].iter().find(|(earlier, _)| earlier == later);
+            assert!(other.is_none(), "{binding:?} and {other:?}");
         }
     }
 
@@ -302,11 +331,42 @@ mod tests {
         let state = AppState::default();
         let layers: Vec<_> = BINDINGS
             .iter()
-            .filter_map(|b| match (b.shortcut.as_ref()?.command)(&state) {
+            .filter_map(|binding| match binding.command(&state)? {
                 Command::ShowLayer(layer) => Some(layer),
                 _ => None,
             })
             .collect();
         assert_eq!(layers, Layer::ALL);
+    }
+
+    #[test]
+    fn every_command_has_a_menu_and_a_name_of_its_own() {
+        let commands: Vec<_> = BINDINGS.iter().filter(|b| b.is_command()).collect();
+        for (i, binding) in commands.iter().enumerate() {
+            let is_in = |(_, groups): &&(&str, &[&str])| groups.contains(&binding.group);
+            assert_eq!(MENUS.iter().filter(is_in).count(), 1, "{binding:?}");
+            let twin = commands[..i].iter().find(|b| b.what == binding.what);
+            assert!(twin.is_none(), "{binding:?} twice");
+        }
+    }
+
+    /// The README's section between the two marks is this table and nothing else.
+    #[test]
+    fn the_readme_lists_these_keys() {
+        let readme = include_str!("../../README.md").replace("\r\n", "\n");
+        let mut table = String::from("| | keys and mouse | |\n|---|---|---|\n");
+        for binding in BINDINGS.iter().filter(|binding| !binding.keys.is_empty()) {
+            let Binding {
+                group, keys, what, ..
+            } = binding;
+            table.push_str(&format!("| {group} | {keys} | {what} |\n"));
+        }
+        let listed = readme
+            .split_once("<!-- keys -->\n")
+            .and_then(|(_, rest)| rest.split_once("<!-- /keys -->"));
+        assert!(
+            listed.is_some_and(|(listed, _)| listed == table),
+            "put this into README.md between <!-- keys --> and <!-- /keys -->:\n{table}"
+        );
     }
 }

@@ -4,6 +4,7 @@
 //! rendering and reading run on threads of their own and wake the window when there is news.
 
 pub mod assets;
+pub mod binding;
 pub mod camera_control;
 pub mod command;
 pub mod compare_view;
@@ -17,6 +18,7 @@ mod layer_bar;
 pub mod messages;
 pub mod opener;
 pub mod pace;
+pub mod palette;
 pub mod panels;
 pub mod preview_driver;
 pub mod recent;

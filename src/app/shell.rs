@@ -66,6 +66,7 @@ pub fn draw(
         size
     });
     panels::help_ui(ui, state, commands);
+    panels::palette_ui(ui, state, commands);
     panels::path_dialog_ui(ui, state, commands);
     panels::log_ui(ui, state, commands);
     panels::stop_question_ui(ui, state, commands);

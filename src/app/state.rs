@@ -9,6 +9,7 @@ use crate::app::camera_control::{Viewpoint, nearest_view, point_looked_at, up_ax
 use crate::app::inspect::InspectState;
 use crate::app::messages::Messages;
 use crate::app::pace::Pace;
+use crate::app::palette::Palette;
 use crate::app::training_state::TrainingState;
 use crate::app::watch::{Comparison, WatchState};
 use crate::data::{Dataset, View};
@@ -46,6 +47,11 @@ impl Source {
                 Some(path)
             }
         }
+    }
+
+    /// Whether it can be trained, from the start or further.
+    pub fn is_trainable(&self) -> bool {
+        matches!(self, Self::Demo(_) | Self::Capture(_) | Self::Run(_))
     }
 
     /// The last part of the path, for people.
@@ -236,6 +242,8 @@ pub struct Overlays {
     pub is_log_open: bool,
     /// "Stop without saving?"
     pub is_stop_asked: bool,
+    /// The field in which a command is looked for.
+    pub palette: Option<Palette>,
 }
 
 /// All of it.

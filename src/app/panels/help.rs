@@ -1,4 +1,4 @@
-//! The help: the table of keys and gestures.
+//! The help: what has a key or a gesture in the table of commands.
 
 use egui::{Grid, RichText, Ui};
 
@@ -8,7 +8,7 @@ use crate::app::panels::widgets::{modal, weak};
 use crate::app::state::AppState;
 
 /// Groups in the left column; the others stand in the right one.
-const LEFT_GROUPS: [&str; 3] = ["Camera", "Environment", "Photos"];
+const LEFT_GROUPS: [&str; 4] = ["File", "Camera", "Environment", "Photos"];
 
 /// Draws the help over everything, while it is open.
 pub fn help_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
@@ -19,14 +19,12 @@ pub fn help_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
         ui.heading("Mouse and keys");
         ui.add_space(4.0);
         ui.horizontal_top(|ui| {
+            let listed = || BINDINGS.iter().filter(|binding| !binding.keys.is_empty());
             let is_left = |binding: &&Binding| LEFT_GROUPS.contains(&binding.group);
-            column(ui, "help left", BINDINGS.iter().filter(is_left));
+            column(ui, "help left", listed().filter(is_left));
             ui.add_space(16.0);
-            column(
-                ui,
-                "help right",
-                BINDINGS.iter().filter(|binding| !is_left(binding)),
-            );
+            let is_right = |binding: &&Binding| !is_left(binding);
+            column(ui, "help right", listed().filter(is_right));
         });
         ui.add_space(6.0);
         ui.button("Close").clicked()

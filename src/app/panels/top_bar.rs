@@ -1,34 +1,22 @@
-//! The bar at the top: open and save, what is open, layers, comparison, help.
+//! The bar at the top: menus, what is open, layers, comparison, help.
 
-use egui::containers::menu::MenuButton;
+use egui::containers::menu::{MenuBar, MenuButton};
+use egui::style::StyleModifier;
 use egui::{Align, Button, Layout, RichText, Ui};
 
 use crate::app::command::Command;
+use crate::app::panels::menus_ui;
 use crate::app::panels::widgets::weak;
-use crate::app::state::{AppState, PathPurpose, Source};
+use crate::app::state::{AppState, Source};
 use crate::app::watch::{Comparison, WatchCommand};
 use crate::render::Layer;
 
 /// Draws the bar.
 pub fn top_bar_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
-    ui.horizontal(|ui| {
-        if ui
-            .button("Open…")
-            .on_hover_text("A capture, a saved run or an environment (Ctrl+O)")
-            .clicked()
-        {
-            commands.push(Command::AskPath(PathPurpose::Open));
-        }
-        let can_save = state.training.phase.takes_commands();
-        let save = ui.add_enabled(can_save, Button::new("Save run…"));
-        let save =
-            save.on_hover_text("Keeps the trained model and everything to go on with it (Ctrl+S)");
-        if save
-            .on_disabled_hover_text("There is no training to save")
-            .clicked()
-        {
-            commands.push(Command::AskPath(PathPurpose::Save));
-        }
+    // The menu style would take the frames off all buttons of the bar.
+    let bar = MenuBar::new().style(StyleModifier::default());
+    bar.ui(ui, |ui| {
+        menus_ui(ui, state, commands);
         ui.separator();
         source_ui(ui, state);
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
