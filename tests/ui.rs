@@ -3,6 +3,8 @@
 
 #[path = "ui/commands.rs"]
 mod commands;
+#[path = "ui/history.rs"]
+mod history;
 #[path = "ui/inspect.rs"]
 mod inspect;
 #[path = "ui/watch.rs"]
@@ -16,11 +18,12 @@ use egui_kittest::kittest::Queryable as _;
 use glam::{Affine3A, Quat, Vec3};
 use neif::app::camera_control::CameraMove;
 use neif::app::command::Browse;
+use neif::app::history as app_history;
 use neif::app::pace::Pace;
 use neif::app::state::{EnvironmentContent, EnvironmentEntry, PathPurpose, Source};
 use neif::app::training_state::{Level, Phase};
 use neif::app::viewport::Pictures;
-use neif::app::{AppState, Command, Effect, apply, keys, shell, theme};
+use neif::app::{AppState, Command, Effect, apply, keys, leaving, shell, theme};
 use neif::data::{Dataset, Origin, Photo, View};
 use neif::geometry::{Camera, Mesh};
 use neif::neif::distant::{DistantConfig, DistantLight};
@@ -54,6 +57,8 @@ fn harness(state: AppState) -> Harness<'static, Shown> {
         for command in commands {
             apply(&mut shown.state, command, &mut shown.effects);
         }
+        app_history::watch(&mut shown.state);
+        leaving::after_news(&mut shown.state, &mut shown.effects);
     };
     let mut harness = Harness::builder()
         .with_size([1280.0, 800.0])
@@ -261,6 +266,8 @@ fn a_typed_path_is_opened_and_typing_triggers_no_shortcuts() {
         "a typed 3 is no shortcut"
     );
     click(&mut harness, "Open path");
+    assert_eq!(effects(&mut harness), [], "training would be lost");
+    click(&mut harness, "Open without saving");
     assert_eq!(
         effects(&mut harness),
         [Effect::Open(PathBuf::from("/data/b w 3"))]

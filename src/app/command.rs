@@ -8,9 +8,14 @@ use std::path::PathBuf;
 use glam::Vec2;
 
 use crate::app::camera_control::{CameraMove, Viewpoint};
+use crate::app::history::{self, HistoryCommand};
 use crate::app::inspect::{self, InspectCommand};
+use crate::app::leaving::{self, Goal, LeavingCommand};
 use crate::app::pace::{self, PaceCommand};
 use crate::app::palette::{self, PaletteCommand};
+use crate::app::preferences::{self, PreferencesCommand};
+use crate::app::session::{self, SessionCommand};
+use crate::app::session_file::{EXTENSION, SessionFile};
 use crate::app::state::{
     AppState, EnvironmentContent, Look, Overlays, PathDialog, PathPurpose, Source, file_name,
 };
@@ -122,6 +127,14 @@ pub enum Command {
     Watch(WatchCommand),
     /// Look for a command.
     Palette(PaletteCommand),
+    /// Undo or redo.
+    History(HistoryCommand),
+    /// Save the session, or bring one back.
+    Session(SessionCommand),
+    /// Close, and the question before it.
+    Leaving(LeavingCommand),
+    /// Change the preferences.
+    Preferences(PreferencesCommand),
 }
 
 /// What a command asks of the world.
@@ -145,19 +158,28 @@ pub enum Effect {
     Browse(Browse, PathPurpose),
     /// Write the table of the run's figures.
     WriteLog(PathBuf),
+    /// Save the session in this file.
+    SaveSession(PathBuf),
+    /// Bring back a session that was left behind.
+    RestoreSession(Box<SessionFile>),
+    /// Close the window.
+    Close,
 }
 
 /// Changes the state by a command; `effects` gets what remains to be done.
 pub fn apply(state: &mut AppState, command: Command, effects: &mut Vec<Effect>) {
+    let before = history::before(state, &command);
+    dispatch(state, command, effects);
+    if state.is_original_shown && state.look == Look::default() {
+        state.is_original_shown = false;
+    }
+    history::after(state, before);
+}
+
+fn dispatch(state: &mut AppState, command: Command, effects: &mut Vec<Effect>) {
     match command {
-        Command::Open(path) => {
-            state.overlays.path_dialog = None;
-            effects.push(Effect::Open(path));
-        }
-        Command::OpenDemo => {
-            state.overlays.path_dialog = None;
-            effects.push(Effect::OpenDemo);
-        }
+        Command::Open(path) => leaving::go(state, Goal::Open(path), effects),
+        Command::OpenDemo => leaving::go(state, Goal::OpenDemo, effects),
         Command::AskPath(_)
         | Command::ClosePathDialog
         | Command::TypePath(_)
@@ -167,7 +189,7 @@ pub fn apply(state: &mut AppState, command: Command, effects: &mut Vec<Effect>) 
         Command::Train(train) => apply_train(state, train, effects),
         Command::Pace(command) => pace::apply(&mut state.pace, command, effects),
         Command::SetBudget(secs) => state.budget_secs = secs.clamp(5.0, 86_400.0),
-        Command::SetAutoStart(on) => state.is_auto_start = on,
+        Command::SetAutoStart(on) => state.preferences.is_auto_start = on,
         Command::Edit(edit) => state.look.edit = edit,
         Command::MoveEnvironment(transform) => state.look.transform = transform,
         Command::MatchExposure => effects.push(Effect::MatchExposure),
@@ -182,15 +204,16 @@ pub fn apply(state: &mut AppState, command: Command, effects: &mut Vec<Effect>) 
         Command::Dismiss(index) => state.messages.dismiss(index),
         Command::Watch(command) => watch::apply(state, command),
         Command::Palette(command) => palette::apply(state, command, effects),
+        Command::History(command) => history::apply(state, command, effects),
+        Command::Session(command) => session::apply(state, command, effects),
+        Command::Leaving(command) => leaving::apply(state, command, effects),
+        Command::Preferences(command) => preferences::apply(state, command),
         Command::MoveCamera(_)
         | Command::PivotAt { .. }
         | Command::GoToView(_)
         | Command::StepView(_)
         | Command::FrameObject
         | Command::ResetView => apply_view(state, &command),
-    }
-    if state.is_original_shown && state.look == Look::default() {
-        state.is_original_shown = false;
     }
 }
 
@@ -200,6 +223,7 @@ fn close_front(state: &mut AppState) {
         state.inspect.forget();
     }
     state.overlays = Overlays::default();
+    state.leaving = None;
 }
 
 fn apply_path(state: &mut AppState, command: Command, effects: &mut Vec<Effect>) {
@@ -219,6 +243,10 @@ fn apply_path(state: &mut AppState, command: Command, effects: &mut Vec<Effect>)
                     .with_extension("csv")
                     .display()
                     .to_string(),
+                PathPurpose::SaveSession => state.session.file.as_ref().map_or_else(
+                    || format!("{}.{EXTENSION}", run_folder_for(&state.source).display()),
+                    |file| file.display().to_string(),
+                ),
             };
             *dialog = Some(PathDialog {
                 purpose,
@@ -261,12 +289,27 @@ fn use_path(state: &mut AppState, path: PathBuf, effects: &mut Vec<Effect>) {
         dialog.note = Some("Type a path first.".to_owned());
         return;
     }
-    effects.push(match dialog.purpose {
-        PathPurpose::Open => Effect::Open(path),
-        PathPurpose::Save => Effect::Train(TrainCommand::Save(path)),
-        PathPurpose::Log => Effect::WriteLog(path),
-    });
+    let purpose = dialog.purpose;
     state.overlays.path_dialog = None;
+    match purpose {
+        PathPurpose::Open => leaving::go(state, Goal::Open(path), effects),
+        PathPurpose::Save => {
+            leaving::save_began(state);
+            effects.push(Effect::Train(TrainCommand::Save(path)));
+        }
+        PathPurpose::Log => effects.push(Effect::WriteLog(path)),
+        PathPurpose::SaveSession => {
+            let has_extension = path
+                .extension()
+                .is_some_and(|extension| extension == EXTENSION);
+            let file = if has_extension {
+                path
+            } else {
+                PathBuf::from(format!("{}.{EXTENSION}", path.display()))
+            };
+            effects.push(Effect::SaveSession(file));
+        }
+    }
 }
 
 /// Where a run is saved unless another folder is typed.
@@ -312,7 +355,12 @@ fn apply_train(state: &mut AppState, train: Train, effects: &mut Vec<Effect>) {
     }
 }
 
-fn choose_environment(state: &mut AppState, index: Option<usize>, effects: &mut Vec<Effect>) {
+/// Chooses surroundings; those that cannot be used are said and not chosen.
+pub(super) fn choose_environment(
+    state: &mut AppState,
+    index: Option<usize>,
+    effects: &mut Vec<Effect>,
+) {
     state.look.environment = index;
     let Some(entry) = index.and_then(|i| state.environments.get_mut(i)) else {
         state.look.environment = None;
@@ -397,6 +445,7 @@ fn leave_view(state: &mut AppState) {
     state.compare = crate::app::state::Compare::default();
 }
 
+/// Puts the camera where a photo was taken.
 pub(super) fn go_to_view(state: &mut AppState, index: usize) {
     if let Some((_, view)) = state.view_at(index) {
         state.view.viewpoint = Viewpoint::of_camera(&view.camera, state.view.viewpoint.pivot);

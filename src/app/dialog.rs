@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use crossbeam::channel::{Receiver, TryRecvError, bounded};
 
 use crate::app::command::Browse;
+use crate::app::session_file::EXTENSION;
 use crate::app::state::PathPurpose;
 
 /// A dialog that is gone sooner than a person can act was never there.
@@ -71,14 +72,18 @@ fn ask(kind: Browse, purpose: PathPurpose) -> Option<PathBuf> {
             .set_file_name("metrics.csv")
             .save_file(),
         (PathPurpose::Save, _) => dialog.set_title("Folder for the run").pick_folder(),
+        (PathPurpose::SaveSession, _) => dialog
+            .set_title("File for the session")
+            .add_filter("Sessions", &[EXTENSION])
+            .save_file(),
         (PathPurpose::Open, Browse::Folder) => {
             dialog.set_title("Open a capture or a run").pick_folder()
         }
         (PathPurpose::Open, Browse::File) => dialog
-            .set_title("Open a capture or an environment")
+            .set_title("Open a capture, an environment or a session")
             .add_filter(
-                "Captures and environments",
-                &["json", "safetensors", "hdr", "exr"],
+                "Captures, environments and sessions",
+                &["json", "safetensors", "hdr", "exr", EXTENSION],
             )
             .add_filter("All files", &["*"])
             .pick_file(),

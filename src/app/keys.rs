@@ -1,18 +1,23 @@
 //! The table of commands, keys and gestures: shortcuts, menus, palette, help and the README's list
 //! of keys are all made from it.
 
-use egui::{Key, KeyboardShortcut, Modifiers};
+use egui::{FocusDirection, Key, KeyboardShortcut, Modifiers};
 
 use crate::app::binding::{Binding, gesture, key, plain};
 use crate::app::command::{Command, Train};
+use crate::app::history::{HistoryCommand, can_redo, can_undo};
+use crate::app::leaving::LeavingCommand;
 use crate::app::palette::PaletteCommand;
-use crate::app::state::{AppState, Look, PathPurpose};
+use crate::app::preferences::{PreferencesCommand, Side, ThemeChoice};
+use crate::app::session::SessionCommand;
+use crate::app::state::{AppState, Look, PathPurpose, Source};
 use crate::app::training_state::Phase;
 use crate::app::watch::{Comparison, WatchCommand};
 use crate::neif::{EnvironmentTransform, MaterialEdit};
 use crate::render::Layer;
 
 const FILE: &str = "File";
+const EDIT: &str = "Edit";
 const CAMERA: &str = "Camera";
 const LIGHT: &str = "Environment";
 const OBJECT: &str = "Object";
@@ -24,6 +29,7 @@ const WINDOW: &str = "Window";
 /// The menus and the groups in each; groups without commands are left out.
 pub const MENUS: &[(&str, &[&str])] = &[
     ("File", &[FILE]),
+    ("Edit", &[EDIT]),
     ("View", &[CAMERA, COMPARE, LAYERS, LIGHT]),
     ("Training", &[TRAINING]),
     ("Window", &[WINDOW]),
@@ -52,6 +58,10 @@ fn has_photos(state: &AppState) -> bool {
     state.view_at(0).is_some()
 }
 
+fn is_something_open(state: &AppState) -> bool {
+    state.source != Source::Nothing
+}
+
 fn is_running(state: &AppState) -> bool {
     matches!(state.training.phase, Phase::Training | Phase::Paused)
 }
@@ -74,10 +84,48 @@ pub const BINDINGS: &[Binding] = &[
     key(
         FILE,
         ("Ctrl+S", Modifiers::COMMAND, Key::S),
-        "Save the run…",
-        |_| Command::AskPath(PathPurpose::Save),
+        "Save the session",
+        |_| Command::Session(SessionCommand::Save),
     )
+    .when(is_something_open),
+    key(
+        FILE,
+        (
+            "Ctrl+Shift+S",
+            Modifiers::COMMAND.plus(Modifiers::SHIFT),
+            Key::S,
+        ),
+        "Save the session as…",
+        |_| Command::Session(SessionCommand::SaveAs),
+    )
+    .when(is_something_open),
+    plain(FILE, "Save the run…", |_| {
+        Command::AskPath(PathPurpose::Save)
+    })
     .when(|state| state.training.phase.takes_commands()),
+    key(FILE, ("Ctrl+Q", Modifiers::COMMAND, Key::Q), "Quit", |_| {
+        Command::Leaving(LeavingCommand::Close)
+    }),
+    key(EDIT, ("Ctrl+Z", Modifiers::COMMAND, Key::Z), "Undo", |_| {
+        Command::History(HistoryCommand::Undo)
+    })
+    .when(can_undo),
+    key(
+        EDIT,
+        (
+            "Ctrl+Shift+Z, Ctrl+Y",
+            Modifiers::COMMAND.plus(Modifiers::SHIFT),
+            Key::Z,
+        ),
+        "Redo",
+        |_| Command::History(HistoryCommand::Redo),
+    )
+    .or(Modifiers::COMMAND, Key::Y)
+    .when(can_redo),
+    plain(EDIT, "Reset material", |_| {
+        Command::Edit(MaterialEdit::default())
+    })
+    .when(|state| state.look.edit != MaterialEdit::default()),
     gesture(CAMERA, "Drag", "Turn about the pivot"),
     gesture(CAMERA, "Middle drag, Ctrl+drag", "Pan"),
     gesture(CAMERA, "Wheel", "Closer or farther"),
@@ -128,10 +176,6 @@ pub const BINDINGS: &[Binding] = &[
     .when(|state| state.look.transform != EnvironmentTransform::default()),
     plain(LIGHT, "Match exposure", |_| Command::MatchExposure)
         .when(|state| state.chosen_environment().is_some()),
-    plain(LIGHT, "Reset material", |_| {
-        Command::Edit(MaterialEdit::default())
-    })
-    .when(|state| state.look.edit != MaterialEdit::default()),
     key(
         COMPARE,
         ("[", Modifiers::NONE, Key::OpenBracket),
@@ -274,7 +318,52 @@ pub const BINDINGS: &[Binding] = &[
         "Double-click a slider's name",
         "Back to its default",
     ),
-    gesture(WINDOW, "Ctrl + and Ctrl -", "Larger and smaller text"),
+    key(
+        WINDOW,
+        ("Tab", Modifiers::NONE, Key::Tab),
+        "Show or hide the side panels",
+        |_| Command::Preferences(PreferencesCommand::TogglePanels),
+    )
+    .marked(|state| state.preferences.panels.is_any_shown()),
+    plain(WINDOW, "Left panel", |_| {
+        Command::Preferences(PreferencesCommand::TogglePanel(Side::Left))
+    })
+    .marked(|state| !state.preferences.panels.left.is_hidden),
+    plain(WINDOW, "Right panel", |_| {
+        Command::Preferences(PreferencesCommand::TogglePanel(Side::Right))
+    })
+    .marked(|state| !state.preferences.panels.right.is_hidden),
+    key(
+        WINDOW,
+        ("Ctrl +", Modifiers::COMMAND, Key::Plus),
+        "Larger text",
+        |_| Command::Preferences(PreferencesCommand::Zoom(1.0)),
+    )
+    .or(Modifiers::COMMAND, Key::Equals),
+    key(
+        WINDOW,
+        ("Ctrl -", Modifiers::COMMAND, Key::Minus),
+        "Smaller text",
+        |_| Command::Preferences(PreferencesCommand::Zoom(-1.0)),
+    ),
+    key(
+        WINDOW,
+        ("Ctrl 0", Modifiers::COMMAND, Key::Num0),
+        "Text of the usual size",
+        |_| Command::Preferences(PreferencesCommand::ResetZoom),
+    ),
+    plain(WINDOW, "Theme of the system", |_| {
+        Command::Preferences(PreferencesCommand::Theme(ThemeChoice::System))
+    })
+    .marked(|state| state.preferences.theme == ThemeChoice::System),
+    plain(WINDOW, "Light theme", |_| {
+        Command::Preferences(PreferencesCommand::Theme(ThemeChoice::Light))
+    })
+    .marked(|state| state.preferences.theme == ThemeChoice::Light),
+    plain(WINDOW, "Dark theme", |_| {
+        Command::Preferences(PreferencesCommand::Theme(ThemeChoice::Dark))
+    })
+    .marked(|state| state.preferences.theme == ThemeChoice::Dark),
 ];
 
 /// What the keys pressed in this frame cause; nothing while text is typed.
@@ -290,8 +379,18 @@ pub fn pressed(ctx: &egui::Context, state: &AppState, commands: &mut Vec<Command
             if shortcut.logical_key == Key::Space && has_focus {
                 continue;
             }
+            if shortcut.logical_key == Key::Tab {
+                // Among controls, and in windows over the main one, it goes to the next control.
+                let is_shifted = ctx.input(|input| input.modifiers.any());
+                if has_focus || is_shifted || state.is_asking() {
+                    continue;
+                }
+            }
             if ctx.input_mut(|input| input.consume_shortcut(&shortcut)) {
                 commands.extend(binding.command(state));
+                if shortcut.logical_key == Key::Tab {
+                    ctx.memory_mut(|memory| memory.move_focus(FocusDirection::None));
+                }
             }
         }
     }
@@ -359,7 +458,7 @@ mod tests {
             let Binding {
                 group, keys, what, ..
             } = binding;
-            table.push_str(&format!("| {group} | {keys} | {what} |\n"));
+            table.extend(["| ", group, " | ", keys, " | ", what, " |\n"]);
         }
         let listed = readme
             .split_once("<!-- keys -->\n")

@@ -16,8 +16,10 @@ const WARNING_SECS: f64 = 12.0;
 pub struct Message {
     /// How much it matters.
     pub level: Level,
-    /// The words, with the cause.
+    /// The words.
     pub text: String,
+    /// What caused it, the nearest first; none where nothing more is known.
+    pub causes: Vec<String>,
     /// Seconds since the window opened.
     pub at_secs: f64,
     /// Whether it was dismissed.
@@ -33,9 +35,12 @@ pub struct Messages {
 }
 
 impl Messages {
-    /// Adds a message; the same one twice in a row is kept once.
+    /// Adds a message; the same one twice in a row is kept once. Lines after the first are its causes.
     pub fn say(&mut self, level: Level, text: impl Into<String>) {
-        let text = text.into();
+        let lines = text.into();
+        let mut lines = lines.lines().map(str::to_owned);
+        let text = lines.next().unwrap_or_default();
+        let causes: Vec<_> = lines.collect();
         if self
             .list
             .back()
@@ -51,6 +56,7 @@ impl Messages {
         self.list.push_back(Message {
             level,
             text,
+            causes,
             at_secs: self.now_secs,
             is_dismissed: false,
         });
@@ -102,9 +108,34 @@ impl Messages {
 
     /// The whole list as text, a line a message.
     pub fn to_text(&self) -> String {
-        let line = |m: &Message| format!("{:8.1}s {:?}: {}", m.at_secs, m.level, m.text);
-        self.list.iter().map(line).collect::<Vec<_>>().join("\n")
+        let lines: Vec<_> = self.list.iter().map(Message::to_text).collect();
+        lines.join("\n")
     }
+}
+
+impl Message {
+    /// As text: a line, and one more for each cause.
+    pub fn to_text(&self) -> String {
+        let mut text = format!("{:8.1}s {:?}: {}", self.at_secs, self.level, self.text);
+        for cause in &self.causes {
+            text.push_str("\n    because ");
+            text.push_str(cause);
+        }
+        text
+    }
+}
+
+/// An error and what caused it, a line each; causes that the lines before already tell are left out.
+pub fn with_causes(error: &(dyn std::error::Error + 'static)) -> String {
+    let mut text = error.to_string();
+    let causes = std::iter::successors(error.source(), |error| error.source());
+    for cause in causes.map(ToString::to_string) {
+        if !text.contains(&cause) {
+            text.push('\n');
+            text.push_str(&cause);
+        }
+    }
+    text
 }
 
 #[cfg(test)]
@@ -123,6 +154,20 @@ mod tests {
         messages.dismiss(1);
         assert_eq!(messages.shown().count(), 0);
         assert_eq!(messages.all().len(), 2);
+    }
+
+    #[test]
+    fn causes_are_told_once_each() {
+        #[derive(Debug, thiserror::Error)]
+        #[error("cannot read the run")]
+        struct Outer(#[source] std::io::Error);
+        let error = Outer(std::io::Error::other("disk gone"));
+        let mut messages = Messages::default();
+        messages.say(Level::Error, with_causes(&error));
+        let message = messages.all().next().unwrap();
+        assert_eq!(message.text, "cannot read the run");
+        assert_eq!(message.causes, ["disk gone"]);
+        assert!(message.to_text().ends_with("because disk gone"));
     }
 
     #[test]

@@ -4,24 +4,32 @@
 //! rendering and reading run on threads of their own and wake the window when there is news.
 
 pub mod assets;
+pub mod autosave;
 pub mod binding;
 pub mod camera_control;
 pub mod command;
 pub mod compare_view;
+pub mod diagnostics;
 pub mod dialog;
 pub mod environment_control;
 mod error_maps;
 mod frustums;
+pub mod history;
 pub mod inspect;
+pub mod keeper;
 pub mod keys;
 mod layer_bar;
+pub mod leaving;
 pub mod messages;
 pub mod opener;
 pub mod pace;
 pub mod palette;
 pub mod panels;
+pub mod preferences;
 pub mod preview_driver;
 pub mod recent;
+pub mod session;
+pub mod session_file;
 pub mod shell;
 mod slice_view;
 pub mod state;

@@ -6,6 +6,8 @@ use std::sync::Arc;
 
 use crossbeam::channel::{Receiver, Sender, bounded};
 
+use crate::app::messages::with_causes;
+use crate::app::session_file::{EXTENSION, SessionFile};
 use crate::data::{
     DataError, Dataset, LoadOptions, Photo, first_photo, list_capture, write_atomically,
 };
@@ -66,6 +68,15 @@ pub enum Opened {
         /// Their content, or why they cannot be used.
         result: Result<Arc<Environment>, String>,
     },
+    /// A session.
+    Session {
+        /// The file.
+        path: PathBuf,
+        /// What it holds.
+        session: Box<SessionFile>,
+    },
+    /// A session that an earlier window has left behind.
+    LeftBehind(Box<SessionFile>),
     /// The first photo of a capture that is being read.
     FirstPhoto {
         /// The capture.
@@ -136,6 +147,15 @@ impl Opener {
     pub fn open(&self, path: &Path) {
         let path = path.to_owned();
         self.spawn(move |send| open(path, send));
+    }
+
+    /// Reads the session that an earlier window has left behind; a damaged one is no session.
+    pub fn left_behind(&self, path: &Path) {
+        let path = path.to_owned();
+        self.spawn(move |send| match SessionFile::read(&path) {
+            Ok(session) => send(Opened::LeftBehind(Box::new(session))),
+            Err(error) => tracing::warn!("{error}"),
+        });
     }
 
     /// Reads surroundings.
@@ -235,6 +255,17 @@ fn open(path: PathBuf, send: &dyn Fn(Opened)) {
         open_run(&path, send);
     } else if is_environment_file(&path) {
         send(load_environment(path));
+    } else if path
+        .extension()
+        .is_some_and(|extension| extension == EXTENSION)
+    {
+        match SessionFile::read(&path) {
+            Ok(session) => send(Opened::Session {
+                path,
+                session: Box::new(session),
+            }),
+            Err(reason) => send(failed(reason)),
+        }
     } else {
         // Listing tells at once what training would find out later, in the words of the command line.
         match list_capture(&path) {
@@ -258,7 +289,7 @@ fn open_run(path: &Path, send: &dyn Fn(Opened)) {
         Err(error) => {
             send(Opened::Failed {
                 path: path.to_owned(),
-                reason: error.to_string(),
+                reason: with_causes(&error),
             });
             return;
         }
@@ -285,7 +316,10 @@ fn open_run(path: &Path, send: &dyn Fn(Opened)) {
         }),
         Err(error) => send(Opened::Failed {
             path: dataset,
-            reason: format!("The run is shown without its photos: {error}"),
+            reason: format!(
+                "The run is shown without its photos\n{}",
+                with_causes(&error)
+            ),
         }),
     }
 }
@@ -293,7 +327,7 @@ fn open_run(path: &Path, send: &dyn Fn(Opened)) {
 fn load_environment(path: PathBuf) -> Opened {
     let result = Environment::open(&path)
         .map(Arc::new)
-        .map_err(|error| error.to_string());
+        .map_err(|error| with_causes(&error));
     Opened::Environment { path, result }
 }
 

@@ -4,6 +4,7 @@ use egui::{CentralPanel, Frame, Margin, Panel, ScrollArea, Ui};
 
 use crate::app::command::Command;
 use crate::app::panels;
+use crate::app::preferences::{PreferencesCommand, Side};
 use crate::app::state::AppState;
 use crate::app::viewport::{Pictures, viewport_ui};
 
@@ -30,39 +31,55 @@ pub fn draw(
     Panel::bottom("status")
         .frame(bar)
         .show(ui, |ui| panels::status_ui(ui, state, commands));
-    Panel::left("left")
-        .frame(side)
-        .default_size(LEFT_WIDTH)
-        .size_range(220.0..=420.0)
-        .show(ui, |ui| {
-            let room = (ui.available_height() - PHOTOS_HEIGHT).max(0.0);
-            ScrollArea::vertical()
-                .id_salt("training")
-                .max_height(room)
-                .show(ui, |ui| {
-                    panels::training_ui(ui, state, commands);
-                    panels::slice_ui(ui, state, pictures.slice, commands);
-                    panels::plots_ui(ui, state, commands);
-                });
-            panels::cameras_ui(ui, state, commands);
-        });
-    Panel::right("right")
-        .frame(side)
-        .default_size(RIGHT_WIDTH)
-        .size_range(280.0..=420.0)
-        .show(ui, |ui| {
-            ScrollArea::vertical()
-                .auto_shrink([false, false])
-                .show(ui, |ui| {
-                    panels::inspect_ui(ui, state, pictures, commands);
-                    panels::material_ui(ui, state, commands);
-                    ui.separator();
-                    panels::environment_ui(ui, state, commands);
-                });
-        });
+    let shown = state.preferences.panels;
+    if !shown.left.is_hidden {
+        let width = shown.left.width.unwrap_or(LEFT_WIDTH);
+        let panel = Panel::left("left")
+            .frame(side)
+            .default_size(width)
+            .size_range(220.0..=420.0)
+            .show(ui, |ui| {
+                let room = (ui.available_height() - PHOTOS_HEIGHT).max(0.0);
+                ScrollArea::vertical()
+                    .id_salt("training")
+                    .max_height(room)
+                    .show(ui, |ui| {
+                        panels::training_ui(ui, state, commands);
+                        panels::slice_ui(ui, state, pictures.slice, commands);
+                        panels::plots_ui(ui, state, commands);
+                    });
+                panels::cameras_ui(ui, state, commands);
+            });
+        note_width(ui, Side::Left, width, panel.response.rect.width(), commands);
+    }
+    if !shown.right.is_hidden {
+        let width = shown.right.width.unwrap_or(RIGHT_WIDTH);
+        let panel = Panel::right("right")
+            .frame(side)
+            .default_size(width)
+            .size_range(280.0..=420.0)
+            .show(ui, |ui| {
+                ScrollArea::vertical()
+                    .auto_shrink([false, false])
+                    .show(ui, |ui| {
+                        panels::inspect_ui(ui, state, pictures, commands);
+                        panels::material_ui(ui, state, commands);
+                        ui.separator();
+                        panels::environment_ui(ui, state, commands);
+                    });
+            });
+        note_width(
+            ui,
+            Side::Right,
+            width,
+            panel.response.rect.width(),
+            commands,
+        );
+    }
     let size = CentralPanel::default().frame(Frame::NONE).show(ui, |ui| {
         let size = viewport_ui(ui, state, pictures, commands);
         panels::toasts_ui(ui, state, commands);
+        panels::recovery_ui(ui, state, commands);
         size
     });
     panels::help_ui(ui, state, commands);
@@ -70,5 +87,16 @@ pub fn draw(
     panels::path_dialog_ui(ui, state, commands);
     panels::log_ui(ui, state, commands);
     panels::stop_question_ui(ui, state, commands);
+    panels::leaving_question_ui(ui, state, commands);
     size.inner
+}
+
+/// Keeps a panel's width once it was dragged; a point more or less is the layout's own doing.
+fn note_width(ui: &Ui, side: Side, known: f32, width: f32, commands: &mut Vec<Command>) {
+    let is_dragged = ui.input(|input| input.pointer.any_down());
+    if !is_dragged && (width - known).abs() > 2.0 {
+        commands.push(Command::Preferences(PreferencesCommand::Resize(
+            side, width,
+        )));
+    }
 }

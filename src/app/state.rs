@@ -1,15 +1,19 @@
 //! What the window shows: plain values, without threads, files or textures.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use glam::Vec3;
 
 use crate::app::camera_control::{Viewpoint, nearest_view, point_looked_at, up_axis};
+use crate::app::history::History;
 use crate::app::inspect::InspectState;
+use crate::app::leaving::Leaving;
 use crate::app::messages::Messages;
 use crate::app::pace::Pace;
 use crate::app::palette::Palette;
+use crate::app::preferences::Preferences;
+use crate::app::session::SessionState;
 use crate::app::training_state::TrainingState;
 use crate::app::watch::{Comparison, WatchState};
 use crate::data::{Dataset, View};
@@ -65,11 +69,23 @@ impl Source {
 }
 
 /// The last part of a path, or all of it where there is none.
-pub fn file_name(path: &std::path::Path) -> String {
+pub fn file_name(path: &Path) -> String {
     path.file_name()
         .unwrap_or(path.as_os_str())
         .to_string_lossy()
         .into_owned()
+}
+
+/// The name of the surroundings in a file. Runs all call theirs the same; the folder's name says more.
+pub fn environment_name(path: &Path) -> String {
+    let stem = path.file_stem().map_or_else(
+        || file_name(path),
+        |stem| stem.to_string_lossy().into_owned(),
+    );
+    match path.parent().and_then(Path::file_name) {
+        Some(folder) if stem == "environment" => folder.to_string_lossy().into_owned(),
+        _ => stem,
+    }
 }
 
 /// Everything a person edits about the picture: one value, so that edits can be compared and kept.
@@ -182,6 +198,8 @@ pub enum PathPurpose {
     Save,
     /// Write the table of figures there.
     Log,
+    /// Save the session there.
+    SaveSession,
 }
 
 /// The window in which a path is chosen.
@@ -204,6 +222,8 @@ pub struct Adapter {
     pub name: String,
     /// Whether the processor does its work.
     pub is_software: bool,
+    /// Interface and driver.
+    pub details: String,
 }
 
 /// What is known of the shown preview picture.
@@ -255,8 +275,6 @@ pub struct AppState {
     pub training: TrainingState,
     /// Training time for the next run, in seconds.
     pub budget_secs: f64,
-    /// Whether opening a capture starts training.
-    pub is_auto_start: bool,
     /// How training and the window share the processor.
     pub pace: Pace,
     /// The opened capture, once it is read.
@@ -289,6 +307,16 @@ pub struct AppState {
     pub adapter: Adapter,
     /// The picture on screen.
     pub shown: Option<ShownPicture>,
+    /// What is set once and found again.
+    pub preferences: Preferences,
+    /// Steps back and forth.
+    pub history: History,
+    /// Where the session is saved.
+    pub session: SessionState,
+    /// The question before training is lost.
+    pub leaving: Option<Leaving>,
+    /// Whether the window closes without asking.
+    pub is_leaving_for_sure: bool,
 }
 
 impl Default for AppState {
@@ -297,7 +325,6 @@ impl Default for AppState {
             source: Source::default(),
             training: TrainingState::default(),
             budget_secs: DEFAULT_BUDGET_SECS,
-            is_auto_start: true,
             pace: Pace::default(),
             dataset: None,
             snapshot: None,
@@ -314,11 +341,21 @@ impl Default for AppState {
             recent: Vec::new(),
             adapter: Adapter::default(),
             shown: None,
+            preferences: Preferences::default(),
+            history: History::default(),
+            session: SessionState::default(),
+            leaving: None,
+            is_leaving_for_sure: false,
         }
     }
 }
 
 impl AppState {
+    /// Whether a window over the main one wants an answer.
+    pub fn is_asking(&self) -> bool {
+        self.leaving.is_some() || self.overlays != Overlays::default()
+    }
+
     /// What the preview shows, with edits unless the original is asked for; none before the first
     /// snapshot.
     pub fn scene(&self) -> Option<Scene> {
@@ -343,6 +380,22 @@ impl AppState {
             regions: self.look.regions,
             ..scene
         }
+    }
+
+    /// The index of the surroundings in a file; added to the list, not read yet, where they are not in it.
+    pub fn environment_of_file(&mut self, path: &Path) -> usize {
+        let known = self
+            .environments
+            .iter()
+            .position(|entry| entry.path == path);
+        known.unwrap_or_else(|| {
+            self.environments.push(EnvironmentEntry {
+                name: environment_name(path),
+                path: path.to_owned(),
+                content: EnvironmentContent::NotLoaded,
+            });
+            self.environments.len() - 1
+        })
     }
 
     /// The chosen surroundings, unless they are the capture's own or not read yet.

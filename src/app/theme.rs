@@ -3,8 +3,9 @@
 //! On a machine without GPU each filled pixel costs the processor about 65 ns, so the window's
 //! clear colour is the panels' background (five times cheaper frames, measured).
 
-use egui::{Color32, Context, CornerRadius, Stroke, Theme, Visuals, vec2};
+use egui::{Color32, Context, CornerRadius, Stroke, Theme, ThemePreference, Visuals, vec2};
 
+use crate::app::preferences::{Preferences, ThemeChoice};
 use crate::app::training_state::{Level, Phase};
 
 /// The background of all panels.
@@ -16,8 +17,20 @@ pub fn background(is_dark: bool) -> Color32 {
     }
 }
 
+/// Puts theme and size of the text into effect.
+pub fn prefer(ctx: &Context, preferences: &Preferences) {
+    ctx.set_theme(match preferences.theme {
+        ThemeChoice::System => ThemePreference::System,
+        ThemeChoice::Light => ThemePreference::Light,
+        ThemeChoice::Dark => ThemePreference::Dark,
+    });
+    ctx.set_zoom_factor(preferences.zoom);
+}
+
 /// Sets both themes up.
 pub fn set_up(ctx: &Context) {
+    // The table of commands has the keys for it, so that it is remembered.
+    ctx.options_mut(|options| options.zoom_with_keyboard = false);
     for theme in [Theme::Dark, Theme::Light] {
         ctx.style_mut_of(theme, |style| {
             style.visuals.panel_fill = Color32::TRANSPARENT;

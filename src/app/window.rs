@@ -1,23 +1,29 @@
 //! The window's side of eframe: textures, keys, dropped files, and one frame after the other.
 
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use eframe::{CreationContext, Frame};
 use egui::{ColorImage, Context, TextureHandle, TextureOptions, Ui};
 
 use crate::app::AppOptions;
+use crate::app::autosave::Autosave;
 use crate::app::command::{Command, Effect, apply};
 use crate::app::error_maps::ErrorMaps;
+use crate::app::history;
 use crate::app::inspect::Inspector;
 use crate::app::inspect::driver::{Pace, Wanted};
+use crate::app::keeper::Keep;
 use crate::app::keys;
+use crate::app::leaving::{self, LeavingCommand};
 use crate::app::opener::ScreenPhoto;
+use crate::app::preferences::{self, Preferences};
 use crate::app::preview_driver::{PreviewDriver, Situation};
 use crate::app::shell;
 use crate::app::slice_view::SliceView;
 use crate::app::state::{Adapter, AppState, ShownPicture};
 use crate::app::theme;
-use crate::app::training_state::Phase;
+use crate::app::training_state::{Level, Phase};
 use crate::app::viewport::Pictures;
 use crate::app::work::{News, Work};
 use crate::app::{assets, recent};
@@ -51,6 +57,15 @@ pub(super) struct Window {
     started: Instant,
     n_cores: usize,
     title: String,
+    autosave: Autosave,
+    keeping: Keeping,
+}
+
+/// Which preferences are in effect, and which are in their file.
+struct Keeping {
+    file: Option<PathBuf>,
+    applied: Option<Preferences>,
+    kept: Preferences,
 }
 
 impl Window {
@@ -68,7 +83,7 @@ impl Window {
                 adapter: adapter(creation),
                 ..AppState::default()
             },
-            work: Work::new(ctx),
+            work: Work::new(ctx)?,
             preview,
             driver: PreviewDriver::default(),
             inspector: Inspector::new(ctx)?,
@@ -80,7 +95,14 @@ impl Window {
             started: Instant::now(),
             n_cores: std::thread::available_parallelism().map_or(1, usize::from),
             title: String::new(),
+            autosave: Autosave::new(),
+            keeping: Keeping {
+                file: preferences::file(),
+                applied: None,
+                kept: Preferences::default(),
+            },
         };
+        window.recall(ctx);
         window.state.environments = assets::environments();
         window.state.recent = recent::load();
         window.work.read_as(&options.open, &options.choices);
@@ -90,6 +112,56 @@ impl Window {
         }
         window.carry_out(effects);
         Ok(window)
+    }
+
+    /// Takes up the preferences, and what an earlier window has left behind.
+    fn recall(&mut self, ctx: &Context) {
+        if let Some(file) = &self.keeping.file {
+            let (preferences, problem) = preferences::load(file);
+            self.state.preferences = preferences;
+            self.keeping.kept = preferences;
+            if let Some(problem) = problem {
+                self.state.messages.say(Level::Warning, problem);
+            }
+        }
+        self.prefer(ctx);
+        if let Some(file) = self.autosave.left_behind() {
+            self.work.opener().left_behind(file);
+        }
+    }
+
+    /// Puts changed preferences into effect and into their file.
+    fn prefer(&mut self, ctx: &Context) {
+        let preferences = self.state.preferences;
+        if self.keeping.applied != Some(preferences) {
+            self.keeping.applied = Some(preferences);
+            theme::prefer(ctx, &preferences);
+        }
+        if self.keeping.kept != preferences
+            && let Some(file) = &self.keeping.file
+        {
+            self.keeping.kept = preferences;
+            let text = preferences.to_text();
+            self.work.keeper().keep(file, Keep::Write(text));
+        }
+    }
+
+    /// Keeps what would otherwise be lost, and asks before it is.
+    fn guard(&mut self, ctx: &Context) {
+        history::watch(&mut self.state);
+        let mut effects = Vec::new();
+        leaving::after_news(&mut self.state, &mut effects);
+        let is_closing = ctx.input(|input| input.viewport().close_requested());
+        let must_ask = leaving::is_training_unsaved(&self.state) && !self.state.is_leaving_for_sure;
+        if is_closing && must_ask {
+            ctx.send_viewport_cmd(egui::ViewportCommand::CancelClose);
+            let close = Command::Leaving(LeavingCommand::Close);
+            apply(&mut self.state, close, &mut effects);
+        }
+        self.carry_out(effects);
+        if let Some(secs) = self.autosave.look(&self.state, self.work.keeper()) {
+            ctx.request_repaint_after(Duration::from_secs_f64(secs));
+        }
     }
 
     fn carry_out(&mut self, effects: Vec<Effect>) {
@@ -285,6 +357,8 @@ impl eframe::App for Window {
             apply(&mut self.state, command, &mut effects);
         }
         self.carry_out(effects);
+        self.prefer(&ctx);
+        self.guard(&ctx);
         self.ask(&ctx);
         self.errors.update(&ctx, &mut self.state);
         self.slice.update(&ctx, &mut self.state);
@@ -302,6 +376,7 @@ impl eframe::App for Window {
     }
 
     fn on_exit(&mut self) {
+        self.autosave.end(&self.state, self.work.keeper());
         self.work.close();
     }
 }
@@ -327,6 +402,7 @@ fn adapter(creation: &CreationContext<'_>) -> Adapter {
         .map_or_else(Adapter::default, |render| {
             let info = render.adapter.get_info();
             Adapter {
+                details: format!("{}, {} {}", info.backend, info.driver, info.driver_info),
                 name: info.name,
                 is_software: info.device_type == eframe::wgpu::DeviceType::Cpu,
             }

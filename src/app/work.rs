@@ -1,5 +1,7 @@
 //! What goes on beside drawing: the training session, reading files, the file dialog.
 
+mod session;
+
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -9,11 +11,13 @@ use egui::Context;
 use crate::app::assets;
 use crate::app::command::{Browse, Command, Effect, apply};
 use crate::app::dialog::FileDialog;
+use crate::app::history::History;
+use crate::app::keeper::Keeper;
+use crate::app::leaving;
 use crate::app::opener::{Opened, Opener, ScreenPhoto};
 use crate::app::recent;
-use crate::app::state::{
-    AppState, EnvironmentContent, EnvironmentEntry, Look, PathPurpose, Source, ViewState, file_name,
-};
+use crate::app::session::stand_at_wanted_view;
+use crate::app::state::{AppState, EnvironmentContent, Look, PathPurpose, Source, ViewState};
 use crate::app::training_state::{Level, Phase, TrainingState};
 use crate::data::CaptureChoices;
 use crate::neif::Environment;
@@ -50,21 +54,29 @@ pub(super) struct Work {
     dialog: Option<FileDialog>,
     /// Captures that are read as somebody chose.
     chosen: Vec<(PathBuf, CaptureChoices)>,
+    keeper: Keeper,
 }
 
 impl Work {
     /// Nothing goes on yet; `ctx` is woken when there is news.
-    pub(super) fn new(ctx: &Context) -> Self {
+    pub(super) fn new(ctx: &Context) -> std::io::Result<Self> {
         let wake = ctx.clone();
         let opener = Opener::new(move || wake.request_repaint());
-        Self {
+        let wake = ctx.clone();
+        Ok(Self {
             ctx: ctx.clone(),
             session: None,
             snapshot_version: 0,
             opener,
             dialog: None,
             chosen: Vec::new(),
-        }
+            keeper: Keeper::new(move || wake.request_repaint())?,
+        })
+    }
+
+    /// Writes small files.
+    pub(super) fn keeper(&self) -> &Keeper {
+        &self.keeper
     }
 
     /// Has the captures at `paths` read so from now on.
@@ -109,6 +121,9 @@ impl Work {
             Effect::MatchExposure => self.match_exposure(state),
             Effect::Browse(kind, purpose) => self.browse(state, kind, purpose),
             Effect::WriteLog(path) => self.opener.write_text(path, state.training.log.to_csv()),
+            Effect::SaveSession(file) => self.save_session(state, file),
+            Effect::RestoreSession(session) => return self.open_session(state, session, None),
+            Effect::Close => self.ctx.send_viewport_cmd(egui::ViewportCommand::Close),
         }
         None
     }
@@ -158,7 +173,8 @@ impl Work {
         }
         remember(state, &source);
         state.source = source;
-        if state.is_auto_start {
+        self.bring_back_pending(state);
+        if state.preferences.is_auto_start {
             self.start(state);
         }
         News::Reset
@@ -172,6 +188,8 @@ impl Work {
         state.dataset = None;
         state.snapshot = None;
         state.look = Look::default();
+        state.history = History::default();
+        state.session.file = None;
         state.is_original_shown = false;
         state.view = ViewState::default();
         state.compare = crate::app::state::Compare::default();
@@ -223,6 +241,7 @@ impl Work {
     /// Takes in what the threads have done since the last frame.
     pub(super) fn poll(&mut self, state: &mut AppState) -> Vec<News> {
         self.poll_session(state);
+        self.poll_keeper(state);
         let mut news = Vec::new();
         while let Some(opened) = self.opener.next() {
             news.extend(self.take(state, opened));
@@ -242,6 +261,9 @@ impl Work {
         let Some(session) = &self.session else { return };
         while let Ok(event) = session.events().try_recv() {
             for (level, text) in state.training.take(event) {
+                if level != Level::Info {
+                    leaving::save_failed(state);
+                }
                 state.messages.say(level, text);
             }
         }
@@ -249,6 +271,7 @@ impl Work {
             && let Some(dataset) = session.dataset()
         {
             state.set_dataset(dataset);
+            stand_at_wanted_view(state);
         }
         let version = session.snapshot_version();
         if version != self.snapshot_version {
@@ -266,10 +289,16 @@ impl Work {
                 state.snapshot = Some(snapshot);
                 state.source = Source::Run(path);
                 remember(state, &state.source.clone());
+                self.bring_back_pending(state);
                 return Some(News::Reset);
             }
+            Opened::Session { path, session } => {
+                return self.open_session(state, session, Some(path));
+            }
+            Opened::LeftBehind(session) => state.session.recovery = Some(session),
             Opened::RunDataset { path, dataset } if state.source == Source::Run(path.clone()) => {
                 state.set_dataset(dataset);
+                stand_at_wanted_view(state);
             }
             Opened::Environment { path, result } => {
                 return self.take_environment(state, path, result);
@@ -337,23 +366,16 @@ impl Work {
             state.snapshot = Some(snapshot);
             state.source = Source::Environment(path);
             remember(state, &state.source.clone());
+            self.bring_back_pending(state);
             return Some(News::Reset);
         }
         let content = EnvironmentContent::Ready(environment);
-        let known = state
-            .environments
-            .iter()
-            .position(|entry| entry.path == path);
-        if let Some(i) = known {
-            state.environments[i].content = content;
-        } else {
+        let is_known = state.environments.iter().any(|entry| entry.path == path);
+        let index = state.environment_of_file(&path);
+        state.environments[index].content = content;
+        if !is_known {
             recent::add(&mut state.recent, &path);
-            state.environments.push(EnvironmentEntry {
-                name: environment_name(&path),
-                path,
-                content,
-            });
-            state.look.environment = Some(state.environments.len() - 1);
+            state.look.environment = Some(index);
         }
         None
     }
@@ -365,18 +387,6 @@ impl Work {
         {
             tracing::debug!("the run ended with an error: {error}");
         }
-    }
-}
-
-/// Runs all call their environment the same; the folder's name says more.
-fn environment_name(path: &Path) -> String {
-    let stem = path.file_stem().map_or_else(
-        || file_name(path),
-        |stem| stem.to_string_lossy().into_owned(),
-    );
-    match path.parent().and_then(Path::file_name) {
-        Some(folder) if stem == "environment" => folder.to_string_lossy().into_owned(),
-        _ => stem,
     }
 }
 

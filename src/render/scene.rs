@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use glam::Vec3;
+use serde::{Deserialize, Serialize};
 
 use super::ground::{BakedGround, Ground};
 use super::irradiance::{DiffuseLights, KeyedLight, LightKey, Resolution};
@@ -119,7 +120,8 @@ impl Scene {
 }
 
 /// What a picture shows.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Layer {
     /// The lit object in its surroundings.
     #[default]

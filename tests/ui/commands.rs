@@ -1,7 +1,7 @@
 //! Menus and the command palette: both are the table of commands.
 
 use egui::{Key, Modifiers};
-use egui_kittest::kittest::Queryable as _;
+use egui_kittest::kittest::{NodeT as _, Queryable as _};
 use neif::app::AppState;
 use neif::render::Layer;
 

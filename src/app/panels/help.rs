@@ -2,13 +2,14 @@
 
 use egui::{Grid, RichText, Ui};
 
+use crate::app::binding::Binding;
 use crate::app::command::Command;
-use crate::app::keys::{BINDINGS, Binding};
+use crate::app::keys::BINDINGS;
 use crate::app::panels::widgets::{modal, weak};
 use crate::app::state::AppState;
 
 /// Groups in the left column; the others stand in the right one.
-const LEFT_GROUPS: [&str; 4] = ["File", "Camera", "Environment", "Photos"];
+const LEFT_GROUPS: [&str; 5] = ["File", "Edit", "Camera", "Environment", "Photos"];
 
 /// Draws the help over everything, while it is open.
 pub fn help_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {

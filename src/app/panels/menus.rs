@@ -2,6 +2,7 @@
 
 use egui::{Button, Ui};
 
+use crate::app::binding::Binding;
 use crate::app::command::Command;
 use crate::app::keys::{BINDINGS, MENUS};
 use crate::app::panels::widgets::describe_number;
@@ -22,7 +23,7 @@ pub fn menus_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
 }
 
 fn group_ui(ui: &mut Ui, group: &str, state: &AppState, commands: &mut Vec<Command>) {
-    let is_listed = |binding: &&_| binding.group == group && binding.is_command();
+    let is_listed = |binding: &&Binding| binding.group == group && binding.is_command();
     for binding in BINDINGS.iter().filter(is_listed) {
         let command = binding.command(state);
         let button =

@@ -19,9 +19,10 @@ pub fn path_dialog_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>
     let modal = modal(ui, "path").show(ui.ctx(), |ui| {
         ui.set_width(WIDTH);
         let (title, what) = match dialog.purpose {
-            PathPurpose::Open => ("Open", "A capture (folder or transforms.json), a saved run, or an environment (.safetensors, or a panorama as .hdr or .exr). Dropping it on the window works too."),
+            PathPurpose::Open => ("Open", "A capture (folder or transforms.json), a saved run, a session, or an environment (.safetensors, or a panorama as .hdr or .exr). Dropping it on the window works too."),
             PathPurpose::Save => ("Save the run", "A folder for the model and everything to go on with it; it is made if it does not exist."),
             PathPurpose::Log => ("Export the figures", "A file for loss, PSNR and speed over the run so far, as a table with commas (.csv)."),
+            PathPurpose::SaveSession => ("Save the session", "A small file that names what is open and holds all edits, camera and layout. What was trained and never saved goes into a folder beside it."),
         };
         ui.heading(title);
         ui.label(weak(ui, what));
@@ -42,7 +43,7 @@ fn path_ui(ui: &mut Ui, dialog: &PathDialog, commands: &mut Vec<Command>) {
     let mut typed = dialog.typed.clone();
     let verb = match dialog.purpose {
         PathPurpose::Open => "Open path",
-        PathPurpose::Save => "Save",
+        PathPurpose::Save | PathPurpose::SaveSession => "Save",
         PathPurpose::Log => "Export",
     };
     ui.horizontal(|ui| {
@@ -72,12 +73,12 @@ fn path_ui(ui: &mut Ui, dialog: &PathDialog, commands: &mut Vec<Command>) {
             ("Browse for a folder…", Browse::Folder),
             ("Browse for a file…", Browse::File),
         ];
-        let offered = match dialog.purpose {
-            PathPurpose::Open => 0..2,
-            PathPurpose::Save => 0..1,
-            PathPurpose::Log => 1..2,
+        let browse = match dialog.purpose {
+            PathPurpose::Open => &browse[..],
+            PathPurpose::Save => &browse[..1],
+            PathPurpose::SaveSession | PathPurpose::Log => &browse[1..],
         };
-        for (text, kind) in &browse[offered] {
+        for (text, kind) in browse {
             if ui
                 .add_enabled(!dialog.is_browsing, Button::new(*text))
                 .clicked()

@@ -1,11 +1,11 @@
-//! Messages over the viewport, the list of all of them, and the question before stopping.
+//! Messages over the viewport.
 
-use egui::{Align2, Area, Color32, Frame, Label, RichText, ScrollArea, Ui, vec2};
+use egui::{Align, Align2, Area, Color32, Frame, Label, Layout, RichText, Ui, vec2};
 
-use crate::app::command::{Command, Train};
+use crate::app::command::Command;
 use crate::app::messages::Message;
-use crate::app::panels::widgets::{duration, modal, weak};
-use crate::app::state::{AppState, PathPurpose};
+use crate::app::panels::widgets::weak;
+use crate::app::state::AppState;
 use crate::app::theme;
 use crate::app::training_state::Level;
 
@@ -38,87 +38,26 @@ fn toast(ui: &mut Ui, message: &Message) -> bool {
             ui.set_max_width(WIDTH);
             ui.horizontal_top(|ui| {
                 ui.label(level_text(message.level, color));
-                ui.add(Label::new(&message.text).wrap());
-                ui.small_button("Dismiss").clicked()
+                let dismiss = ui.with_layout(Layout::top_down(Align::Min), |ui| {
+                    ui.add(Label::new(&message.text).wrap());
+                    for cause in &message.causes {
+                        ui.add(Label::new(weak(ui, cause)).wrap());
+                    }
+                    ui.small_button("Dismiss").clicked()
+                });
+                dismiss.inner
             })
             .inner
         })
         .inner
 }
 
-fn level_text(level: Level, color: Color32) -> RichText {
+/// The level, as a coloured word.
+pub(super) fn level_text(level: Level, color: Color32) -> RichText {
     let text = match level {
         Level::Info => "Note",
         Level::Warning => "Warning",
         Level::Error => "Error",
     };
     RichText::new(text).color(color).strong()
-}
-
-/// Draws the list of all messages, while it is open.
-pub fn log_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
-    if !state.overlays.is_log_open {
-        return;
-    }
-    let mut is_open = true;
-    egui::Window::new("Messages")
-        .open(&mut is_open)
-        .default_size([520.0, 300.0])
-        .show(ui.ctx(), |ui| {
-            if ui.button("Copy all").clicked() {
-                ui.ctx().copy_text(state.messages.to_text());
-            }
-            ui.separator();
-            ScrollArea::vertical()
-                .auto_shrink([false, false])
-                .stick_to_bottom(true)
-                .show(ui, |ui| {
-                    if state.messages.all().len() == 0 {
-                        ui.label(weak(ui, "Nothing was said yet."));
-                    }
-                    for message in state.messages.all() {
-                        ui.horizontal_wrapped(|ui| {
-                            ui.label(weak(ui, duration(message.at_secs)));
-                            ui.label(level_text(
-                                message.level,
-                                theme::of_level(ui.visuals(), message.level),
-                            ));
-                            ui.label(&message.text);
-                        });
-                    }
-                });
-        });
-    if !is_open {
-        commands.push(Command::ToggleLog);
-    }
-}
-
-/// Asks before training that was never saved is ended.
-pub fn stop_question_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
-    if !state.overlays.is_stop_asked {
-        return;
-    }
-    let modal = modal(ui, "stop").show(ui.ctx(), |ui| {
-        ui.set_width(360.0);
-        ui.heading("Stop without saving?");
-        ui.label(format!(
-            "{} steps were never saved. The result stays on screen, but it cannot be trained further.",
-            state.training.progress.step - state.training.saved_step.unwrap_or(0)
-        ));
-        ui.add_space(8.0);
-        ui.horizontal(|ui| {
-            if ui.button("Save first…").clicked() {
-                commands.push(Command::CloseOverlays);
-                commands.push(Command::AskPath(PathPurpose::Save));
-            }
-            if ui.button("Stop without saving").clicked() {
-                commands.push(Command::Train(Train::StopForSure));
-            }
-            ui.button("Keep training").clicked()
-        })
-        .inner
-    });
-    if modal.inner || modal.should_close() {
-        commands.push(Command::CloseOverlays);
-    }
 }

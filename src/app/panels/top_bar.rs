@@ -2,9 +2,10 @@
 
 use egui::containers::menu::{MenuBar, MenuButton};
 use egui::style::StyleModifier;
-use egui::{Align, Button, Layout, RichText, Ui};
+use egui::{Align, Button, Layout, RichText, Role, Ui, WidgetInfo};
 
 use crate::app::command::Command;
+use crate::app::history::{HistoryCommand, can_redo, can_undo};
 use crate::app::panels::menus_ui;
 use crate::app::panels::widgets::weak;
 use crate::app::state::{AppState, Source};
@@ -17,6 +18,8 @@ pub fn top_bar_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     let bar = MenuBar::new().style(StyleModifier::default());
     bar.ui(ui, |ui| {
         menus_ui(ui, state, commands);
+        ui.separator();
+        history_ui(ui, state, commands);
         ui.separator();
         source_ui(ui, state);
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
@@ -33,6 +36,20 @@ pub fn top_bar_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
             layers_ui(ui, state, commands);
         });
     });
+}
+
+fn history_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
+    let buttons = [
+        ("⟲", "Undo", can_undo(state), HistoryCommand::Undo),
+        ("⟳", "Redo", can_redo(state), HistoryCommand::Redo),
+    ];
+    for (sign, name, is_enabled, command) in buttons {
+        let button = ui.add_enabled(is_enabled, Button::new(sign));
+        button.widget_info(|| WidgetInfo::labeled(Role::Button, is_enabled, name));
+        if button.on_hover_text(name).clicked() {
+            commands.push(Command::History(command));
+        }
+    }
 }
 
 fn source_ui(ui: &mut Ui, state: &AppState) {

@@ -84,7 +84,11 @@ fn running_ui(ui: &mut Ui, phase: &Phase, commands: &mut Vec<Command>) {
                 Command::Train(Train::Step),
             ),
             ("Stop", "End the run", Command::Train(Train::Stop)),
-            ("Save…", "Ctrl+S", Command::AskPath(PathPurpose::Save)),
+            (
+                "Save…",
+                "Keeps the run in a folder",
+                Command::AskPath(PathPurpose::Save),
+            ),
         ];
         for (text, hint, command) in buttons {
             if ui
@@ -164,7 +168,7 @@ fn start_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
             commands.push(Command::SetBudget(budget));
         }
     });
-    let mut is_auto = state.is_auto_start;
+    let mut is_auto = state.preferences.is_auto_start;
     if ui
         .checkbox(&mut is_auto, "Start when a capture is opened")
         .changed()

@@ -1,0 +1,46 @@
+//! Facts about program and machine, to be sent along with a report of a fault.
+
+use crate::app::state::AppState;
+use crate::neif::kernels::has_fma;
+
+/// Version, system, adapter, processor, what is open, how training goes, and all messages.
+pub fn diagnostics(state: &AppState) -> String {
+    let adapter = &state.adapter;
+    let kind = if adapter.is_software {
+        "software"
+    } else {
+        "graphics card"
+    };
+    let training = &state.training;
+    let lines = [
+        format!("neif {}", env!("CARGO_PKG_VERSION")),
+        format!(
+            "system: {} {}",
+            std::env::consts::OS,
+            std::env::consts::ARCH
+        ),
+        format!("adapter: {} ({kind}; {})", adapter.name, adapter.details),
+        format!(
+            "cores: {}",
+            std::thread::available_parallelism().map_or(1, usize::from)
+        ),
+        format!(
+            "fused 256-bit kernels: {}",
+            if has_fma() { "yes" } else { "no" }
+        ),
+        format!(
+            "debug build: {}",
+            if cfg!(debug_assertions) { "yes" } else { "no" }
+        ),
+        format!("open: {:?}", state.source),
+        format!(
+            "training: {}, step {}",
+            training.phase.name(),
+            training.progress.step
+        ),
+        format!("text size: {}", state.preferences.zoom),
+        "messages:".to_owned(),
+        state.messages.to_text(),
+    ];
+    lines.join("\n")
+}
