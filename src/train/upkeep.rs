@@ -78,7 +78,10 @@ impl Run<'_> {
         let begun = Instant::now();
         self.publish();
         // A disk that is full or read-only shows now, not after the training.
-        if let (Some(folder), Some(mesh)) = (&self.folder, &self.dataset.mesh) {
+        // A run that goes on keeps its mesh to the bit.
+        if let (Some(folder), Some(mesh)) = (&self.folder, &self.dataset.mesh)
+            && (self.worker.options.start == Start::Fresh || folder.mesh()?.is_none())
+        {
             folder.save_mesh(mesh)?;
         }
         self.save()?;
