@@ -279,6 +279,9 @@ fn rendered_pictures_change_as_the_edit_says() {
         ("red", ["--tint", "1,0,0"]),
         ("matt", ["--tint-scale", "0"]),
         ("dark", ["--diffuse-gain", "0"]),
+        ("blurred", ["--background", "blurred"]),
+        ("hidden", ["--background", "hidden"]),
+        ("exposed", ["--exposure", "-1"]),
     ] {
         render(name, &flags);
         let edited = picture(&format!("{name}/t_000.png"));
@@ -375,6 +378,10 @@ const UNUSABLE: &[(&str, &str)] = &[
     ),
     ("render run --roughness 2 --out NEW", "from 0 to 1"),
     ("render run --layers shiny --out NEW", "shiny"),
+    (
+        "render run --background green --out NEW",
+        "shown, blurred, hidden",
+    ),
     ("render run --env GARBAGE.safetensors --out NEW", "GARBAGE"),
     ("render run --size 0x9 --out NEW", "sides"),
     ("render run --cameras NOWHERE --out NEW", "NOWHERE"),

@@ -4,7 +4,9 @@ use std::path::{Path, PathBuf};
 
 use glam::Vec3;
 use neif::geometry::Camera;
-use neif::render::{Layer, LobeShape, ReferenceOptions, Scene, render, render_reference};
+use neif::render::{
+    Background, Layer, LobeShape, ReferenceOptions, Scene, render, render_reference,
+};
 
 use super::capture::PhotoArgs;
 use super::edits::{EnvironmentFlags, MaterialFlags, apply};
@@ -35,6 +37,12 @@ pub(crate) struct RenderArgs {
     baked_diffuse: bool,
     #[command(flatten)]
     material: MaterialFlags,
+    /// The surroundings behind the object: shown, blurred or hidden; its light stays
+    #[arg(long, value_name = "HOW", default_value_t)]
+    background: Background,
+    /// Brighten the picture, in photographic stops; --env-exposure brightens the light instead
+    #[arg(long, value_name = "EV", default_value_t, value_parser = values::finite, allow_hyphen_values = true)]
+    exposure: f32,
     /// What to render: final, diffuse, specular, roughness, tint, normal, environment, depth, visibility, samples
     #[arg(
         long,
@@ -96,6 +104,8 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
         scene.trained_in = None;
     }
     let mut scene = apply(scene, &args.material, &args.environment)?;
+    scene.background = args.background;
+    scene.display_ev = args.exposure;
     if args.env_match {
         scene.transform = scenes::matched(&scene, &run.scene.environment)?;
     }

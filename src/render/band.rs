@@ -91,7 +91,7 @@ impl Band {
         let is_traced = object.geometry_version == work.versions.geometry;
         let is_shaded = object.version == work.versions.object;
         let traced = if is_traced { 0 } else { self.trace(work) };
-        let background = if layer.shows_background() {
+        let background = if work.request.scene.shows_background(layer) {
             self.update_background(work, scratch)
         } else {
             0
@@ -207,13 +207,14 @@ impl Band {
         let layer = work.request.layer;
         let value =
             |part: &[[f32; 3]], i: usize, shown: bool| if shown { part[i] } else { [0.0; 3] };
+        let shows_background = work.request.scene.shows_background(layer);
         let object = &self.objects[usize::from(work.is_fine)];
         let is_highlighted = work.request.highlight.is_some() && layer.shows_object();
         let shares = is_highlighted.then_some(&object.highlight);
         for (i, (out, &coverage)) in out.iter_mut().zip(object.gbuffer.coverage()).enumerate() {
             let coverage = if layer.shows_object() { coverage } else { 0.0 };
             let object = value(&object.values, i, layer.shows_object());
-            let background = value(&self.background, i, layer.shows_background());
+            let background = value(&self.background, i, shows_background);
             let mut color = compose(&work.request.scene, layer, coverage, object, background);
             if let Some(shares) = shares {
                 color = highlighted(color, shares[i] * coverage);

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use super::background::Background;
 use super::ground::Ground;
 use super::irradiance::DiffuseLight;
 use super::progressive::PreviewScene;
@@ -17,6 +18,7 @@ pub(super) struct Causes {
     environment: Arc<Environment>,
     transform: EnvironmentTransform,
     ground: Option<Arc<Ground>>,
+    is_blurred: bool,
     trained_in: Option<Arc<Environment>>,
     diffuse_light: Option<Arc<DiffuseLight>>,
     material: Option<Arc<SurfaceField>>,
@@ -40,6 +42,7 @@ impl Causes {
             environment: Arc::clone(&scene.environment),
             transform: scene.transform,
             ground: scene.ground.clone(),
+            is_blurred: scene.background == Background::Blurred,
             trained_in: scene.trained_in.clone(),
             diffuse_light: scene
                 .diffuse_light
@@ -63,7 +66,11 @@ impl Causes {
         self.camera == other.camera && same(self.tracer.as_ref(), other.tracer.as_ref())
     }
 
-    pub(super) fn same_light(&self, other: &Self) -> bool {
+    pub(super) fn same_background(&self, other: &Self) -> bool {
+        self.is_blurred == other.is_blurred && self.same_light(other)
+    }
+
+    fn same_light(&self, other: &Self) -> bool {
         Arc::ptr_eq(&self.environment, &other.environment)
             && self.transform == other.transform
             && same(self.ground.as_ref(), other.ground.as_ref())

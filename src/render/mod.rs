@@ -1,5 +1,6 @@
 //! Pictures from a scene: the same shading for full images, panoramas and the progressive preview.
 
+mod background;
 pub mod bake;
 mod band;
 mod causes;
@@ -28,6 +29,7 @@ pub(crate) mod test_scene;
 mod thread_clock;
 pub mod trace;
 
+pub use background::{BLUR_STD, Background};
 pub use bake::{BakedSurface, bake, radiance_as_albedo};
 pub use gbuffer::{GBuffer, PathOptions};
 pub use irradiance::{DiffuseLights, trained_light};

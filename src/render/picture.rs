@@ -156,7 +156,7 @@ fn render_rows(
             .collect()
     };
     let covered = list(&|c| c > 0.0);
-    let open = if layer.shows_background() {
+    let open = if scene.shows_background(layer) {
         list(&|c| c < 1.0)
     } else {
         Vec::new()

@@ -68,6 +68,8 @@ impl PreviewScene {
             && self.scene.transform == other.scene.transform
             && self.scene.edit == other.scene.edit
             && self.scene.regions == other.scene.regions
+            && self.scene.background == other.scene.background
+            && self.scene.display_ev == other.scene.display_ev
             && Arc::ptr_eq(&self.scene.environment, &other.scene.environment)
             && same(
                 self.scene.trained_in.as_ref(),
@@ -221,11 +223,11 @@ impl Pass {
         }
         let old = self.causes.as_ref();
         let geometry = old.is_some_and(|old| old.same_geometry(&causes));
-        let light = old.is_some_and(|old| old.same_light(&causes));
+        let background = old.is_some_and(|old| old.same_background(&causes));
         let object = old.is_some_and(|old| old.same_object(&causes));
         let highlight = old.is_some_and(|old| old.same_highlight(&causes));
         self.versions.geometry += u64::from(!geometry);
-        self.versions.background += u64::from(!(geometry && light));
+        self.versions.background += u64::from(!(geometry && background));
         self.versions.object += u64::from(!(geometry && object));
         self.versions.highlight += u64::from(!(geometry && highlight));
         self.causes = Some(causes);
@@ -234,6 +236,7 @@ impl Pass {
 
 #[cfg(test)]
 mod tests {
+    use super::super::background::Background;
     use super::super::gbuffer::PathOptions;
     use super::super::picture::render_with;
     use super::super::test_scene::{camera, environment, object, scene};
@@ -384,6 +387,19 @@ mod tests {
                 "{layer}: {done:?}"
             );
         }
+    }
+
+    #[test]
+    fn the_background_s_looks_leave_geometry_and_object() {
+        let blurred = recomputed_after(|request| request.scene.background = Background::Blurred);
+        assert!(
+            blurred.traced == 0 && blurred.background > 0 && blurred.object == 0,
+            "{blurred:?}"
+        );
+        let hidden = recomputed_after(|request| request.scene.background = Background::Hidden);
+        assert_eq!(hidden, Recomputed::default());
+        let exposed = recomputed_after(|request| request.scene.display_ev = 1.5);
+        assert_eq!(exposed, Recomputed::default());
     }
 
     #[test]

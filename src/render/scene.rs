@@ -8,6 +8,7 @@ use std::sync::atomic::AtomicBool;
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
+use super::background::Background;
 use super::ground::{BakedGround, Ground};
 use super::irradiance::{DiffuseLights, KeyedLight, LightKey, Resolution};
 use crate::neif::environment::EnvironmentField;
@@ -27,6 +28,10 @@ pub struct Scene {
     pub edit: MaterialEdit,
     /// What is changed in parts of it, on top of that.
     pub regions: Regions,
+    /// How the surroundings are seen directly.
+    pub background: Background,
+    /// Exposure of the picture, stops: brightens what is shown of any light, and changes none of it.
+    pub display_ev: f32,
     /// The surroundings that the object was trained in: its diffuse part follows the light. `None` leaves it as it was
     /// learned, whatever the light, as the paper does.
     pub trained_in: Option<Arc<Environment>>,
@@ -47,6 +52,8 @@ impl Scene {
             transform: EnvironmentTransform::default(),
             edit: MaterialEdit::default(),
             regions: Regions::default(),
+            background: Background::default(),
+            display_ev: 0.0,
             ground: None,
             diffuse_light: None,
         }
@@ -102,6 +109,12 @@ impl Scene {
             Some(own) => Arc::clone(own),
             None => environment,
         };
+    }
+
+    /// Whether the surroundings are part of a layer's picture: alone they are never hidden.
+    pub fn shows_background(&self, layer: Layer) -> bool {
+        let is_hidden = self.background == Background::Hidden && layer != Layer::Environment;
+        layer.shows_background() && !is_hidden
     }
 
     /// Whether the surroundings are those that the object was trained in; they may be moved. Unknown ones count as such.

@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use glam::Vec3;
 
+use super::background::{BLUR_STD, Background};
 use super::diagnostic::{depth_share, diagnostic_color, visibility};
 use super::gbuffer::GBuffer;
 use super::scene::{Layer, Scene};
@@ -55,7 +56,7 @@ pub(super) struct SeenLight {
 /// Where light comes from that has no place, in half sides of the inner box.
 const FAR: f32 = 1e5;
 
-/// Linear radiance of the surroundings through each listed pixel (`y * width + x` of `camera`); `out`: one a pixel.
+/// Linear radiance of the surroundings, blurred if the scene says so, through each listed pixel (`y * width + x` of `camera`); `out`: one a pixel.
 pub fn shade_background(
     scene: &Scene,
     camera: &Camera,
@@ -435,14 +436,19 @@ impl ShadeScratch {
         let motion = scene.transform.environment_from_world();
         let frame = scene.environment.frame();
         let spread = camera.pixel_angle() * PIXEL_STD;
+        let is_blurred = scene.background == Background::Blurred;
         self.batch.rays.clear();
         for &pixel in pixels {
             let (x, y) = (pixel % camera.width, pixel / camera.width);
             let ray = camera.ray(x as f32 + 0.5, y as f32 + 0.5);
             let direction = motion.direction(ray.direction).to_array();
             let origin = frame.field_from_world(motion.point(ray.origin)).to_array();
-            let ray = FieldRay::of_pixel(origin, direction, 0.0, spread);
-            self.batch.rays.push(ray);
+            self.batch.rays.push(if is_blurred {
+                let variance = BLUR_STD * BLUR_STD;
+                FieldRay::of_cone(origin.into(), direction.into(), variance, 0.0)
+            } else {
+                FieldRay::of_pixel(origin, direction, 0.0, spread)
+            });
         }
     }
 
@@ -485,6 +491,11 @@ impl ShadeScratch {
     }
 }
 
+/// Factor of an exposure of the picture; finite, so that black stays black.
+pub(super) fn display_gain(ev: f32) -> f32 {
+    ev.clamp(-60.0, 60.0).exp2()
+}
+
 /// Object over background by coverage, in linear light, then the display transform; in `[0, 1]`.
 pub fn compose(
     scene: &Scene,
@@ -496,7 +507,7 @@ pub fn compose(
     if let Some(color) = diagnostic_color(scene, layer, coverage, object[0]) {
         return color;
     }
-    let behind = if layer.shows_background() {
+    let behind = if scene.shows_background(layer) {
         background
     } else {
         [0.0; 3]
@@ -509,7 +520,12 @@ pub fn compose(
             let display = Display {
                 gamma: scene.environment.gamma(),
             };
-            mixed.map(|v| display.value(v.max(0.0)).min(1.0))
+            let exposure = if layer == Layer::Tint {
+                1.0
+            } else {
+                display_gain(scene.display_ev)
+            };
+            mixed.map(|v| display.value(v.max(0.0) * exposure).min(1.0))
         }
     }
 }

@@ -206,7 +206,7 @@ impl Sketch {
     /// Brings the points up to date.
     fn background(&mut self, job: &Job<'_>, surface: &Surface) {
         let layer = job.request.layer;
-        if !layer.shows_background() {
+        if !job.request.scene.shows_background(layer) {
             return;
         }
         self.points.project(job);
@@ -272,6 +272,7 @@ impl Sketch {
         let scene = &job.request.scene;
         let layer = job.request.layer;
         let tone = Tone::new(scene, layer);
+        let shows_background = scene.shows_background(layer);
         let gain = scene.transform.environment_from_world().gain.to_array();
         let width = job.camera.width as usize;
         let mut pixels = vec![[0, 0, 0, 255]; width * job.camera.height as usize];
@@ -291,7 +292,7 @@ impl Sketch {
                         }
                         let value = match object {
                             Some(value) => value,
-                            None if layer.shows_background() => {
+                            None if shows_background => {
                                 let light = self.points.light(at, width);
                                 std::array::from_fn(|c| light[c] * gain[c])
                             }

@@ -10,6 +10,7 @@ use super::{Job, Purpose};
 use crate::geometry::Camera;
 use crate::neif::environment::EnvironmentField;
 use crate::neif::{Environment, EnvironmentTransform};
+use crate::render::background::Background;
 use crate::render::causes::same;
 use crate::render::ground::Ground;
 use crate::render::shade::SeenLight;
@@ -45,6 +46,7 @@ struct Source {
     ground: Option<Arc<Ground>>,
     camera: Camera,
     transform: EnvironmentTransform,
+    is_blurred: bool,
     /// Whether some are of an earlier state.
     is_mixed: bool,
 }
@@ -57,6 +59,7 @@ impl Source {
             ground: scene.ground.clone(),
             camera: job.camera,
             transform: scene.transform,
+            is_blurred: scene.background == Background::Blurred,
             is_mixed,
         }
     }
@@ -81,7 +84,9 @@ impl Source {
                 && old.is_far() == new.is_far();
         // Nothing tells where the light of the paper's field comes from.
         let has_places = !matches!(new.field(), EnvironmentField::Paper(_));
-        is_one_place && (has_places || self.is_same_view(job))
+        // What was seen sharp is not blurred, and the other way round.
+        let is_as_sharp = self.is_blurred == (job.request.scene.background == Background::Blurred);
+        is_as_sharp && is_one_place && (has_places || self.is_same_view(job))
     }
 }
 

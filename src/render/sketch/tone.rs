@@ -2,12 +2,15 @@
 
 use crate::neif::display::Display;
 use crate::render::scene::{Layer, Scene};
+use crate::render::shade::display_gain;
 
 /// Entries of the table; they are spread evenly over the square root, so that dark values have as many as they need.
 const N: usize = 4096;
 
 /// Display bytes of linear values.
 pub(super) struct Tone {
+    /// Exposure, before the table.
+    gain: f32,
     bytes: Vec<u8>,
 }
 
@@ -25,7 +28,12 @@ impl Tone {
             };
             (shown.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
         };
+        let gain = match layer {
+            Layer::Roughness | Layer::Normal | Layer::Tint => 1.0,
+            _ => display_gain(scene.display_ev),
+        };
         Self {
+            gain,
             bytes: (0..N).map(byte).collect(),
         }
     }
@@ -33,6 +41,7 @@ impl Tone {
     /// Values above 1 are shown as 1; what is not a number as 0.
     pub(super) fn bytes(&self, linear: [f32; 3]) -> [u8; 3] {
         linear.map(|v| {
+            let v = v * self.gain;
             // Written so that what is not a number is 0.
             let v = if v > 0.0 { v.min(1.0) } else { 0.0 };
             self.bytes[(v.sqrt() * (N - 1) as f32 + 0.5) as usize]

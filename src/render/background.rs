@@ -1,0 +1,124 @@
+//! What stands behind the object in a picture; the light that it throws is the same in every case.
+
+use std::fmt;
+use std::str::FromStr;
+
+/// How the surroundings are seen directly; their reflections and their light stay.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Background {
+    /// As sharp as they are.
+    #[default]
+    Shown,
+    /// Through the field with a wide cone, [`BLUR_STD`].
+    Blurred,
+    /// Black, as behind the layers without surroundings.
+    Hidden,
+}
+
+/// Standard deviation of the cone through which a blurred background is seen, radians: 6 degrees.
+pub const BLUR_STD: f32 = 0.105;
+
+impl Background {
+    /// All of them, in the order in which a key goes through them.
+    pub const ALL: [Self; 3] = [Self::Shown, Self::Blurred, Self::Hidden];
+
+    /// Lower-case name, as on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Shown => "shown",
+            Self::Blurred => "blurred",
+            Self::Hidden => "hidden",
+        }
+    }
+
+    /// The next one, around the end.
+    pub fn next(self) -> Self {
+        match self {
+            Self::Shown => Self::Blurred,
+            Self::Blurred => Self::Hidden,
+            Self::Hidden => Self::Shown,
+        }
+    }
+}
+
+impl fmt::Display for Background {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for Background {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let found = Self::ALL.into_iter().find(|one| one.name() == text);
+        found.ok_or_else(|| {
+            let known = Self::ALL.map(Self::name).join(", ");
+            format!("unknown background `{text}`; known: {known}")
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::AtomicBool;
+
+    use super::super::picture::{Picture, render};
+    use super::super::scene::{Layer, Scene};
+    use super::super::test_scene::{camera, scene};
+    use super::*;
+
+    fn picture(background: Background, display_ev: f32, layer: Layer) -> Picture {
+        let scene = Scene {
+            background,
+            display_ev,
+            ..scene()
+        };
+        let never = AtomicBool::new(false);
+        render(&scene, &camera(40, 30), layer, &never, &|_| {}).expect("not cancelled")
+    }
+
+    /// Mean square difference between neighbours in a row of the surroundings.
+    fn roughness_of(picture: &Picture) -> f32 {
+        let pairs = picture.pixels.windows(2);
+        pairs.map(|pair| (pair[0][1] - pair[1][1]).powi(2)).sum()
+    }
+
+    #[test]
+    fn a_hidden_background_is_black_and_leaves_the_object() {
+        let shown = picture(Background::Shown, 0.0, Layer::Final);
+        let hidden = picture(Background::Hidden, 0.0, Layer::Final);
+        let n_black = hidden.pixels.iter().filter(|p| **p == [0.0; 3]).count();
+        let n_same = (shown.pixels.iter().zip(&hidden.pixels))
+            .filter(|(shown, hidden)| shown == hidden)
+            .count();
+        assert!(n_black > 400, "{n_black} pixels of surroundings");
+        assert!(n_same > 100, "{n_same} pixels of the object");
+        let alone = |background| picture(background, 0.0, Layer::Environment);
+        assert_eq!(
+            alone(Background::Hidden),
+            alone(Background::Shown),
+            "the surroundings alone are never hidden"
+        );
+    }
+
+    #[test]
+    fn a_blurred_background_is_smoother() {
+        let of = |background| roughness_of(&picture(background, 0.0, Layer::Environment));
+        let (sharp, blurred) = (of(Background::Shown), of(Background::Blurred));
+        assert!(blurred < 0.8 * sharp && blurred > 0.0, "{blurred} {sharp}");
+    }
+
+    #[test]
+    fn the_display_s_exposure_brightens_light_and_nothing_else() {
+        let dark = picture(Background::Shown, -30.0, Layer::Final);
+        let brightest = dark.pixels.iter().flatten().fold(0.0_f32, |a, &b| a.max(b));
+        assert!(brightest < 1e-4, "{brightest}");
+        for layer in [Layer::Normal, Layer::Roughness, Layer::Tint] {
+            let (plain, bright) = [0.0, 2.0]
+                .map(|ev| picture(Background::Shown, ev, layer))
+                .into();
+            assert_eq!(plain, bright, "{layer}");
+        }
+    }
+}
