@@ -7,6 +7,8 @@ mod commands;
 mod history;
 #[path = "ui/inspect.rs"]
 mod inspect;
+#[path = "ui/lighting.rs"]
+mod lighting;
 #[path = "ui/watch.rs"]
 mod watch;
 

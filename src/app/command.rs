@@ -11,6 +11,7 @@ use crate::app::camera_control::{CameraMove, Viewpoint};
 use crate::app::history::{self, HistoryCommand};
 use crate::app::inspect::{self, InspectCommand};
 use crate::app::leaving::{self, Goal, LeavingCommand};
+use crate::app::lighting::{self, LightingCommand};
 use crate::app::pace::{self, PaceCommand};
 use crate::app::palette::{self, PaletteCommand};
 use crate::app::preferences::{self, PreferencesCommand};
@@ -88,6 +89,8 @@ pub enum Command {
     MatchExposure,
     /// Choose surroundings; none is the capture's own.
     ChooseEnvironment(Option<usize>),
+    /// See, grab or compare the surroundings.
+    Lighting(LightingCommand),
     /// Hide the edits, or show them.
     ShowOriginal(bool),
     /// Show a part of the picture.
@@ -150,6 +153,8 @@ pub enum Effect {
     Train(TrainCommand),
     /// Train on so many threads.
     UseThreads(Threads),
+    /// Read surroundings from a file or a run folder, put them on the list and choose them.
+    AddEnvironment(PathBuf),
     /// Read the environment with this index.
     LoadEnvironment(usize),
     /// Find the exposure and white balance of the chosen surroundings.
@@ -194,6 +199,7 @@ fn dispatch(state: &mut AppState, command: Command, effects: &mut Vec<Effect>) {
         Command::MoveEnvironment(transform) => state.look.transform = transform,
         Command::MatchExposure => effects.push(Effect::MatchExposure),
         Command::ChooseEnvironment(index) => choose_environment(state, index, effects),
+        Command::Lighting(command) => lighting::apply(state, command),
         Command::ShowOriginal(on) => state.is_original_shown = on,
         Command::ShowLayer(layer) => state.layer = layer,
         Command::SetWipe(_) | Command::HoldPhoto(_) => apply_compare(state, &command),
@@ -231,7 +237,7 @@ fn apply_path(state: &mut AppState, command: Command, effects: &mut Vec<Effect>)
     match (command, dialog) {
         (Command::AskPath(purpose), dialog) => {
             let typed = match purpose {
-                PathPurpose::Open => String::new(),
+                PathPurpose::Open | PathPurpose::AddEnvironment => String::new(),
                 PathPurpose::Save => state
                     .training
                     .saved
@@ -297,6 +303,7 @@ fn use_path(state: &mut AppState, path: PathBuf, effects: &mut Vec<Effect>) {
             leaving::save_began(state);
             effects.push(Effect::Train(TrainCommand::Save(path)));
         }
+        PathPurpose::AddEnvironment => effects.push(Effect::AddEnvironment(path)),
         PathPurpose::Log => effects.push(Effect::WriteLog(path)),
         PathPurpose::SaveSession => {
             let has_extension = path

@@ -71,6 +71,14 @@ fn ask(kind: Browse, purpose: PathPurpose) -> Option<PathBuf> {
             .set_title("File for the figures")
             .set_file_name("metrics.csv")
             .save_file(),
+        (PathPurpose::AddEnvironment, Browse::Folder) => dialog
+            .set_title("Light the object with a run's surroundings")
+            .pick_folder(),
+        (PathPurpose::AddEnvironment, Browse::File) => dialog
+            .set_title("Light the object with an environment")
+            .add_filter("Environments", &["safetensors", "hdr", "exr"])
+            .add_filter("All files", &["*"])
+            .pick_file(),
         (PathPurpose::Save, _) => dialog.set_title("Folder for the run").pick_folder(),
         (PathPurpose::SaveSession, _) => dialog
             .set_title("File for the session")

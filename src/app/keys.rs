@@ -7,6 +7,7 @@ use crate::app::binding::{Binding, gesture, key, plain};
 use crate::app::command::{Command, Train};
 use crate::app::history::{HistoryCommand, can_redo, can_undo};
 use crate::app::leaving::LeavingCommand;
+use crate::app::lighting::LightingCommand;
 use crate::app::palette::PaletteCommand;
 use crate::app::preferences::{PreferencesCommand, Side, ThemeChoice};
 use crate::app::session::SessionCommand;
@@ -70,6 +71,12 @@ fn can_start(state: &AppState) -> bool {
     let phase = &state.training.phase;
     let is_idle = matches!(phase, Phase::Idle | Phase::Finished(_) | Phase::Failed(_));
     is_idle && !phase.takes_commands() && state.source.is_trainable()
+}
+
+/// The picture brighter by so many stops, its light as it is.
+fn expose(state: &AppState, by_ev: f32) -> Command {
+    let ev = state.lighting.display_ev + by_ev;
+    Command::Lighting(LightingCommand::SetDisplayEv(ev))
 }
 
 /// All of them, by group.
@@ -158,6 +165,55 @@ pub const BINDINGS: &[Binding] = &[
         "Shift+middle drag, Ctrl+Shift+drag",
         "Move the environment",
     ),
+    key(
+        LIGHT,
+        ("M", Modifiers::NONE, Key::M),
+        "Handles to move, turn and scale the environment; Ctrl for round steps",
+        |_| Command::Lighting(LightingCommand::ToggleGizmo),
+    )
+    .marked(|state| state.lighting.is_gizmo_shown),
+    key(
+        LIGHT,
+        ("L", Modifiers::NONE, Key::L),
+        "Axes and bounds",
+        |_| Command::Lighting(LightingCommand::ToggleLines),
+    )
+    .marked(|state| state.lighting.are_lines_shown),
+    key(
+        LIGHT,
+        ("H", Modifiers::NONE, Key::H),
+        "Background: shown, blurred, hidden",
+        |state| {
+            let next = state.lighting.background.next();
+            Command::Lighting(LightingCommand::SetBackground(next))
+        },
+    ),
+    key(
+        LIGHT,
+        ("Shift+E", Modifiers::SHIFT, Key::E),
+        "Darker picture, by half a stop",
+        |state| expose(state, -0.5),
+    ),
+    key(
+        LIGHT,
+        ("E", Modifiers::NONE, Key::E),
+        "Brighter picture, by half a stop",
+        |state| expose(state, 0.5),
+    ),
+    key(
+        LIGHT,
+        ("V", Modifiers::NONE, Key::V),
+        "Two looks side by side: A as edited, B as kept",
+        |_| Command::Lighting(LightingCommand::ToggleSplit),
+    )
+    .marked(|state| state.lighting.split.is_some()),
+    key(
+        LIGHT,
+        ("X", Modifiers::NONE, Key::X),
+        "Swap A and B",
+        |_| Command::Lighting(LightingCommand::SwapSides),
+    )
+    .when(|state| state.lighting.kept.is_some()),
     key(
         LIGHT,
         ("B", Modifiers::NONE, Key::B),

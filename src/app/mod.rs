@@ -20,6 +20,7 @@ pub mod keeper;
 pub mod keys;
 mod layer_bar;
 pub mod leaving;
+pub mod lighting;
 pub mod messages;
 pub mod opener;
 pub mod pace;

@@ -16,7 +16,7 @@ use crate::neif::{Environment, EnvironmentTransform};
 use crate::render::Scene;
 use crate::render::priority::lower_thread_priority;
 use crate::train::Snapshot;
-use crate::train::run_folder::RunFolder;
+use crate::train::run_folder::{ENVIRONMENT, RunFolder};
 
 /// Results that may wait for the window.
 const QUEUE: usize = 64;
@@ -158,9 +158,13 @@ impl Opener {
         });
     }
 
-    /// Reads surroundings.
+    /// Reads surroundings from their file, or from the folder of a run.
     pub fn load_environment(&self, path: &Path) {
-        let path = path.to_owned();
+        let path = if path.is_dir() {
+            path.join(ENVIRONMENT)
+        } else {
+            path.to_owned()
+        };
         self.spawn(move |send| send(load_environment(path)));
     }
 

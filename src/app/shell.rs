@@ -65,7 +65,9 @@ pub fn draw(
                         panels::inspect_ui(ui, state, pictures, commands);
                         panels::material_ui(ui, state, commands);
                         ui.separator();
-                        panels::environment_ui(ui, state, commands);
+                        panels::environment_ui(ui, state, pictures, commands);
+                        ui.separator();
+                        panels::picture_ui(ui, state, commands);
                     });
             });
         note_width(

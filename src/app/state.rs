@@ -9,6 +9,7 @@ use crate::app::camera_control::{Viewpoint, nearest_view, point_looked_at, up_ax
 use crate::app::history::History;
 use crate::app::inspect::InspectState;
 use crate::app::leaving::Leaving;
+use crate::app::lighting::LightingState;
 use crate::app::messages::Messages;
 use crate::app::pace::Pace;
 use crate::app::palette::Palette;
@@ -200,6 +201,8 @@ pub enum PathPurpose {
     Log,
     /// Save the session there.
     SaveSession,
+    /// Light the object with what is there.
+    AddEnvironment,
 }
 
 /// The window in which a path is chosen.
@@ -287,6 +290,8 @@ pub struct AppState {
     pub is_original_shown: bool,
     /// Which part of the picture is shown.
     pub layer: Layer,
+    /// How the surroundings are seen, grabbed and compared.
+    pub lighting: LightingState,
     /// Surroundings to choose from beside the capture's own.
     pub environments: Vec<EnvironmentEntry>,
     /// The camera.
@@ -331,6 +336,7 @@ impl Default for AppState {
             look: Look::default(),
             is_original_shown: false,
             layer: Layer::default(),
+            lighting: LightingState::default(),
             environments: Vec::new(),
             view: ViewState::default(),
             compare: Compare::default(),
@@ -365,19 +371,30 @@ impl AppState {
 
     /// The same for another snapshot.
     pub fn scene_of(&self, snapshot: &Snapshot) -> Scene {
-        let scene = snapshot.scene();
         if self.is_original_shown {
-            return scene;
+            self.scene_with(snapshot, &Look::default())
+        } else {
+            self.scene_with(snapshot, &self.look)
         }
-        let environment = self
-            .chosen_environment()
-            .cloned()
-            .unwrap_or_else(|| Arc::clone(&scene.environment));
+    }
+
+    /// The same with the look that is kept as B, if one is.
+    pub fn kept_scene_of(&self, snapshot: &Snapshot) -> Option<Scene> {
+        let kept = self.lighting.kept.as_ref()?;
+        Some(self.scene_with(snapshot, kept))
+    }
+
+    fn scene_with(&self, snapshot: &Snapshot, look: &Look) -> Scene {
+        let mut scene = snapshot.scene();
+        if let Some(environment) = self.environment_of(look) {
+            scene.swap_environment(Arc::clone(environment));
+        }
         Scene {
-            environment,
-            transform: self.look.transform,
-            edit: self.look.edit,
-            regions: self.look.regions,
+            regions: look.regions,
+            transform: look.transform,
+            edit: look.edit,
+            background: self.lighting.background,
+            display_ev: self.lighting.display_ev,
             ..scene
         }
     }
@@ -400,7 +417,11 @@ impl AppState {
 
     /// The chosen surroundings, unless they are the capture's own or not read yet.
     pub fn chosen_environment(&self) -> Option<&Arc<Environment>> {
-        match &self.environments.get(self.look.environment?)?.content {
+        self.environment_of(&self.look)
+    }
+
+    fn environment_of(&self, look: &Look) -> Option<&Arc<Environment>> {
+        match &self.environments.get(look.environment?)?.content {
             EnvironmentContent::Ready(environment) => Some(environment),
             _ => None,
         }

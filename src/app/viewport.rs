@@ -1,5 +1,7 @@
 //! The viewport: the preview picture, the photo over it, and what the mouse does there.
 
+use std::path::PathBuf;
+
 use egui::{
     Align2, Color32, CursorIcon, FontId, PointerButton, Pos2, Rect, Response, Sense, TextureId, Ui,
     pos2, vec2,
@@ -13,6 +15,7 @@ use crate::app::environment_control::{DEGREES_PER_POINT, shifted, turned};
 use crate::app::frustums::frustums_ui;
 use crate::app::inspect::marker::{marker_ui, pick_ui};
 use crate::app::layer_bar::layer_bar_ui;
+use crate::app::lighting::{gizmo_ui, lines_ui, split_ui};
 use crate::app::panels::widgets::weak;
 use crate::app::state::{AppState, Compare, PathPurpose, Source};
 use crate::app::training_state::Phase;
@@ -29,10 +32,12 @@ pub(super) const WHOLE: Rect = Rect {
 };
 
 /// Pictures on the graphics card.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Pictures {
     /// The preview.
     pub preview: Option<TextureId>,
+    /// The preview of B, while both are compared.
+    pub preview_b: Option<TextureId>,
     /// The photo of the view at which the camera stands.
     pub photo: Option<TextureId>,
     /// The error map that is asked for.
@@ -43,6 +48,8 @@ pub struct Pictures {
     pub first_photo: Option<(TextureId, [usize; 2])>,
     /// The surroundings as the picked point sees them.
     pub panorama: Option<TextureId>,
+    /// Small pictures of environments, with their files.
+    pub thumbnails: Vec<(PathBuf, TextureId)>,
 }
 
 /// Draws the viewport into all of `ui`; returns the size of the preview in it, in physical pixels.
@@ -69,13 +76,16 @@ pub fn viewport_ui(
             );
             describe(&response);
             mouse_ui(ui, &response, state, window, commands);
-            ui.painter().image(preview, rect, WHOLE, Color32::WHITE);
+            split_ui::pictures_ui(ui, rect, state, preview, pictures.preview_b);
             // A click on a camera goes there instead of looking into what is behind it.
             if !frustums_ui(ui, rect, &response, state, window, commands) {
                 pick_ui(ui, &response, window, commands);
             }
             photo_ui(ui, (beside, rect), state, pictures, commands);
             marker_ui(ui, rect, state, window);
+            lines_ui::lines_ui(ui, rect, state, window);
+            split_ui::line_ui(ui, rect, state, commands);
+            gizmo_ui::gizmo_ui(ui, rect, state, window, commands);
             caption_ui(ui, rect, state);
             layer_bar_ui(ui, rect, state);
         }

@@ -1,6 +1,7 @@
 //! The window's side of eframe: textures, keys, dropped files, and one frame after the other.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use eframe::{CreationContext, Frame};
@@ -16,25 +17,27 @@ use crate::app::inspect::driver::{Pace, Wanted};
 use crate::app::keeper::Keep;
 use crate::app::keys;
 use crate::app::leaving::{self, LeavingCommand};
+use crate::app::lighting::own_file;
+use crate::app::lighting::preview_side::PreviewSide;
+use crate::app::lighting::thumbnails::{Thumbnails, cache_folder};
 use crate::app::opener::ScreenPhoto;
 use crate::app::preferences::{self, Preferences};
-use crate::app::preview_driver::{PreviewDriver, Situation};
+use crate::app::preview_driver::Situation;
 use crate::app::shell;
 use crate::app::slice_view::SliceView;
-use crate::app::state::{Adapter, AppState, ShownPicture};
+use crate::app::state::{Adapter, AppState};
 use crate::app::theme;
 use crate::app::training_state::{Level, Phase};
 use crate::app::viewport::Pictures;
 use crate::app::work::{News, Work};
 use crate::app::{assets, recent};
 use crate::geometry::Camera;
-use crate::render::{Preview, PreviewScene};
+use crate::render::PreviewScene;
 use crate::train::Snapshot;
 
 /// Pictures on the graphics card.
 #[derive(Default)]
 struct Textures {
-    preview: Option<TextureHandle>,
     /// The photo and the view it is of.
     photo: Option<(usize, TextureHandle)>,
     first_photo: Option<(TextureHandle, [usize; 2])>,
@@ -46,10 +49,12 @@ struct Textures {
 pub(super) struct Window {
     state: AppState,
     work: Work,
-    preview: Preview,
-    driver: PreviewDriver,
     inspector: Inspector,
-    n_frames_seen: u64,
+    preview: PreviewSide,
+    /// The other look, once it was compared with.
+    preview_b: Option<PreviewSide>,
+    thumbnails: Thumbnails,
+    thumbnail_textures: Vec<(PathBuf, TextureHandle)>,
     textures: Textures,
     errors: ErrorMaps,
     slice: SliceView,
@@ -77,17 +82,18 @@ impl Window {
         let ctx = &creation.egui_ctx;
         theme::set_up(ctx);
         let wake = ctx.clone();
-        let preview = Preview::new(0, move || wake.request_repaint())?;
+        let thumbnails = Thumbnails::new(cache_folder(), move || wake.request_repaint())?;
         let mut window = Self {
             state: AppState {
                 adapter: adapter(creation),
                 ..AppState::default()
             },
             work: Work::new(ctx)?,
-            preview,
-            driver: PreviewDriver::default(),
             inspector: Inspector::new(ctx)?,
-            n_frames_seen: 0,
+            preview: PreviewSide::new(ctx, "preview", 0)?,
+            preview_b: None,
+            thumbnails,
+            thumbnail_textures: Vec::new(),
             textures: Textures::default(),
             errors: ErrorMaps::new()?,
             slice: SliceView::default(),
@@ -189,59 +195,44 @@ impl Window {
             }
         }
         self.inspector.poll(ctx, &mut self.state.inspect);
-        self.take_frame(ctx);
+        if let Some(shown) = self.preview.take_frame(ctx) {
+            self.textures.first_photo = None;
+            self.state.shown = Some(shown);
+        }
+        if let Some(b) = &mut self.preview_b {
+            b.take_frame(ctx);
+        }
+        while let Some((path, photo)) = self.thumbnails.next() {
+            let texture = upload(ctx, "thumbnail", &photo);
+            self.thumbnail_textures.push((path, texture));
+        }
+    }
+
+    /// Asks for small pictures of what is on the list.
+    fn ask_thumbnails(&mut self) {
+        let own = own_file(&self.state.source);
+        let listed = self.state.environments.iter().map(|entry| &entry.path);
+        for path in listed.chain(&own) {
+            self.thumbnails.ask(path);
+        }
     }
 
     /// Drops every picture of what was open before.
     fn forget_pictures(&mut self) {
-        self.driver.clear();
+        self.preview.clear();
+        if let Some(b) = &mut self.preview_b {
+            b.clear();
+        }
         self.errors.clear();
         self.slice = SliceView::default();
         self.textures = Textures::default();
         self.state.shown = None;
     }
 
-    /// Uploads the newest preview picture, if there is a new one.
-    fn take_frame(&mut self, ctx: &Context) {
-        let n_frames = self.preview.n_frames();
-        if n_frames == self.n_frames_seen {
-            return;
-        }
-        self.n_frames_seen = n_frames;
-        let Some(frame) = self.preview.frame() else {
-            return;
-        };
-        let Some(step) = self.driver.was_shown(&frame) else {
-            return;
-        };
-        let size = [frame.width as usize, frame.height as usize];
-        let image = ColorImage::from_rgba_premultiplied(size, frame.pixels.as_flattened());
-        match &mut self.textures.preview {
-            Some(texture) => texture.set(image, TextureOptions::LINEAR),
-            None => {
-                self.textures.preview =
-                    Some(ctx.load_texture("preview", image, TextureOptions::LINEAR));
-            }
-        }
-        tracing::trace!(
-            scale = frame.scale,
-            cpu_secs = frame.cpu_secs,
-            computed = ?frame.recomputed,
-            "preview"
-        );
-        self.textures.first_photo = None;
-        self.state.shown = Some(ShownPicture {
-            size: (frame.width, frame.height),
-            scale: frame.scale,
-            step,
-            is_refining: !frame.is_last,
-            recomputed: frame.recomputed,
-        });
-    }
-
     /// Asks the preview for what is missing, and the opener for the photo to compare with.
     fn ask(&mut self, ctx: &Context) {
         self.ask_photo();
+        self.ask_thumbnails();
         let Some(snapshot) = self.state.snapshot.clone() else {
             return;
         };
@@ -249,33 +240,61 @@ impl Window {
             return;
         }
         let training = &self.state.training;
+        let is_split = self.state.lighting.split.is_some();
         let situation = Situation {
             now_secs: self.state.messages.now_secs,
             is_training: training.phase == Phase::Training,
             trained_secs: training.progress.elapsed_secs,
-            n_cores: self.n_cores,
             drag_share: self.state.pace.drag_share(),
+            // Two pictures share what refreshes may take.
+            n_cores: (self.n_cores / if is_split { 2 } else { 1 }).max(1),
         };
-        let camera = self
-            .state
+        let (state, layer) = (&self.state, self.state.layer);
+        let camera = state
             .view
             .viewpoint
             .camera_for(self.viewport.0, self.viewport.1);
-        let (state, layer) = (&self.state, self.state.layer);
-        let scene = |snapshot: &_| PreviewScene {
-            scene: state.scene_of(snapshot),
+        let picture = |scene| PreviewScene {
+            scene,
             camera,
             layer,
             highlight: state.highlight(),
         };
-        if let Some(wanted) = self.driver.decide(&snapshot, scene, &situation) {
-            let number = self.preview.request(wanted.scene, wanted.passes);
-            self.driver.was_requested(number);
-        } else if situation.is_training {
-            let wait = self.driver.wait_secs(&situation).clamp(0.01, 5.0);
-            ctx.request_repaint_after(Duration::from_secs_f64(wait));
+        let a = |snapshot: &_| picture(state.scene_of(snapshot));
+        self.preview.ask(ctx, &snapshot, a, &situation);
+        if is_split {
+            self.ask_b(ctx, &snapshot, &camera, &situation);
         }
         self.ask_about_point(ctx, &snapshot, &camera, &situation);
+    }
+
+    /// Asks for the picture of the look that is kept as B.
+    fn ask_b(
+        &mut self,
+        ctx: &Context,
+        snapshot: &Arc<Snapshot>,
+        camera: &Camera,
+        situation: &Situation,
+    ) {
+        if self.preview_b.is_none() {
+            let n_threads = self.n_cores.div_ceil(2);
+            self.preview_b = PreviewSide::new(ctx, "preview of B", n_threads)
+                .inspect_err(|error| tracing::error!("no threads to compare with: {error}"))
+                .ok();
+        }
+        if let Some(side) = &mut self.preview_b {
+            let state = &self.state;
+            let picture = |snapshot: &_| {
+                let kept = state.kept_scene_of(snapshot);
+                PreviewScene {
+                    scene: kept.unwrap_or_else(|| state.scene_of(snapshot)),
+                    camera: *camera,
+                    layer: state.layer,
+                    highlight: state.highlight(),
+                }
+            };
+            side.ask(ctx, snapshot, picture, situation);
+        }
     }
 
     fn ask_about_point(
@@ -319,7 +338,17 @@ impl Window {
             .as_ref()
             .filter(|(view, _)| Some(*view) == self.state.view.at_view);
         Pictures {
-            preview: textures.preview.as_ref().map(TextureHandle::id),
+            preview: self.preview.texture(),
+            preview_b: self
+                .preview_b
+                .as_ref()
+                .filter(|_| self.state.lighting.split.is_some())
+                .and_then(PreviewSide::texture),
+            thumbnails: self
+                .thumbnail_textures
+                .iter()
+                .map(|(path, texture)| (path.clone(), texture.id()))
+                .collect(),
             photo: photo.map(|(_, texture)| texture.id()),
             error: self.errors.texture(&self.state),
             slice: self.slice.texture(),

@@ -113,6 +113,7 @@ impl Work {
                     session.use_threads(threads);
                 }
             }
+            Effect::AddEnvironment(path) => self.opener.load_environment(&path),
             Effect::LoadEnvironment(index) => {
                 if let Some(entry) = state.environments.get(index) {
                     self.opener.load_environment(&entry.path);
@@ -136,11 +137,11 @@ impl Work {
                 .say(Level::Info, "Choose other surroundings to match first");
             return;
         };
-        let scene = Scene {
-            environment: Arc::clone(environment),
+        let mut scene = Scene {
             transform: state.look.transform,
             ..snapshot.scene()
         };
+        scene.swap_environment(Arc::clone(environment));
         let own = Arc::clone(&snapshot.environment);
         self.opener.match_exposure(scene, own, index);
     }
@@ -191,6 +192,9 @@ impl Work {
         state.history = History::default();
         state.session.file = None;
         state.is_original_shown = false;
+        state.lighting.grab = None;
+        state.lighting.split = None;
+        state.lighting.kept = None;
         state.view = ViewState::default();
         state.compare = crate::app::state::Compare::default();
         state.inspect = crate::app::inspect::InspectState::default();
@@ -369,10 +373,20 @@ impl Work {
             self.bring_back_pending(state);
             return Some(News::Reset);
         }
-        let content = EnvironmentContent::Ready(environment);
+        // The run's own file is the light it was trained in; as the same value it is compared at once.
+        let own = state.snapshot.as_ref().map(|own| &own.environment);
+        let own = own.filter(|own| own.is_same_light(&environment));
+        let content = EnvironmentContent::Ready(own.map_or(environment, Arc::clone));
         let is_known = state.environments.iter().any(|entry| entry.path == path);
         let index = state.environment_of_file(&path);
-        state.environments[index].content = content;
+        let entry = &mut state.environments[index];
+        // Otherwise it was opened, and not chosen from the list.
+        let was_listed = matches!(entry.content, EnvironmentContent::Loading);
+        entry.content = content;
+        if is_known && !was_listed {
+            state.lighting.removed.remove(&index);
+            state.look.environment = Some(index);
+        }
         if !is_known {
             recent::add(&mut state.recent, &path);
             state.look.environment = Some(index);

@@ -1,12 +1,16 @@
 //! The environment panel: which surroundings light the object, and where they stand.
 
-use egui::{ScrollArea, Ui};
+use egui::{Button, Ui};
 use glam::Vec3;
 
 use crate::app::command::Command;
-use crate::app::panels::widgets::{Setting, heading, slider_row, vector_row, weak};
-use crate::app::state::{AppState, EnvironmentContent, Look, PathPurpose};
-use crate::neif::EnvironmentTransform;
+use crate::app::lighting::LightingCommand;
+use crate::app::panels::gallery::gallery_ui;
+use crate::app::panels::widgets::{Setting, gain_row, heading, slider_row, vector_row, weak};
+use crate::app::state::{AppState, Look};
+use crate::app::viewport::Pictures;
+use crate::neif::environment::EnvironmentField;
+use crate::neif::{Environment, EnvironmentTransform};
 
 const SCALE: Setting = Setting {
     name: "Scale",
@@ -22,12 +26,17 @@ const EXPOSURE: Setting = Setting {
 };
 
 /// Draws the panel.
-pub fn environment_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
+pub fn environment_ui(
+    ui: &mut Ui,
+    state: &AppState,
+    pictures: &Pictures,
+    commands: &mut Vec<Command>,
+) {
     ui.horizontal(|ui| {
         heading(ui, "Environment");
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
             let is_moved = state.look.transform != EnvironmentTransform::default();
-            let reset = ui.add_enabled(is_moved, egui::Button::new("Reset environment"));
+            let reset = ui.add_enabled(is_moved, Button::new("Reset environment"));
             if reset
                 .on_hover_text("Back to where it was captured")
                 .clicked()
@@ -36,54 +45,11 @@ pub fn environment_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>
             }
         });
     });
-    list_ui(ui, state, commands);
+    gallery_ui(ui, state, pictures, commands);
     facts_ui(ui, state);
     transform_ui(ui, state, commands);
     ui.add_space(6.0);
     original_ui(ui, state, commands);
-}
-
-fn list_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
-    ScrollArea::vertical()
-        .max_height(130.0)
-        .auto_shrink([false, true])
-        .id_salt("environments")
-        .show(ui, |ui| {
-            let own = match &state.snapshot {
-                Some(snapshot) if snapshot.object.is_none() => {
-                    format!("{} (opened)", snapshot.environment.name())
-                }
-                _ => "As captured".to_owned(),
-            };
-            let row = ui.radio(state.look.environment.is_none(), own);
-            if row
-                .on_hover_text("The surroundings of the photos")
-                .clicked()
-            {
-                commands.push(Command::ChooseEnvironment(None));
-            }
-            for (i, entry) in state.environments.iter().enumerate() {
-                let text = match &entry.content {
-                    EnvironmentContent::Loading => format!("{} (loading…)", entry.name),
-                    EnvironmentContent::Failed(_) => format!("{} (cannot be used)", entry.name),
-                    _ => entry.name.clone(),
-                };
-                let row = ui.radio(state.look.environment == Some(i), text);
-                if row
-                    .on_hover_text(entry.path.display().to_string())
-                    .clicked()
-                {
-                    commands.push(Command::ChooseEnvironment(Some(i)));
-                }
-            }
-        });
-    if ui
-        .button("Add environment…")
-        .on_hover_text("A trained environment (.safetensors) or a panorama (.hdr, .exr)")
-        .clicked()
-    {
-        commands.push(Command::AskPath(PathPurpose::Open));
-    }
 }
 
 /// Where the shown surroundings have their top, how large they are, and whether they are near at all.
@@ -95,16 +61,35 @@ fn facts_ui(ui: &mut Ui, state: &AppState) {
     let Some(environment) = state.chosen_environment().or(own) else {
         return;
     };
-    let size = if environment.is_far() {
+    let transform = &state.look.transform;
+    let place = if environment.is_far() {
         "infinitely far".to_owned()
     } else {
-        let side = environment.inner_box().extent().x * state.look.transform.scale;
-        format!("inner box {side:.2}")
+        let motion = transform.environment_from_world();
+        let bounds = environment.inner_box();
+        let side = bounds.extent().x * transform.scale;
+        let [x, y, z] = motion.world_point(bounds.center()).to_array();
+        format!("inner box {side:.2} at {x:.2}, {y:.2}, {z:.2}")
     };
-    let facts = weak(ui, format!("Up {} · {size}", axis_name(environment.up())));
+    let (name, kind, up) = (
+        environment.name(),
+        kind(environment),
+        axis_name(environment.up()),
+    );
+    let (scale, ev) = (transform.scale, transform.exposure_ev);
+    let facts = format!("{name} · {kind}\nUp {up} · {place}\nScale {scale:.2} · {ev:+.1} EV");
+    let facts = weak(ui, facts);
     ui.label(facts).on_hover_text(
         "The up axis, and the side of the box in which the surroundings are finest, in scene units. What is infinitely far does not move or scale.",
     );
+}
+
+fn kind(environment: &Environment) -> &'static str {
+    match environment.field() {
+        EnvironmentField::Grid { .. } => "trained field",
+        EnvironmentField::Paper(_) => "trained network",
+        EnvironmentField::Distant(_) => "panorama",
+    }
 }
 
 /// `+z` for the z axis; the vector where it is none of the axes.
@@ -132,14 +117,8 @@ fn transform_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     );
     slider_row(ui, &SCALE, &mut transform.scale);
     slider_row(ui, &EXPOSURE, &mut transform.exposure_ev);
-    let button = egui::Button::new("Match exposure");
-    let button = ui.add_enabled(state.chosen_environment().is_some(), button);
-    let button = button
-        .on_hover_text("Exposure and white balance by which these surroundings light the object as much as its own")
-        .on_disabled_hover_text("Choose other surroundings first");
-    if button.clicked() {
-        commands.push(Command::MatchExposure);
-    }
+    gain_row(ui, "White", &mut transform.white_balance);
+    tools_ui(ui, state, commands);
     ui.label(weak(
         ui,
         "In the picture: Shift+drag rotates,\nCtrl+Shift+drag moves.",
@@ -147,6 +126,29 @@ fn transform_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     if transform != state.look.transform {
         commands.push(Command::MoveEnvironment(transform));
     }
+}
+
+fn tools_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
+    ui.horizontal(|ui| {
+        let button = Button::new("Match exposure");
+        let button = ui.add_enabled(state.chosen_environment().is_some(), button);
+        let button = button
+            .on_hover_text("Exposure and white balance by which these surroundings light the object as much as its own")
+            .on_disabled_hover_text("Choose other surroundings first");
+        if button.clicked() {
+            commands.push(Command::MatchExposure);
+        }
+        let handles = Button::selectable(state.lighting.is_gizmo_shown, "Handles");
+        let what = "Arrows, rings and a square in the picture to move, turn and scale the environment; Ctrl for round steps (M)";
+        if ui.add(handles).on_hover_text(what).clicked() {
+            commands.push(Command::Lighting(LightingCommand::ToggleGizmo));
+        }
+        let lines = Button::selectable(state.lighting.are_lines_shown, "Axes");
+        let what = "Bounds and axes of the environment (dashed) and the world's axes (L)";
+        if ui.add(lines).on_hover_text(what).clicked() {
+            commands.push(Command::Lighting(LightingCommand::ToggleLines));
+        }
+    });
 }
 
 fn original_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {

@@ -2,6 +2,7 @@
 
 pub mod cameras;
 pub mod environment;
+pub mod gallery;
 pub mod help;
 pub mod inspect;
 pub mod log;
@@ -9,6 +10,7 @@ pub mod material;
 pub mod menus;
 pub mod palette;
 pub mod path_dialog;
+pub mod picture;
 pub mod plots;
 pub mod questions;
 pub mod scope;
@@ -22,6 +24,7 @@ pub mod widgets;
 
 pub use cameras::cameras_ui;
 pub use environment::environment_ui;
+pub use gallery::gallery_ui;
 pub use help::help_ui;
 pub use inspect::inspect_ui;
 pub use log::log_ui;
@@ -29,6 +32,7 @@ pub use material::material_ui;
 pub use menus::menus_ui;
 pub use palette::palette_ui;
 pub use path_dialog::path_dialog_ui;
+pub use picture::picture_ui;
 pub use plots::plots_ui;
 pub use questions::{leaving_question_ui, recovery_ui, stop_question_ui};
 pub use scope::scope_ui;

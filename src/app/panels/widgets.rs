@@ -73,23 +73,45 @@ pub fn reset_button(ui: &mut Ui, what: &str, is_enabled: bool) -> bool {
 
 /// A row of three numbers that can be typed or dragged; true when one was changed.
 pub fn vector_row(ui: &mut Ui, name: &str, value: &mut Vec3, speed: f64, suffix: &str) -> bool {
+    numbers_row(ui, (name, ["X", "Y", "Z"]), value, Vec3::ZERO, |v| {
+        DragValue::new(v)
+            .speed(speed)
+            .max_decimals(2)
+            .suffix(suffix.to_owned())
+    })
+}
+
+/// A row of three factors, of red, green and blue; true when one was changed.
+pub fn gain_row(ui: &mut Ui, name: &str, value: &mut Vec3) -> bool {
+    numbers_row(ui, (name, ["R", "G", "B"]), value, Vec3::ONE, |v| {
+        DragValue::new(v)
+            .speed(0.005)
+            .range(0.0..=100.0)
+            .max_decimals(2)
+    })
+}
+
+fn numbers_row(
+    ui: &mut Ui,
+    (name, parts): (&str, [&str; 3]),
+    value: &mut Vec3,
+    default: Vec3,
+    number: impl Fn(&mut f32) -> DragValue<'_>,
+) -> bool {
     ui.horizontal(|ui| {
         let label = name_label(ui, name);
         let mut is_changed = false;
-        for (axis, v) in ["X", "Y", "Z"].into_iter().zip(value.as_mut()) {
-            let number = DragValue::new(v)
-                .speed(speed)
-                .max_decimals(2)
-                .suffix(suffix.to_owned());
+        for (axis, v) in parts.into_iter().zip(value.as_mut()) {
+            let number = number(v);
             let response = ui.add_sized([46.0, ui.spacing().interact_size.y], number);
             describe_number(&response, &format!("{name} {axis}"));
             is_changed |= response
                 .on_hover_text(format!("{name} {axis}: drag or type"))
                 .changed();
         }
-        let wants_default = label.double_clicked() | reset_button(ui, name, *value != Vec3::ZERO);
-        if wants_default && *value != Vec3::ZERO {
-            *value = Vec3::ZERO;
+        let wants_default = label.double_clicked() | reset_button(ui, name, *value != default);
+        if wants_default && *value != default {
+            *value = default;
             is_changed = true;
         }
         is_changed

@@ -1,0 +1,106 @@
+//! One picture of the viewport: its preview, what was asked of it, and the texture that it fills.
+
+use std::fmt;
+use std::sync::Arc;
+use std::time::Duration;
+
+use egui::{ColorImage, Context, TextureHandle, TextureId, TextureOptions};
+
+use crate::app::preview_driver::{PreviewDriver, Situation};
+use crate::app::state::ShownPicture;
+use crate::render::{Preview, PreviewScene};
+use crate::train::Snapshot;
+
+/// A preview that keeps a texture up to date.
+pub struct PreviewSide {
+    name: &'static str,
+    preview: Preview,
+    driver: PreviewDriver,
+    n_frames_seen: u64,
+    texture: Option<TextureHandle>,
+}
+
+impl fmt::Debug for PreviewSide {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("PreviewSide")
+            .field("name", &self.name)
+            .field("preview", &self.preview)
+            .finish_non_exhaustive()
+    }
+}
+
+impl PreviewSide {
+    /// Starts the threads (0: one per core); `ctx` is woken after each picture.
+    ///
+    /// # Errors
+    /// When the system gives no threads.
+    pub fn new(ctx: &Context, name: &'static str, n_threads: usize) -> std::io::Result<Self> {
+        let wake = ctx.clone();
+        Ok(Self {
+            name,
+            preview: Preview::new(n_threads, move || wake.request_repaint())?,
+            driver: PreviewDriver::default(),
+            n_frames_seen: 0,
+            texture: None,
+        })
+    }
+
+    /// The newest picture; none before the first.
+    pub fn texture(&self) -> Option<TextureId> {
+        self.texture.as_ref().map(TextureHandle::id)
+    }
+
+    /// Uploads the newest picture and tells what is known of it, if there is a new one.
+    pub fn take_frame(&mut self, ctx: &Context) -> Option<ShownPicture> {
+        let n_frames = self.preview.n_frames();
+        if n_frames == self.n_frames_seen {
+            return None;
+        }
+        self.n_frames_seen = n_frames;
+        let frame = self.preview.frame()?;
+        let step = self.driver.was_shown(&frame)?;
+        let size = [frame.width as usize, frame.height as usize];
+        let image = ColorImage::from_rgba_premultiplied(size, frame.pixels.as_flattened());
+        match &mut self.texture {
+            Some(texture) => texture.set(image, TextureOptions::LINEAR),
+            None => self.texture = Some(ctx.load_texture(self.name, image, TextureOptions::LINEAR)),
+        }
+        tracing::trace!(
+            name = self.name,
+            scale = frame.scale,
+            cpu_secs = frame.cpu_secs,
+            computed = ?frame.recomputed,
+            "preview"
+        );
+        Some(ShownPicture {
+            size: (frame.width, frame.height),
+            scale: frame.scale,
+            step,
+            is_refining: !frame.is_last,
+            recomputed: frame.recomputed,
+        })
+    }
+
+    /// Asks for what is missing; `scene` makes the picture of a snapshot.
+    pub fn ask(
+        &mut self,
+        ctx: &Context,
+        snapshot: &Arc<Snapshot>,
+        scene: impl Fn(&Snapshot) -> PreviewScene,
+        situation: &Situation,
+    ) {
+        if let Some(wanted) = self.driver.decide(snapshot, scene, situation) {
+            let number = self.preview.request(wanted.scene, wanted.passes);
+            self.driver.was_requested(number);
+        } else if situation.is_training {
+            let wait = self.driver.wait_secs(situation).clamp(0.01, 5.0);
+            ctx.request_repaint_after(Duration::from_secs_f64(wait));
+        }
+    }
+
+    /// Forgets every picture: something else was opened.
+    pub fn clear(&mut self) {
+        self.driver.clear();
+        self.texture = None;
+    }
+}

@@ -1,0 +1,278 @@
+//! Small panoramas of the surroundings in the list: made one after the other on a thread of their own, and kept
+//! between sessions in the user's cache folder by path, size and time of change.
+
+use std::collections::HashSet;
+use std::hash::{DefaultHasher, Hash as _, Hasher as _};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use crossbeam::channel::{Receiver, Sender, bounded};
+use directories::ProjectDirs;
+use glam::{EulerRot, Quat, Vec3};
+
+use crate::app::opener::ScreenPhoto;
+use crate::color::luminance;
+use crate::data::write_atomically;
+use crate::neif::display::Display;
+use crate::neif::{Environment, EnvironmentTransform};
+use crate::render::priority::lower_thread_priority;
+use crate::render::{Picture, Scene, panorama};
+
+/// Pixels per row; half as many rows.
+const WIDTH: u32 = 176;
+/// Paths that may wait; more are asked for again later.
+const QUEUE: usize = 256;
+/// Below the window, its preview and reading; above the trainer.
+const NICE: i32 = 10;
+/// What the median luminance becomes, so that pictures of any exposure can be told apart.
+const MEDIAN: f32 = 0.2;
+/// Most that a picture is brightened or darkened by, as a factor.
+const MOST_GAIN: f32 = 64.0;
+
+/// Makes thumbnails of environment files and collects them.
+#[derive(Debug)]
+pub struct Thumbnails {
+    wanted: Sender<PathBuf>,
+    done: Receiver<(PathBuf, ScreenPhoto)>,
+    asked: HashSet<PathBuf>,
+}
+
+impl Thumbnails {
+    /// Starts the thread; `wake` is called after each picture. Without a folder nothing is kept.
+    ///
+    /// # Errors
+    /// When the system gives no thread.
+    pub fn new(folder: Option<PathBuf>, wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
+        let (wanted, paths) = bounded::<PathBuf>(QUEUE);
+        let (sender, done) = bounded(QUEUE);
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(1)
+            .thread_name(|_| "neif-thumbnail".to_owned())
+            .start_handler(|_| lower_thread_priority(NICE))
+            .build()
+            .map_err(std::io::Error::other)?;
+        let work = move || {
+            for path in paths {
+                let photo = match pool.install(|| thumbnail(&path, folder.as_deref())) {
+                    Ok(photo) => photo,
+                    Err(error) => {
+                        tracing::debug!("{}: no thumbnail: {error}", path.display());
+                        continue;
+                    }
+                };
+                // The window has closed when nobody takes pictures any more.
+                if sender.send((path, photo)).is_err() {
+                    return;
+                }
+                wake();
+            }
+        };
+        std::thread::Builder::new()
+            .name("neif-thumbnails".to_owned())
+            .spawn(work)?;
+        Ok(Self {
+            wanted,
+            done,
+            asked: HashSet::new(),
+        })
+    }
+
+    /// Asks for the picture of a file, once.
+    pub fn ask(&mut self, path: &Path) {
+        if !self.asked.contains(path) && self.wanted.try_send(path.to_owned()).is_ok() {
+            self.asked.insert(path.to_owned());
+        }
+    }
+
+    /// The next finished picture with its file, if there is one.
+    pub fn next(&self) -> Option<(PathBuf, ScreenPhoto)> {
+        self.done.try_recv().ok()
+    }
+}
+
+/// Where thumbnails are kept; none on a system without a home folder.
+pub fn cache_folder() -> Option<PathBuf> {
+    ProjectDirs::from("", "", "neif").map(|dirs| dirs.cache_dir().join("thumbnails"))
+}
+
+fn thumbnail(path: &Path, folder: Option<&Path>) -> Result<ScreenPhoto, String> {
+    let kept = folder.map(|folder| cached_file(folder, path)).transpose();
+    let kept = kept.map_err(|error| error.to_string())?;
+    if let Some(photo) = kept.as_deref().and_then(read_kept) {
+        return Ok(photo);
+    }
+    let environment = Environment::open(path).map_err(|error| error.to_string())?;
+    let photo = picture_of(environment);
+    if let Some(kept) = kept
+        && let Err(error) = keep(&kept, &photo)
+    {
+        tracing::debug!("{}: cannot keep a thumbnail: {error}", kept.display());
+    }
+    Ok(photo)
+}
+
+/// The file in which the thumbnail of `path`, as it is now, is kept.
+fn cached_file(folder: &Path, path: &Path) -> std::io::Result<PathBuf> {
+    let metadata = std::fs::metadata(path)?;
+    let mut hasher = DefaultHasher::new();
+    let key = (std::path::absolute(path)?, metadata.len(), WIDTH);
+    (key, metadata.modified()?).hash(&mut hasher);
+    Ok(folder.join(format!("{:016x}.png", hasher.finish())))
+}
+
+fn read_kept(file: &Path) -> Option<ScreenPhoto> {
+    let image = image::open(file).ok()?.into_rgba8();
+    let size = [image.width() as usize, image.height() as usize];
+    let (pixels, _) = image.as_raw().as_chunks::<4>();
+    Some(ScreenPhoto {
+        size,
+        pixels: pixels.to_vec(),
+    })
+}
+
+fn keep(file: &Path, photo: &ScreenPhoto) -> std::io::Result<()> {
+    let folder = file.parent().unwrap_or(Path::new("."));
+    std::fs::create_dir_all(folder)?;
+    let [width, height] = photo.size.map(|side| side as u32);
+    let bytes = photo.pixels.as_flattened().to_vec();
+    let image = image::RgbaImage::from_raw(width, height, bytes)
+        .ok_or_else(|| std::io::Error::other("the picture has another size"))?;
+    write_atomically(file, |into| {
+        image
+            .write_to(into, image::ImageFormat::Png)
+            .map_err(std::io::Error::other)
+    })
+}
+
+/// What the middle of the surroundings sees all around, their up axis upwards.
+fn picture_of(environment: Environment) -> ScreenPhoto {
+    let upright = Quat::from_rotation_arc(environment.up().normalize_or(Vec3::Z), Vec3::Z);
+    let (z, y, x) = upright.to_euler(EulerRot::ZYX);
+    let transform = EnvironmentTransform {
+        rotate_deg: Vec3::new(x, y, z).map(f32::to_degrees),
+        ..EnvironmentTransform::default()
+    };
+    let middle = environment.inner_box().center();
+    let at = transform.environment_from_world().world_point(middle);
+    let display = Display {
+        gamma: environment.gamma(),
+    };
+    let scene = Scene {
+        transform,
+        ..Scene::new(None, Arc::new(environment))
+    };
+    let seen = panorama(&scene, at, 0.0, WIDTH, &AtomicBool::new(false));
+    let Picture {
+        width,
+        height,
+        pixels,
+    } = seen.unwrap_or(Picture {
+        width: 0,
+        height: 0,
+        pixels: Vec::new(),
+    });
+    let gain = gain(&pixels);
+    let shown = |v: f32| (display.value((v * gain).max(0.0)).min(1.0) * 255.0 + 0.5) as u8;
+    let pixels = pixels
+        .iter()
+        .map(|[r, g, b]| [shown(*r), shown(*g), shown(*b), 255]);
+    ScreenPhoto {
+        size: [width as usize, height as usize],
+        pixels: pixels.collect(),
+    }
+}
+
+/// Brings the median luminance to [`MEDIAN`].
+fn gain(pixels: &[[f32; 3]]) -> f32 {
+    let mut light: Vec<f32> = pixels.iter().map(|p| luminance(Vec3::from(*p))).collect();
+    light.sort_by(f32::total_cmp);
+    let median = light.get(light.len() / 2).copied().unwrap_or(MEDIAN);
+    // Black surroundings stay black.
+    (MEDIAN / median.max(1e-9)).clamp(1.0 / MOST_GAIN, MOST_GAIN)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+    use crate::neif::Storage;
+    use crate::neif::distant::{DistantConfig, DistantLight};
+
+    fn sky(color: [f32; 3], up: Vec3) -> Environment {
+        let config = DistantConfig {
+            width: 16,
+            height: 8,
+            world_from_picture: Quat::IDENTITY,
+        };
+        // The upper half (towards +z) has the colour, the lower one is black.
+        let pixel = |i: usize| if i < 64 { color } else { [0.0; 3] };
+        let pixels: Vec<f32> = (0..128).flat_map(pixel).collect();
+        let light = DistantLight::new(config, &pixels).expect("a picture");
+        Environment::of_distant("sky".to_owned(), up, light)
+    }
+
+    #[test]
+    fn the_up_axis_is_up_in_a_thumbnail() {
+        let top = |up| {
+            let photo = picture_of(sky([3.0, 1.0, 1.0], up));
+            let row = photo.size[0];
+            (
+                photo.pixels[row * 4][0],
+                photo.pixels[photo.pixels.len() - row * 4][0],
+            )
+        };
+        let (above, below) = top(Vec3::Z);
+        assert!(above > 100 && below < 50, "{above} {below}");
+        let (above, below) = top(Vec3::NEG_Z);
+        assert!(above < 50 && below > 100, "{above} {below}");
+    }
+
+    #[test]
+    fn a_thumbnail_is_kept_until_its_file_changes() {
+        let folder = tempfile::tempdir().unwrap();
+        let (file, cache) = (
+            folder.path().join("a.safetensors"),
+            folder.path().join("cache"),
+        );
+        sky([1.0, 0.2, 0.2], Vec3::Z)
+            .save(&file, Storage::F32)
+            .unwrap();
+        let n_kept = || std::fs::read_dir(&cache).unwrap().count();
+        let first = thumbnail(&file, Some(&cache)).unwrap();
+        assert_eq!(thumbnail(&file, Some(&cache)).unwrap(), first);
+        assert_eq!(n_kept(), 1, "taken from the cache");
+        sky([0.2, 0.2, 1.0], Vec3::Z)
+            .save(&file, Storage::F32)
+            .unwrap();
+        let later = std::time::SystemTime::now() + Duration::from_secs(10);
+        std::fs::File::options()
+            .append(true)
+            .open(&file)
+            .and_then(|file| file.set_modified(later))
+            .unwrap();
+        assert_ne!(thumbnail(&file, Some(&cache)).unwrap(), first, "made anew");
+        assert_eq!(n_kept(), 2);
+    }
+
+    #[test]
+    fn what_cannot_be_read_has_no_thumbnail_and_the_rest_comes() {
+        let folder = tempfile::tempdir().unwrap();
+        let (good, bad) = (
+            folder.path().join("a.safetensors"),
+            folder.path().join("b.safetensors"),
+        );
+        sky([1.0; 3], Vec3::Z).save(&good, Storage::F32).unwrap();
+        std::fs::write(&bad, "no environment").unwrap();
+        let (sender, woken) = bounded(8);
+        let wake = move || sender.send(()).unwrap();
+        let mut thumbnails = Thumbnails::new(None, wake).unwrap();
+        thumbnails.ask(&bad);
+        thumbnails.ask(&good);
+        thumbnails.ask(&good);
+        woken.recv_timeout(Duration::from_mins(1)).unwrap();
+        assert_eq!(thumbnails.next().map(|(path, _)| path), Some(good));
+        assert!(thumbnails.next().is_none(), "asked twice, made once");
+    }
+}

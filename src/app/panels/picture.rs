@@ -1,0 +1,70 @@
+//! The picture panel: how the scene is shown, apart from its light: background, exposure, A beside B.
+
+use egui::{Button, Ui};
+
+use crate::app::command::Command;
+use crate::app::lighting::{LARGEST_DISPLAY_EV, LightingCommand};
+use crate::app::panels::widgets::{Setting, heading, name_label, slider_row};
+use crate::app::state::AppState;
+use crate::render::Background;
+
+const DISPLAY_EV: Setting = Setting {
+    name: "View EV",
+    range: -LARGEST_DISPLAY_EV..=LARGEST_DISPLAY_EV,
+    default: 0.0,
+    hint: "Exposure of the picture in stops; the light stays as it is (E, Shift+E)",
+};
+
+/// Draws the panel.
+pub fn picture_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
+    heading(ui, "Picture");
+    let mut send = |command| commands.push(Command::Lighting(command));
+    ui.horizontal(|ui| {
+        name_label(ui, "Background").on_hover_text("What stands behind the object (H)");
+        for background in Background::ALL {
+            let is_on = state.lighting.background == background;
+            let button = ui.selectable_label(is_on, background_name(background));
+            if button.on_hover_text(background_hint(background)).clicked() {
+                send(LightingCommand::SetBackground(background));
+            }
+        }
+    });
+    let mut ev = state.lighting.display_ev;
+    if slider_row(ui, &DISPLAY_EV, &mut ev) {
+        send(LightingCommand::SetDisplayEv(ev));
+    }
+    ui.horizontal(|ui| {
+        let is_on = state.lighting.split.is_some();
+        let both = ui.add(Button::selectable(is_on, "A | B"));
+        let what =
+            "Two looks side by side: A as edited, B as kept when this was first switched on (V)";
+        if both.on_hover_text(what).clicked() {
+            send(LightingCommand::ToggleSplit);
+        }
+        let swap = ui.add_enabled(state.lighting.kept.is_some(), Button::new("Swap A and B"));
+        if swap.on_hover_text("X").clicked() {
+            send(LightingCommand::SwapSides);
+        }
+        let copy = ui.button("Keep A as B");
+        let what = "B becomes what A is now: material, environment and where it stands";
+        if copy.on_hover_text(what).clicked() {
+            send(LightingCommand::CopyToB);
+        }
+    });
+}
+
+fn background_name(background: Background) -> &'static str {
+    match background {
+        Background::Shown => "Shown",
+        Background::Blurred => "Blurred",
+        Background::Hidden => "Hidden",
+    }
+}
+
+fn background_hint(background: Background) -> &'static str {
+    match background {
+        Background::Shown => "As sharp as it is",
+        Background::Blurred => "Out of focus; reflections stay sharp",
+        Background::Hidden => "Black; its light stays",
+    }
+}
