@@ -4,34 +4,49 @@ use std::fs::File;
 use std::io::{self, BufWriter, Write as _};
 use std::path::Path;
 
+use tempfile::NamedTempFile;
+
 /// Writes `path` through `write`: into a temporary file in the same folder, flushed to disk, then
 /// renamed over `path`. On any error `path` is as it was before.
 pub fn write_atomically(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<&mut File>) -> io::Result<()>,
 ) -> io::Result<()> {
-    let folder = match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    };
+    let mut file = temporary_beside(path, ".part")?;
+    {
+        let mut buffered = BufWriter::new(file.as_file_mut());
+        write(&mut buffered)?;
+        buffered.flush()?;
+    }
+    rename_over(file, path)
+}
+
+/// A file in the folder of `path` that is gone when dropped; its name ends in `suffix`.
+pub(super) fn temporary_beside(path: &Path, suffix: &str) -> io::Result<NamedTempFile> {
     let mut builder = tempfile::Builder::new();
-    builder.prefix(".neif-").suffix(".part");
+    builder.prefix(".neif-").suffix(suffix);
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt as _;
         // Temporary files are private by default; the result should be as open as any other.
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
-    let mut file = builder.tempfile_in(folder)?;
-    {
-        let mut buffered = BufWriter::new(file.as_file_mut());
-        write(&mut buffered)?;
-        buffered.flush()?;
-    }
+    builder.tempfile_in(folder_of(path))
+}
+
+/// Gives a temporary file, flushed to disk, its name.
+pub(super) fn rename_over(file: NamedTempFile, path: &Path) -> io::Result<()> {
     file.as_file().sync_all()?;
     file.persist(path).map_err(|failure| failure.error)?;
-    sync_folder(folder);
+    sync_folder(folder_of(path));
     Ok(())
+}
+
+fn folder_of(path: &Path) -> &Path {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    }
 }
 
 /// Makes the rename itself durable. Not all file systems allow it, and the file is whole either

@@ -1,12 +1,15 @@
-//! `OpenEXR` pictures: colour or grey, half or float, read and written.
+//! `OpenEXR` pictures: colour or grey, half or float, read and written; named channels, written.
 //!
 //! Reads the first layer of a flat file; colour channels may carry a layer prefix
 //! (`Combined.R`). Without all of R, G and B, a `Y` channel or an only channel becomes grey.
 
 use std::path::Path;
 
-use exr::image::{AnyChannel, AnyChannels, FlatSamples, SpecificChannels};
+use exr::compression::Compression;
+use exr::image::{AnyChannel, AnyChannels, Blocks, Encoding, FlatSamples, Layer, SpecificChannels};
 use exr::meta::MetaData;
+use exr::meta::attribute::LineOrder;
+use exr::meta::header::LayerAttributes;
 use exr::prelude::{Image, ReadChannels as _, ReadLayers as _, WritableImage as _, f16, read};
 
 use super::image::{check_finite, check_size};
@@ -156,6 +159,57 @@ pub fn write_exr(
     written.map_err(|e| DataError::io(path, e))
 }
 
+/// One channel of a picture.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ExrChannel {
+    /// Its name: `R`, `G`, `B`, `A`, `Z`, or that of a layer's channel such as `diffuse.R`.
+    pub name: String,
+    /// `[height * width]`, row-major.
+    pub values: Vec<f32>,
+    /// How its numbers are stored.
+    pub sample: ExrSample,
+}
+
+/// Writes named channels as one EXR, ZIP-compressed, atomically.
+///
+/// Panics if a channel has another number of values than the picture has pixels.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_exr_channels(
+    path: &Path,
+    width: u32,
+    height: u32,
+    channels: Vec<ExrChannel>,
+) -> Result<(), DataError> {
+    let size = (width as usize, height as usize);
+    let stored = channels.into_iter().map(|channel| {
+        assert_eq!(channel.values.len(), size.0 * size.1, "one value a pixel");
+        // Without the clamp bright pixels would be stored as infinity.
+        let half = |v: &f32| f16::from_f32(v.clamp(-65504.0, 65504.0));
+        let samples = match channel.sample {
+            ExrSample::Half => FlatSamples::F16(channel.values.iter().map(half).collect()),
+            ExrSample::Float => FlatSamples::F32(channel.values),
+        };
+        AnyChannel::new(channel.name.as_str(), samples)
+    });
+    let encoding = Encoding {
+        compression: Compression::ZIP16,
+        blocks: Blocks::ScanLines,
+        line_order: LineOrder::Increasing,
+    };
+    let channels = AnyChannels::sort(stored.collect());
+    let layer = Layer::new(size, LayerAttributes::default(), encoding, channels);
+    let image = Image::from_layer(layer);
+    write_atomically(path, |file| {
+        image
+            .write()
+            .to_buffered(file)
+            .map_err(std::io::Error::other)
+    })
+    .map_err(|e| DataError::io(path, e))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -175,6 +229,29 @@ mod tests {
         let (_, _, half) = read_exr_linear(&path).unwrap();
         assert_eq!((half[14][0], half[14][2]), (14.0, 65504.0), "half, clamped");
         assert!((half[0][1] - 0.1).abs() < 1e-4, "half, rounded");
+    }
+
+    #[test]
+    fn named_channels_leave_the_colour_readable() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("layers.exr");
+        let names = ["diffuse.R", "R", "Z", "G", "B", "A"];
+        let channels = names.iter().enumerate().map(|(i, name)| ExrChannel {
+            name: (*name).to_owned(),
+            values: (0..15).map(|pixel| (i * 100 + pixel) as f32).collect(),
+            sample: if *name == "Z" {
+                ExrSample::Float
+            } else {
+                ExrSample::Half
+            },
+        });
+        write_exr_channels(&path, 5, 3, channels.collect()).unwrap();
+        let (width, height, pixels) = read_exr_linear(&path).unwrap();
+        assert_eq!((width, height, pixels[14]), (5, 3, [114.0, 314.0, 414.0]));
+        let meta = MetaData::read_from_file(&path, false).unwrap();
+        let stored = meta.headers[0].channels.list.iter();
+        let stored: Vec<_> = stored.map(|channel| channel.name.to_string()).collect();
+        assert_eq!(stored, ["A", "B", "G", "R", "Z", "diffuse.R"]);
     }
 
     #[test]

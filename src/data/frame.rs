@@ -24,6 +24,8 @@ pub struct Frame {
     pub world_from_camera: Affine3A,
     /// The lens.
     pub intrinsics: Intrinsics,
+    /// When on a camera's path it stands there, seconds.
+    pub time_secs: Option<f64>,
     /// Nearest and farthest distance along the view that the capture declares, scene units.
     pub depth_range: Option<[f32; 2]>,
     /// The file that lists it, for messages.
@@ -73,6 +75,7 @@ impl Frame {
             photo,
             mask: None,
             test_index: None,
+            time_secs: None,
             world_from_camera,
             intrinsics,
             depth_range: None,

@@ -6,6 +6,7 @@
 mod atomic;
 mod blended_mvs;
 mod bundled;
+mod camera_file;
 mod capture_path;
 mod check;
 mod choices;
@@ -13,6 +14,7 @@ mod colmap;
 mod error;
 mod exif;
 mod exr_image;
+mod film;
 mod frame;
 #[cfg(test)]
 mod fuzz_smoke;
@@ -33,9 +35,11 @@ mod photo_folder;
 mod points;
 mod problem;
 mod relight;
+mod rgba8;
 mod rgbd;
 mod shrink;
 mod splits;
+mod staged_folder;
 pub mod tensor_file;
 #[cfg(test)]
 mod test_capture;
@@ -56,6 +60,7 @@ use crate::geometry::{Camera, Mesh};
 
 pub use atomic::write_atomically;
 pub use bundled::bundled_assets;
+pub use camera_file::{KeyView, read_key_views, write_key_views};
 pub use check::{
     CameraSummary, Conditions, DatasetReport, LensSummary, MaskAgreement, MaskSummary, MeshSummary,
     PointSummary, Resolution, SplitCounts, check,
@@ -66,7 +71,8 @@ pub use colmap::{
     read_colmap_model,
 };
 pub use error::DataError;
-pub use exr_image::{ExrSample, read_exr_linear, write_exr};
+pub use exr_image::{ExrChannel, ExrSample, read_exr_linear, write_exr, write_exr_channels};
+pub use film::{Ending, FilmFormat, MAX_GIF_FPS, NextFrame, find_ffmpeg, write_gif, write_mp4};
 pub use frame::{Frame, Intrinsics};
 pub use image::{read_mask, read_photo, write_png_srgb};
 pub use listing::{Listing, list_capture, list_capture_as};
@@ -76,6 +82,8 @@ pub use photo::{Mask, Photo};
 pub use points::PointCloud;
 pub use problem::{Problem, Severity};
 pub use relight::{EnvironmentMove, RelightApply, RelightCase};
+pub use rgba8::Rgba8;
+pub use staged_folder::StagedFolder;
 pub use transforms_json::read_frames;
 pub use world_up::world_up;
 

@@ -104,6 +104,7 @@ fn read_frame(fields: &Fields<'_>, index: usize, lens: Intrinsics) -> Result<Fra
     Ok(Frame {
         mask,
         test_index: test_index.map(|i| i as usize),
+        time_secs: fields.value.get("time").and_then(Value::as_f64),
         ..Frame::new(index, photo, pose, lens, fields.json)
     })
 }
