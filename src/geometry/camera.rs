@@ -110,6 +110,21 @@ impl Camera {
         }
     }
 
+    /// A picture of another size that shows all of this one, and more where it is wider or higher; nothing is stretched.
+    pub fn fitted(&self, width: u32, height: u32) -> Self {
+        let (w, h) = (self.width.max(1) as f32, self.height.max(1) as f32);
+        let scale = (width as f32 / w).min(height as f32 / h);
+        Self {
+            width,
+            height,
+            fx: self.fx * scale,
+            fy: self.fy * scale,
+            cx: self.cx * scale + 0.5 * (width as f32 - w * scale),
+            cy: self.cy * scale + 0.5 * (height as f32 - h * scale),
+            ..*self
+        }
+    }
+
     /// Where the camera stands.
     pub fn position(&self) -> Vec3 {
         self.world_from_camera.translation.into()
@@ -271,6 +286,22 @@ mod tests {
         let small = camera.resized(225, 400);
         let (a, b) = (camera.ray(100.0, 300.0), small.ray(50.0, 150.0));
         assert!((a.direction - b.direction).length() < 1e-6, "same ray");
+    }
+
+    #[test]
+    fn fitting_another_shape_stretches_nothing() {
+        let camera = phone();
+        for (width, height) in [(900, 800), (225, 800), (450, 800)] {
+            let fitted = camera.fitted(width, height);
+            assert_eq!((fitted.width, fitted.height), (width, height));
+            let pixels = fitted.fx / fitted.fy - camera.fx / camera.fy;
+            assert!(pixels.abs() < 1e-6, "stretched at {width}x{height}");
+            for (x, y) in [(0.0, 0.0), (450.0, 800.0)] {
+                let p = fitted.project(camera.ray(x, y).at(2.0)).unwrap();
+                let inside = -0.01..=width as f32 + 0.01;
+                assert!(inside.contains(&p.x), "{p} at {width}x{height}");
+            }
+        }
     }
 
     #[test]

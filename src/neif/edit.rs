@@ -127,6 +127,16 @@ pub struct EnvironmentFromWorld {
 }
 
 impl EnvironmentTransform {
+    /// The same with a turn after its rotation; where the translation puts it stays.
+    pub fn turned(&self, turn: Quat) -> Self {
+        let [x, y, z] = self.rotate_deg.to_array().map(f32::to_radians);
+        let (z, y, x) = (turn * Quat::from_euler(EulerRot::ZYX, z, y, x)).to_euler(EulerRot::ZYX);
+        Self {
+            rotate_deg: Vec3::new(x, y, z).map(f32::to_degrees),
+            ..*self
+        }
+    }
+
     /// The inverse motion, as rays need it.
     pub fn environment_from_world(&self) -> EnvironmentFromWorld {
         let [x, y, z] = self.rotate_deg.to_array().map(f32::to_radians);

@@ -210,16 +210,12 @@ pub(super) fn shade_paths(
     let starts = starts.into_iter().zip(light);
     let lit = paths.iter().zip(starts).map(|(path, (start, light))| {
         let surface = edited.surfaces()[start];
-        let (surface, light) = match view.layer {
-            Layer::Diffuse => (surface, Vec3::ZERO),
-            Layer::Specular => (
-                Surface {
-                    diffuse: Vec3::ZERO,
-                    ..surface
-                },
-                light,
-            ),
-            _ => (surface, light),
+        let surface = match view.layer {
+            Layer::Specular => Surface {
+                diffuse: Vec3::ZERO,
+                ..surface
+            },
+            _ => surface,
         };
         let gain = edited.specular_gain()[start];
         outgoing(&surface, path[0].point.n_dot_v(), gain, light)
@@ -389,7 +385,7 @@ impl Aim<'_> {
     }
 }
 
-/// Layers that need no light.
+/// Layers that need no light along lobes.
 fn unlit(
     object: &ObjectModel,
     (paths, starts): (&[&[PathVertex]], &[usize]),
@@ -398,6 +394,10 @@ fn unlit(
 ) -> Option<Vec<Vec3>> {
     let (tracer, surfaces) = (&object.tracer, edited.surfaces());
     let value = |number: usize, path: &[PathVertex], i: usize| match view.layer {
+        Layer::Diffuse => {
+            let (cos, gain) = (path[0].point.n_dot_v(), edited.specular_gain()[i]);
+            Some(outgoing(&surfaces[i], cos, gain, Vec3::ZERO))
+        }
         Layer::Roughness => Some(Vec3::splat(surfaces[i].roughness)),
         Layer::Tint => Some(fresnel(surfaces[i].tint, 1.0) * edited.specular_gain()[i]),
         Layer::Normal => Some(path[0].point.normal * 0.5 + Vec3::splat(0.5)),
@@ -412,7 +412,7 @@ fn unlit(
             &path[0].point,
             number as f32,
         ))),
-        Layer::Final | Layer::Diffuse | Layer::Specular | Layer::Samples => None,
+        Layer::Final | Layer::Specular | Layer::Samples => None,
     };
     paths
         .iter()
