@@ -16,9 +16,9 @@ mod output;
 mod render;
 mod scenes;
 mod sheet;
+mod shots;
 mod train;
 mod training;
-mod turntable;
 mod values;
 mod view;
 

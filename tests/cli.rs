@@ -9,6 +9,8 @@ mod capture;
 mod mesh;
 #[path = "cli/program.rs"]
 mod program;
+#[path = "cli/takeaway.rs"]
+mod takeaway;
 
 use std::{fs, sync::LazyLock};
 
@@ -385,6 +387,15 @@ const UNUSABLE: &[(&str, &str)] = &[
     ("render run --env GARBAGE.safetensors --out NEW", "GARBAGE"),
     ("render run --size 0x9 --out NEW", "sides"),
     ("render run --cameras NOWHERE --out NEW", "NOWHERE"),
+    ("render run --format webm --out NEW", "webm"),
+    ("render run --spin camera --out NEW", "--turntable"),
+    ("render run --frames 9 --out NEW", "--cameras"),
+    ("render run --format gif --out NEW.png", "NEW.png"),
+    ("render run --format gif --fps 90 --out NEW", "50 pictures"),
+    (
+        "render run --format gif --layers final,normal --out NEW",
+        "one layer",
+    ),
     ("env panorama run --at 0,0 --out x.exr", "three numbers"),
     ("env panorama run --at 0,0,0 --out x.gif", ".exr or .png"),
     ("mesh scene", "mesh"),

@@ -1,20 +1,21 @@
 //! `neif render`: pictures of a trained run, from any camera, edited and in any light.
 
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
-use glam::Vec3;
+use anyhow::anyhow;
+use neif::data::Ending;
 use neif::geometry::Camera;
 use neif::render::{
-    Background, Layer, LobeShape, ReferenceOptions, Scene, render, render_reference,
+    Backdrop, Background, Destination, FileKind, Film, FilmError, Layer, LobeShape,
+    ReferenceOptions,
 };
 
-use super::capture::PhotoArgs;
 use super::edits::{EnvironmentFlags, MaterialFlags, apply};
 use super::failure::Failure;
 use super::output::{self, Display};
-use super::scenes::{self, OpenRun, Split};
-use super::values::Size;
-use super::{interrupt, sheet, turntable, values};
+use super::shots::CameraFlags;
+use super::{interrupt, scenes, values};
 
 /// Arguments of `neif render`.
 #[derive(Debug, clap::Args)]
@@ -43,6 +44,16 @@ pub(crate) struct RenderArgs {
     /// Brighten the picture, in photographic stops; --env-exposure brightens the light instead
     #[arg(long, value_name = "EV", default_value_t, value_parser = values::finite, allow_hyphen_values = true)]
     exposure: f32,
+    /// The files: a png for each picture and layer, an exr for each picture (linear light, the layers named in it,
+    /// with depth), one animated gif, or one mp4 (needs ffmpeg)
+    #[arg(long, value_name = "png|exr|gif|mp4", default_value = "png")]
+    format: FileKind,
+    /// Pictures a second of a gif or mp4
+    #[arg(long, value_name = "N", value_parser = values::positive, default_value = "24")]
+    fps: f32,
+    /// Leave the surroundings out of the picture: transparent around the object, where --background hidden is black
+    #[arg(long)]
+    no_background: bool,
     /// What to render: final, diffuse, specular, roughness, tint, normal, environment, depth, visibility, samples
     #[arg(
         long,
@@ -54,34 +65,9 @@ pub(crate) struct RenderArgs {
     /// The final picture by N thin rays a pixel instead of cones: slow, to compare with
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_536))]
     reference: Option<u32>,
-    /// The folder for the pictures; made when missing
+    /// The folder for the pictures, made when missing; for a gif or mp4 also the file
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-}
-
-/// Where the pictures are taken from.
-#[derive(Debug, clap::Args)]
-struct CameraFlags {
-    /// From where the photos of this split were taken [default: test]
-    #[arg(long, value_name = "SPLIT", conflicts_with_all = ["cameras", "turntable"])]
-    split: Option<Split>,
-    /// From the cameras of a transforms.json; its photos need not exist
-    #[arg(long, value_name = "FILE", conflicts_with = "turntable")]
-    cameras: Option<PathBuf>,
-    /// From N places on a circle around the object
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
-    turntable: Option<u32>,
-    /// Size of the pictures [default: that of the cameras; 512x512 on a turntable]
-    #[arg(long, value_name = "WxH", value_parser = values::size)]
-    size: Option<Size>,
-    /// Where the run's capture lies now
-    #[arg(long, value_name = "DATASET")]
-    dataset: Option<PathBuf>,
-    /// Which way is up on a turntable: x, y, z, -x, -y, -z or X,Y,Z [default: as in the run]
-    #[arg(long, value_name = "AXIS|X,Y,Z", value_parser = values::direction, allow_hyphen_values = true, requires = "turntable")]
-    up: Option<Vec3>,
-    #[command(flatten)]
-    photos: PhotoArgs,
 }
 
 /// A camera and what its pictures are called.
@@ -109,80 +95,73 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
     if args.env_match {
         scene.transform = scenes::matched(&scene, &run.scene.environment)?;
     }
-    let cameras = args.cameras.cameras(&run)?;
-    scenes::make_folder(&args.out)?;
-    if args.reference.is_some() && args.layers != [Layer::Final] {
-        return Err(Failure::unusable(anyhow::anyhow!(
-            "--reference makes the final picture only; leave out --layers"
-        )));
-    }
-    let n_pictures = render_all(&scene, &cameras, args)?;
-    output::line(&format!("{}: {n_pictures} pictures", args.out.display()))?;
-    Ok(())
-}
-
-/// Renders every layer from every camera; returns the number of pictures.
-fn render_all(scene: &Scene, cameras: &[NamedCamera], args: &RenderArgs) -> Result<usize, Failure> {
-    let cancel = interrupt::install()?;
-    let scene = &scene.lit(cancel).ok_or(Failure::Interrupted)?;
-    let mut display = Display::new(false);
-    let total = cameras.len() * args.layers.len();
-    let mut done = 0;
-    for NamedCamera { name, camera } in cameras {
-        for &layer in &args.layers {
-            let picture = match args.reference {
-                Some(n_paths) => {
-                    let lobe = LobeShape::Ggx;
-                    let options = ReferenceOptions { n_paths, lobe };
-                    render_reference(scene, camera, options, cancel, &|_| {})
-                }
-                None => render(scene, camera, layer, cancel, &|_| {}),
-            };
-            let picture = picture.ok_or(Failure::Interrupted)?;
-            sheet::save(&args.out.join(file_name(name, layer)), &picture)?;
-            done += 1;
-            display.set(
-                done as f32 / total as f32,
-                "Rendering",
-                &format!("{done}/{total}"),
-            );
-        }
-    }
-    Ok(done)
-}
-
-/// `NAME.png` for the final picture, `NAME_layer.png` for the others.
-fn file_name(name: &str, layer: Layer) -> String {
-    match layer {
-        Layer::Final => format!("{name}.png"),
-        other => format!("{name}_{other}.png"),
-    }
-}
-
-impl CameraFlags {
-    fn cameras(&self, run: &OpenRun) -> Result<Vec<NamedCamera>, Failure> {
-        let cameras = if let Some(n) = self.turntable {
-            let up = self.up.unwrap_or(run.scene.environment.up());
-            turntable::cameras(&run.scene, n, up)
-        } else if let Some(file) = &self.cameras {
-            scenes::read_cameras(file)?
+    let (shots, name) = args.cameras.shots(&run, scene.transform)?;
+    let film = Film {
+        scene,
+        shots,
+        layers: args.layers.clone(),
+        backdrop: if args.no_background {
+            Backdrop::Transparent
         } else {
-            let (views, _) = run.load_views(self.split.unwrap_or(Split::Test), &self.photos)?;
-            let named = views.into_iter().map(|view| NamedCamera {
-                name: view.name,
-                camera: view.camera,
-            });
-            named.collect()
-        };
-        Ok(match self.size {
-            Some(Size { width, height }) => cameras
-                .into_iter()
-                .map(|NamedCamera { name, camera }| NamedCamera {
-                    name,
-                    camera: camera.resized(width, height),
-                })
-                .collect(),
-            None => cameras,
-        })
+            Backdrop::Shown
+        },
+        kind: args.format,
+        fps: args.fps,
+        reference: args.reference.map(|n_paths| ReferenceOptions {
+            n_paths,
+            lobe: LobeShape::Ggx,
+        }),
+    };
+    write(&film, &destination(args, name)?)
+}
+
+/// The folder, or the file in it that a film becomes.
+fn destination(args: &RenderArgs, name: &str) -> Result<Destination, Failure> {
+    let (out, kind) = (&args.out, args.format);
+    if !kind.is_film() {
+        return Ok(Destination::Folder(out.clone()));
     }
+    match out.extension() {
+        Some(extension) if extension == kind.extension() => Ok(Destination::File(out.clone())),
+        // A name that is meant for another kind of file is not that of a folder.
+        Some(extension)
+            if FileKind::ALL
+                .iter()
+                .any(|kind| extension == kind.extension()) =>
+        {
+            Err(Failure::unusable(anyhow!(
+                "--out {}: --format {kind} makes a .{kind} file",
+                out.display()
+            )))
+        }
+        _ => Ok(Destination::File(out.join(format!("{name}.{kind}")))),
+    }
+}
+
+fn write(film: &Film, destination: &Destination) -> Result<(), Failure> {
+    let cancel = interrupt::install()?;
+    let (n, display) = (film.shots.len(), Mutex::new(Display::new(false)));
+    let on_progress = |fraction: f32| {
+        // Several threads tell at once; the one that comes too late has old news.
+        if let Ok(mut display) = display.try_lock() {
+            let number = ((fraction * n as f32) as usize + 1).min(n);
+            display.set(fraction, "Rendering", &format!("{number}/{n}"));
+        }
+    };
+    let ending = film.write(destination, cancel, &on_progress);
+    drop(display.into_inner().unwrap_or_else(PoisonError::into_inner));
+    match ending {
+        Ok(Ending::Finished) => {}
+        Ok(Ending::Cancelled) => return Err(Failure::Interrupted),
+        Err(error @ FilmError::Unusable(_)) => return Err(Failure::unusable(error)),
+        Err(error @ FilmError::Write(_)) => return Err(error.into()),
+    }
+    let per_shot = if film.kind == FileKind::Png {
+        film.layers.len()
+    } else {
+        1
+    };
+    let (Destination::Folder(path) | Destination::File(path)) = destination;
+    output::line(&format!("{}: {} pictures", path.display(), n * per_shot))?;
+    Ok(())
 }

@@ -3,7 +3,7 @@
 use std::{
     io::{BufRead as _, BufReader, Read as _},
     path::Path,
-    process::{Command, Stdio},
+    process::{Command, Output, Stdio},
 };
 
 use serde_json::Value;
@@ -43,7 +43,10 @@ pub(crate) fn neif(args: &[&str]) -> Run {
 /// Runs the program in a folder to its end.
 pub(crate) fn neif_in(folder: &Path, args: &[&str]) -> Run {
     let output = command(args).current_dir(folder).output();
-    let output = output.expect("the program starts");
+    run_of(&output.expect("the program starts"))
+}
+
+fn run_of(output: &Output) -> Run {
     Run {
         code: output.status.code().unwrap_or(-1),
         stdout: String::from_utf8_lossy(&output.stdout).into_owned(),
@@ -65,9 +68,7 @@ pub(crate) fn interrupted_after(args: &[&str], sign: &str) -> Run {
             break;
         }
     }
-    let pid = child.id().to_string();
-    let kill = Command::new("kill").args(["-INT", &pid]).status();
-    assert!(kill.is_ok_and(|status| status.success()), "kill {pid}");
+    press_ctrl_c(child.id());
     for line in lines {
         stdout.extend([&line.expect("text"), "\n"]);
     }
@@ -81,6 +82,41 @@ pub(crate) fn interrupted_after(args: &[&str], sign: &str) -> Run {
         stdout,
         stderr,
     }
+}
+
+/// Runs the program with this search path to its end.
+pub(crate) fn neif_with_path(path: &str, args: &[&str]) -> Run {
+    let output = command(args).env("PATH", path).output();
+    run_of(&output.expect("the program starts"))
+}
+
+/// Runs the program and presses Ctrl-C once it has noted progress with `sign` in it.
+pub(crate) fn interrupted_while_noting(args: &[&str], sign: &str) -> Run {
+    let mut command = command(args);
+    command.stdout(Stdio::null()).stderr(Stdio::piped());
+    let mut child = command.spawn().expect("the program starts");
+    let mut stderr = String::new();
+    let notes = BufReader::new(child.stderr.take().expect("an error output"));
+    let mut is_pressed = false;
+    for note in notes.lines() {
+        let note = note.expect("text");
+        stderr.extend([&note, "\n"]);
+        if !is_pressed && note.contains(sign) {
+            is_pressed = true;
+            press_ctrl_c(child.id());
+        }
+    }
+    Run {
+        code: child.wait().expect("an end").code().unwrap_or(-1),
+        stdout: String::new(),
+        stderr,
+    }
+}
+
+fn press_ctrl_c(process: u32) {
+    let pid = process.to_string();
+    let kill = Command::new("kill").args(["-INT", &pid]).status();
+    assert!(kill.is_ok_and(|status| status.success()), "kill {pid}");
 }
 
 /// True when two picture files show exactly the same.
