@@ -3,6 +3,8 @@
 
 #[path = "ui/commands.rs"]
 mod commands;
+#[path = "ui/export.rs"]
+mod export;
 #[path = "ui/history.rs"]
 mod history;
 #[path = "ui/inspect.rs"]

@@ -8,6 +8,7 @@ use std::path::PathBuf;
 use glam::Vec2;
 
 use crate::app::camera_control::{CameraMove, Viewpoint};
+use crate::app::export::{self, ExportCommand, ExportEffect};
 use crate::app::history::{self, HistoryCommand};
 use crate::app::inspect::{self, InspectCommand};
 use crate::app::leaving::{self, Goal, LeavingCommand};
@@ -116,6 +117,8 @@ pub enum Command {
     SetWipe(Option<f32>),
     /// Show the photo alone.
     HoldPhoto(bool),
+    /// Take pictures away.
+    Export(ExportCommand),
     /// Show or hide the table of keys.
     ToggleHelp,
     /// Show or hide the messages.
@@ -163,6 +166,8 @@ pub enum Effect {
     Browse(Browse, PathPurpose),
     /// Write the table of the run's figures.
     WriteLog(PathBuf),
+    /// Take pictures away.
+    Export(ExportEffect),
     /// Save the session in this file.
     SaveSession(PathBuf),
     /// Bring back a session that was left behind.
@@ -203,6 +208,7 @@ fn dispatch(state: &mut AppState, command: Command, effects: &mut Vec<Effect>) {
         Command::ShowOriginal(on) => state.is_original_shown = on,
         Command::ShowLayer(layer) => state.layer = layer,
         Command::SetWipe(_) | Command::HoldPhoto(_) => apply_compare(state, &command),
+        Command::Export(command) => export::apply(state, command, effects),
         Command::ToggleHelp => state.overlays.is_help_open ^= true,
         Command::ToggleLog => state.overlays.is_log_open ^= true,
         Command::CloseOverlays => close_front(state),
@@ -225,10 +231,13 @@ fn dispatch(state: &mut AppState, command: Command, effects: &mut Vec<Effect>) {
 
 /// Closes the windows over the main one; where there is none, forgets the picked point.
 fn close_front(state: &mut AppState) {
-    if state.overlays == Overlays::default() {
+    if state.overlays != Overlays::default() {
+        state.overlays = Overlays::default();
+    } else if state.export.is_open {
+        state.export.is_open = false;
+    } else {
         state.inspect.forget();
     }
-    state.overlays = Overlays::default();
     state.leaving = None;
 }
 

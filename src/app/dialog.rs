@@ -31,11 +31,22 @@ impl FileDialog {
         purpose: PathPurpose,
         wake: impl FnOnce() + Send + 'static,
     ) -> std::io::Result<Self> {
+        Self::with(move || ask(kind, purpose), wake)
+    }
+
+    /// Asks the system by `ask`, which may take long; `wake` is called when there is an answer.
+    ///
+    /// # Errors
+    /// When the system gives no thread.
+    pub fn with(
+        ask: impl FnOnce() -> Option<PathBuf> + Send + 'static,
+        wake: impl FnOnce() + Send + 'static,
+    ) -> std::io::Result<Self> {
         let (sender, answer) = bounded(1);
         std::thread::Builder::new()
             .name("neif-dialog".to_owned())
             .spawn(move || {
-                let path = ask(kind, purpose);
+                let path = ask();
                 if sender.send(path).is_ok() {
                     wake();
                 }

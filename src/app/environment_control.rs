@@ -1,6 +1,6 @@
 //! Moving the environment by dragging in the picture.
 
-use glam::{EulerRot, Quat, Vec2, Vec3};
+use glam::{Quat, Vec2, Vec3};
 
 use crate::app::camera_control::Viewpoint;
 use crate::neif::EnvironmentTransform;
@@ -15,11 +15,8 @@ pub fn turned(transform: &EnvironmentTransform, up: Vec3, degrees: f32) -> Envir
         // Z is the last of the three rotations, so it adds up; the numbers stay plain.
         rotate_deg.z += degrees * up.z.signum();
     } else {
-        let [x, y, z] = rotate_deg.to_array().map(f32::to_radians);
-        let old = Quat::from_euler(EulerRot::ZYX, z, y, x);
-        let (z, y, x) =
-            (Quat::from_axis_angle(up, degrees.to_radians()) * old).to_euler(EulerRot::ZYX);
-        rotate_deg = Vec3::new(x, y, z).map(f32::to_degrees);
+        let turn = Quat::from_axis_angle(up, degrees.to_radians());
+        rotate_deg = transform.turned(turn).rotate_deg;
     }
     EnvironmentTransform {
         rotate_deg: rotate_deg.map(wrapped),

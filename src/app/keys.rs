@@ -5,6 +5,7 @@ use egui::{FocusDirection, Key, KeyboardShortcut, Modifiers};
 
 use crate::app::binding::{Binding, gesture, key, plain};
 use crate::app::command::{Command, Train};
+use crate::app::export::{ExportCommand, Subject};
 use crate::app::history::{HistoryCommand, can_redo, can_undo};
 use crate::app::leaving::LeavingCommand;
 use crate::app::lighting::LightingCommand;
@@ -110,6 +111,31 @@ pub const BINDINGS: &[Binding] = &[
         Command::AskPath(PathPurpose::Save)
     })
     .when(|state| state.training.phase.takes_commands()),
+    key(
+        FILE,
+        ("Ctrl+E", Modifiers::COMMAND, Key::E),
+        "Export…",
+        |state| Command::Export(ExportCommand::Show(state.export.settings.subject)),
+    )
+    .when(is_something_open),
+    key(
+        FILE,
+        ("Shift+F12", Modifiers::SHIFT, Key::F12),
+        "Export a turntable…",
+        |_| Command::Export(ExportCommand::Show(Subject::Turntable)),
+    )
+    .when(is_something_open),
+    key(
+        FILE,
+        ("F12", Modifiers::NONE, Key::F12),
+        "Screenshot of the view",
+        |_| Command::Export(ExportCommand::Screenshot),
+    )
+    .when(is_something_open),
+    plain(FILE, "Cancel the export", |_| {
+        Command::Export(ExportCommand::Cancel)
+    })
+    .when(|state| state.export.running.is_some()),
     key(FILE, ("Ctrl+Q", Modifiers::COMMAND, Key::Q), "Quit", |_| {
         Command::Leaving(LeavingCommand::Close)
     }),

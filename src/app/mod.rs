@@ -13,6 +13,8 @@ pub mod diagnostics;
 pub mod dialog;
 pub mod environment_control;
 mod error_maps;
+pub mod export;
+mod exporter;
 mod frustums;
 pub mod history;
 pub mod inspect;

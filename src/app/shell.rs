@@ -87,6 +87,7 @@ pub fn draw(
     panels::help_ui(ui, state, commands);
     panels::palette_ui(ui, state, commands);
     panels::path_dialog_ui(ui, state, commands);
+    panels::export_ui(ui, state, commands);
     panels::log_ui(ui, state, commands);
     panels::stop_question_ui(ui, state, commands);
     panels::leaving_question_ui(ui, state, commands);

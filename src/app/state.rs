@@ -6,6 +6,7 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use crate::app::camera_control::{Viewpoint, nearest_view, point_looked_at, up_axis};
+use crate::app::export::ExportState;
 use crate::app::history::History;
 use crate::app::inspect::InspectState;
 use crate::app::leaving::Leaving;
@@ -306,6 +307,8 @@ pub struct AppState {
     pub messages: Messages,
     /// Windows over the main one.
     pub overlays: Overlays,
+    /// What is taken away.
+    pub export: ExportState,
     /// Opened lately, newest first.
     pub recent: Vec<PathBuf>,
     /// The graphics adapter.
@@ -344,6 +347,7 @@ impl Default for AppState {
             watch: WatchState::default(),
             messages: Messages::default(),
             overlays: Overlays::default(),
+            export: ExportState::default(),
             recent: Vec::new(),
             adapter: Adapter::default(),
             shown: None,

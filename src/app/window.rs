@@ -379,6 +379,7 @@ impl eframe::App for Window {
         let mut commands = Vec::new();
         keys::pressed(&ctx, &self.state, &mut commands);
         self.viewport = shell::draw(ui, &self.state, &self.pictures(), &mut commands);
+        self.state.export.window_px = self.viewport;
         commands.extend(dropped(&ctx));
         let mut effects = Vec::new();
         let has_commands = !commands.is_empty();

@@ -11,6 +11,7 @@ use egui::Context;
 use crate::app::assets;
 use crate::app::command::{Browse, Command, Effect, apply};
 use crate::app::dialog::FileDialog;
+use crate::app::exporter::Exporter;
 use crate::app::history::History;
 use crate::app::keeper::Keeper;
 use crate::app::leaving;
@@ -55,6 +56,7 @@ pub(super) struct Work {
     /// Captures that are read as somebody chose.
     chosen: Vec<(PathBuf, CaptureChoices)>,
     keeper: Keeper,
+    exporter: Exporter,
 }
 
 impl Work {
@@ -71,6 +73,7 @@ impl Work {
             dialog: None,
             chosen: Vec::new(),
             keeper: Keeper::new(move || wake.request_repaint())?,
+            exporter: Exporter::new(ctx),
         })
     }
 
@@ -122,6 +125,7 @@ impl Work {
             Effect::MatchExposure => self.match_exposure(state),
             Effect::Browse(kind, purpose) => self.browse(state, kind, purpose),
             Effect::WriteLog(path) => self.opener.write_text(path, state.training.log.to_csv()),
+            Effect::Export(effect) => self.exporter.carry_out(state, effect),
             Effect::SaveSession(file) => self.save_session(state, file),
             Effect::RestoreSession(session) => return self.open_session(state, session, None),
             Effect::Close => self.ctx.send_viewport_cmd(egui::ViewportCommand::Close),
@@ -196,6 +200,7 @@ impl Work {
         state.lighting.split = None;
         state.lighting.kept = None;
         state.view = ViewState::default();
+        state.export.keys.clear();
         state.compare = crate::app::state::Compare::default();
         state.inspect = crate::app::inspect::InspectState::default();
         state.watch.forget();
@@ -245,6 +250,7 @@ impl Work {
     /// Takes in what the threads have done since the last frame.
     pub(super) fn poll(&mut self, state: &mut AppState) -> Vec<News> {
         self.poll_session(state);
+        self.exporter.poll(state);
         self.poll_keeper(state);
         let mut news = Vec::new();
         while let Some(opened) = self.opener.next() {
@@ -396,6 +402,7 @@ impl Work {
 
     /// Ends the run; waits for it to save where it has a folder.
     pub(super) fn close(&mut self) {
+        self.exporter.close();
         if let Some(session) = self.session.take()
             && let Err(error) = session.join()
         {

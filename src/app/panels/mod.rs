@@ -2,6 +2,7 @@
 
 pub mod cameras;
 pub mod environment;
+pub mod export;
 pub mod gallery;
 pub mod help;
 pub mod inspect;
@@ -24,6 +25,7 @@ pub mod widgets;
 
 pub use cameras::cameras_ui;
 pub use environment::environment_ui;
+pub use export::{export_ui, running_export_ui};
 pub use gallery::gallery_ui;
 pub use help::help_ui;
 pub use inspect::inspect_ui;

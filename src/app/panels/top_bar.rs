@@ -6,6 +6,7 @@ use egui::{Align, Button, Layout, RichText, Role, Ui, WidgetInfo};
 
 use crate::app::command::Command;
 use crate::app::history::{HistoryCommand, can_redo, can_undo};
+use crate::app::panels::export::running_export_ui;
 use crate::app::panels::menus_ui;
 use crate::app::panels::widgets::weak;
 use crate::app::state::{AppState, Source};
@@ -21,6 +22,7 @@ pub fn top_bar_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
         ui.separator();
         history_ui(ui, state, commands);
         ui.separator();
+        running_export_ui(ui, state, commands);
         source_ui(ui, state);
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
             if ui
