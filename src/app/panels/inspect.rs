@@ -89,17 +89,17 @@ fn rows(pick: &Pick, view: &PointView, values: Option<&PointValues>) -> Vec<Row>
         row(
             "Roughness",
             changed(learned, edited, |s| format!("{:.3}", s.roughness)),
-            "0 is a mirror, 1 is dull; before → after edits",
+            "0 is a mirror, 1 is dull; before and after edits",
         ),
         row(
             "Tint",
             changed(learned, edited, |s| vector(s.tint)),
-            "Specular reflectance looked at along the normal, linear RGB; before → after edits",
+            "Specular reflectance looked at along the normal, linear RGB; before and after edits",
         ),
         row(
             "Diffuse",
             changed(learned, edited, |s| vector(s.diffuse)),
-            "Light that the diffuse part sends out, linear RGB; before → after edits",
+            "Light that the diffuse part sends out, linear RGB; before and after edits",
         ),
         row(
             "Incoming light",

@@ -42,11 +42,11 @@ pub fn top_bar_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
 
 fn history_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     let buttons = [
-        ("⟲", "Undo", can_undo(state), HistoryCommand::Undo),
-        ("⟳", "Redo", can_redo(state), HistoryCommand::Redo),
+        ("↺", "Undo", can_undo(state), HistoryCommand::Undo),
+        ("↻", "Redo", can_redo(state), HistoryCommand::Redo),
     ];
     for (sign, name, is_enabled, command) in buttons {
-        let button = ui.add_enabled(is_enabled, Button::new(sign));
+        let button = ui.add_enabled(is_enabled, Button::new(RichText::new(sign).monospace()));
         button.widget_info(|| WidgetInfo::labeled(Role::Button, is_enabled, name));
         if button.on_hover_text(name).clicked() {
             commands.push(Command::History(command));
