@@ -293,7 +293,7 @@ impl Renderer<'_> {
             return Ok(Ending::Cancelled);
         };
         if self.film.kind == FileKind::Exr {
-            write_exr_channels(path, parts.width, parts.height, parts.exr_channels())?;
+            write_exr_channels(path, parts.width, parts.height, parts.exr_channels(&scene))?;
         } else {
             parts
                 .to_rgba8(&scene, self.film.layers[0])
@@ -310,7 +310,7 @@ impl Renderer<'_> {
             };
             if film.kind == FileKind::Exr {
                 let path = folder.join(format!("{}.exr", shot.name));
-                write_exr_channels(&path, parts.width, parts.height, parts.exr_channels())?;
+                write_exr_channels(&path, parts.width, parts.height, parts.exr_channels(&scene))?;
                 continue;
             }
             for &layer in &film.layers {

@@ -149,7 +149,8 @@ fn render_rows(
         all
     };
     let covered = list(&|c| c > 0.0);
-    let has_backdrop = options.backdrop == Backdrop::Shown && shows(Layer::shows_background);
+    let has_backdrop = options.backdrop == Backdrop::Shown
+        && layers.iter().any(|layer| scene.shows_background(*layer));
     let open = match has_backdrop {
         true if layers.contains(&Layer::Environment) => list(&|_| true),
         true => list(&|c| c < 1.0),
@@ -254,11 +255,11 @@ impl Parts {
         }
     }
 
-    /// The channels of an EXR in linear light: the final picture as `R G B`, its `A`, the object's depth as `Z`, and
-    /// every other layer under its name.
+    /// The channels of an EXR in linear light, without the picture's exposure: the final picture as `R G B`, its `A`,
+    /// the object's depth as `Z`, and every other layer under its name.
     ///
     /// Light is multiplied by coverage, so that layers add up; roughness, tint and the normal (world, -1 to 1) are not.
-    pub fn exr_channels(&self) -> Vec<ExrChannel> {
+    pub fn exr_channels(&self, scene: &Scene) -> Vec<ExrChannel> {
         let channel = |name: String, values: Vec<f32>| ExrChannel {
             name,
             values,
@@ -285,7 +286,7 @@ impl Parts {
                 }
                 _ => (format!("{layer}."), &["R", "G", "B"][..]),
             };
-            let linear = self.linear(layer);
+            let linear = self.linear(scene, layer);
             for (c, name) in names.iter().enumerate() {
                 let values = linear.iter().map(|value| value[c]).collect();
                 channels.push(channel(format!("{prefix}{name}"), values));
@@ -295,10 +296,14 @@ impl Parts {
     }
 
     /// A layer's values as they are stored for further work.
-    fn linear(&self, layer: Layer) -> Vec<[f32; 3]> {
+    fn linear(&self, scene: &Scene, layer: Layer) -> Vec<[f32; 3]> {
         let value = |(i, object): (usize, &[f32; 3])| -> [f32; 3] {
             let coverage = self.coverage[i];
-            let behind = self.background[i];
+            let behind = if scene.shows_background(layer) {
+                self.background[i]
+            } else {
+                [0.0; 3]
+            };
             std::array::from_fn(|c| match layer {
                 Layer::Final => object[c] * coverage + behind[c] * (1.0 - coverage),
                 Layer::Diffuse | Layer::Specular => object[c] * coverage,
@@ -372,7 +377,7 @@ mod tests {
     fn layers_add_up_and_say_where_the_object_is() {
         let parts = parts(&AOVS, Backdrop::Transparent);
         let channel = |name: &str| {
-            let channels = parts.exr_channels();
+            let channels = parts.exr_channels(&scene());
             let found = channels.into_iter().find(|channel| channel.name == name);
             found.expect("the channel").values
         };
