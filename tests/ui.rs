@@ -230,6 +230,8 @@ fn edits_are_hidden_for_comparison() {
 #[test]
 fn layers_follow_buttons_and_keys() {
     let mut harness = harness(training_state());
+    // At this width all layers are in the menu.
+    click(&mut harness, "Lit…");
     click(&mut harness, "Normals");
     assert_eq!(harness.state().state.layer, Layer::Normal);
     harness.key_press(egui::Key::Num3);
