@@ -486,6 +486,7 @@ fn help_lists_every_binding() {
             binding.what
         );
     }
+    harness.run_steps(12);
     click(&mut harness, "Close");
     assert!(!harness.state().state.overlays.is_help_open);
 }

@@ -24,7 +24,10 @@ pub fn help_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
         ui.add_space(4.0);
         // The table is taller than a small window.
         let room = ui.ctx().content_rect().height() - REST_HEIGHT;
-        let scroll = ScrollArea::vertical().max_height(room);
+        // Without the least height it would grow to that from picture to picture.
+        let scroll = ScrollArea::vertical()
+            .max_height(room)
+            .min_scrolled_height(room);
         scroll.show(ui, |ui| {
             ui.horizontal_top(|ui| {
                 let listed = || BINDINGS.iter().filter(|binding| !binding.keys.is_empty());
