@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 
 use crate::train::events::{Progress, Validation};
+use crate::train::run_log::{decibels, progress_row, validation_row};
 
 /// The columns; an empty cell is a figure that was not measured at that moment.
 const HEADER: &str = "step,elapsed_secs,fraction,loss,steps_per_sec,rays_per_sec,samples_per_ray,\
@@ -22,32 +23,17 @@ impl TrainingLog {
 
     /// Adds a report.
     pub fn push_progress(&mut self, p: &Progress) {
+        let row = progress_row(p);
         self.push_row(format_args!(
-            "{},{:.3},{:.5},{:.6e},{:.2},{:.0},{:.2},{},,,,{:.6e},{:.6e}",
-            p.step,
-            p.elapsed_secs,
-            p.fraction,
-            p.loss,
-            p.steps_per_sec,
-            p.rays_per_sec,
-            p.samples_per_ray,
-            p.skipped_steps,
-            p.loss_object,
-            p.loss_background,
+            "{row},,{:.6e},{:.6e}",
+            p.loss_object, p.loss_background
         ));
     }
 
     /// Adds a measurement.
     pub fn push_validation(&mut self, v: &Validation) {
-        let cell = |db: Option<f64>| db.map(|db| format!("{db:.4}")).unwrap_or_default();
-        self.push_row(format_args!(
-            "{},{:.3},,,,,,,{:.4},{},{},,",
-            v.step,
-            v.elapsed_secs,
-            v.psnr,
-            cell(v.psnr_object),
-            cell(v.psnr_background)
-        ));
+        let (row, background) = (validation_row(v), decibels(v.psnr_background));
+        self.push_row(format_args!("{row},{background},,"));
     }
 
     fn push_row(&mut self, row: std::fmt::Arguments<'_>) {

@@ -299,8 +299,13 @@ impl RunFolder {
     /// # Errors
     /// When the file is damaged.
     pub fn mesh(&self) -> Result<Option<Mesh>, RunFolderError> {
-        let file = self.file(MESH);
-        Ok(file.exists().then(|| read_mesh(&file)).transpose()?)
+        let mesh = self.has_mesh().then(|| read_mesh(&self.file(MESH)));
+        Ok(mesh.transpose()?)
+    }
+
+    /// Whether the run has a mesh, sound or damaged.
+    pub(super) fn has_mesh(&self) -> bool {
+        self.file(MESH).exists()
     }
 
     /// Saves the settings alone, before the first step.

@@ -74,34 +74,48 @@ impl RunLog {
     }
 
     fn push_progress(&mut self, p: &Progress) {
-        self.push_row(format_args!(
-            "{},{:.3},{:.5},{:.6e},{:.2},{:.0},{:.2},{},,",
-            p.step,
-            p.elapsed_secs,
-            p.fraction,
-            p.loss,
-            p.steps_per_sec,
-            p.rays_per_sec,
-            p.samples_per_ray,
-            p.skipped_steps
-        ));
+        self.push_row(&progress_row(p));
     }
 
     fn push_validation(&mut self, v: &Validation) {
-        let object = v.psnr_object.map(|db| format!("{db:.4}"));
-        self.push_row(format_args!(
-            "{},{:.3},,,,,,,{:.4},{}",
-            v.step,
-            v.elapsed_secs,
-            v.psnr,
-            object.unwrap_or_default()
-        ));
+        self.push_row(&validation_row(v));
     }
 
-    fn push_row(&mut self, row: std::fmt::Arguments<'_>) {
+    fn push_row(&mut self, row: &str) {
         // Writing to a string cannot fail.
         writeln!(self.csv, "{row}").unwrap_or_default();
     }
+}
+
+/// A report in the columns of `metrics.csv`.
+pub fn progress_row(p: &Progress) -> String {
+    format!(
+        "{},{:.3},{:.5},{:.6e},{:.2},{:.0},{:.2},{},,",
+        p.step,
+        p.elapsed_secs,
+        p.fraction,
+        p.loss,
+        p.steps_per_sec,
+        p.rays_per_sec,
+        p.samples_per_ray,
+        p.skipped_steps
+    )
+}
+
+/// A measurement in the columns of `metrics.csv`.
+pub fn validation_row(v: &Validation) -> String {
+    format!(
+        "{},{:.3},,,,,,,{:.4},{}",
+        v.step,
+        v.elapsed_secs,
+        v.psnr,
+        decibels(v.psnr_object)
+    )
+}
+
+/// A cell of the table; empty where nothing was measured.
+pub fn decibels(db: Option<f64>) -> String {
+    db.map(|db| format!("{db:.4}")).unwrap_or_default()
 }
 
 #[cfg(test)]

@@ -80,7 +80,7 @@ impl Run<'_> {
         // A disk that is full or read-only shows now, not after the training.
         // A run that goes on keeps its mesh to the bit.
         if let (Some(folder), Some(mesh)) = (&self.folder, &self.dataset.mesh)
-            && (self.worker.options.start == Start::Fresh || folder.mesh()?.is_none())
+            && (self.worker.options.start == Start::Fresh || !folder.has_mesh())
         {
             folder.save_mesh(mesh)?;
         }

@@ -9,15 +9,15 @@ use std::sync::atomic::AtomicBool;
 
 use crossbeam::channel::{Receiver, Sender, bounded};
 use directories::ProjectDirs;
-use glam::{EulerRot, Quat, Vec3};
+use glam::Vec3;
 
 use crate::app::opener::ScreenPhoto;
 use crate::color::luminance;
 use crate::data::write_atomically;
+use crate::neif::Environment;
 use crate::neif::display::Display;
-use crate::neif::{Environment, EnvironmentTransform};
 use crate::render::priority::lower_thread_priority;
-use crate::render::{Picture, Scene, panorama};
+use crate::render::{PanoramaView, Picture, Scene, panorama_of};
 
 /// Pixels per row; half as many rows.
 const WIDTH: u32 = 176;
@@ -147,22 +147,17 @@ fn keep(file: &Path, photo: &ScreenPhoto) -> std::io::Result<()> {
 
 /// What the middle of the surroundings sees all around, their up axis upwards.
 fn picture_of(environment: Environment) -> ScreenPhoto {
-    let upright = Quat::from_rotation_arc(environment.up().normalize_or(Vec3::Z), Vec3::Z);
-    let (z, y, x) = upright.to_euler(EulerRot::ZYX);
-    let transform = EnvironmentTransform {
-        rotate_deg: Vec3::new(x, y, z).map(f32::to_degrees),
-        ..EnvironmentTransform::default()
+    let view = PanoramaView {
+        at: environment.inner_box().center(),
+        up: environment.up(),
+        roughness: 0.0,
+        width: WIDTH,
     };
-    let middle = environment.inner_box().center();
-    let at = transform.environment_from_world().world_point(middle);
     let display = Display {
         gamma: environment.gamma(),
     };
-    let scene = Scene {
-        transform,
-        ..Scene::new(None, Arc::new(environment))
-    };
-    let seen = panorama(&scene, at, 0.0, WIDTH, &AtomicBool::new(false));
+    let scene = Scene::new(None, Arc::new(environment));
+    let seen = panorama_of(&scene, &view, &AtomicBool::new(false));
     let Picture {
         width,
         height,
@@ -195,6 +190,8 @@ fn gain(pixels: &[[f32; 3]]) -> f32 {
 #[cfg(test)]
 mod tests {
     use std::time::Duration;
+
+    use glam::Quat;
 
     use super::*;
     use crate::neif::Storage;
