@@ -101,8 +101,10 @@ pub struct SplitLobe {
     pub first: usize,
     /// How many rays.
     pub n: usize,
-    /// Share of the cones that meet the object again and have no ray, `[0, 1]`.
+    /// Share of the cones that meet the object again and have no ray among these, `[0, 1]`.
     pub blocked: f32,
+    /// What those bring to the lobe, times their share.
+    pub from_object: Vec3,
     /// Weight of this light against that of the one cone, `[0, 1]`.
     pub weight: f32,
 }
@@ -158,7 +160,7 @@ pub fn aim_with(
     surfaces: impl Fn(usize) -> (usize, Surface),
     motion: &EnvironmentFromWorld,
     frame: &FieldFrame,
-    split: impl Fn(&mut Vec<FieldRay>) -> Option<SplitLobe>,
+    mut split: impl FnMut(&mut Vec<FieldRay>) -> Option<SplitLobe>,
     rays: &mut Vec<FieldRay>,
     lit: &mut Vec<LitVertex>,
 ) -> usize {
@@ -179,8 +181,7 @@ pub fn aim_with(
             rays.push(lobe_ray(&vertex.point, axis, &lobe, blur, motion, frame));
             rays.len() - 1
         });
-        let goes_on = k + 1 < path.len()
-            && (share.0 > SHARE_MARGIN || split.is_some_and(|split| split.blocked > 0.0));
+        let goes_on = k + 1 < path.len() && has_cone && share.0 > SHARE_MARGIN;
         lit.push(LitVertex {
             index,
             surface,
@@ -255,7 +256,7 @@ pub fn gather(
         if let Some(split) = vertex.split {
             let rays = split.first..split.first + split.n;
             let mean = rays.map(&incoming).sum::<Vec3>() / split.n.max(1) as f32;
-            let light = mean * (1.0 - split.blocked) + beyond * split.blocked;
+            let light = mean * (1.0 - split.blocked) + split.from_object;
             vertex.light = vertex.light.lerp(light, split.weight);
         }
         beyond = outgoing(
@@ -269,6 +270,13 @@ pub fn gather(
 }
 
 impl LitVertex {
+    /// Adds to what a split lobe's blocked cones bring.
+    pub fn add_from_object(&mut self, light: Vec3) {
+        if let Some(split) = &mut self.split {
+            split.from_object += light;
+        }
+    }
+
     /// What the vertex sends on, given the light that [`gather`] found.
     pub fn outgoing(&self) -> Vec3 {
         outgoing(&self.surface, self.cos, Vec3::ONE, self.light)

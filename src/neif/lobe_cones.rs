@@ -15,9 +15,9 @@ use crate::geometry::orthonormal_basis;
 /// Roughness up to which one cone stands for the lobe.
 const SHARP: f32 = 0.05;
 /// Cones of a pixel at roughness 0.4; their number grows with the square of it.
-const CONES_AT_04: f32 = 32.0;
+const CONES_AT_04: f32 = 64.0;
 /// Least and most cones of a pixel whose lobe is split.
-const CONES: [f32; 2] = [4.0, 64.0];
+const CONES: [f32; 2] = [8.0, 128.0];
 /// Most cones of a pixel that has one path only: a picture in motion.
 const CONES_IN_MOTION: f32 = 4.0;
 /// Widest variance of a cone per axis, radians squared: of the rare directions far from the mirror's.
@@ -51,25 +51,31 @@ pub fn lobe_cones(
 ) -> impl Iterator<Item = LobeCone> {
     let n_path = cones_of_path(roughness, path.of);
     let n = n_path * path.of;
-    let alpha = roughness * roughness;
     let point = *point;
     (0..n_path).filter_map(move |k| {
         // The paths take turns, so that each sees all of the lobe.
         let i = k * path.of + path.index;
         let u = (i as f32 + 0.5) / n as f32;
         let v = (f64::from(i) * 0.618_033_988_749_895).fract() as f32;
-        let h = visible_ggx_normal(point.normal, point.to_eye, alpha, [u, v]);
-        let axis = (2.0 * h.dot(point.to_eye) * h - point.to_eye).normalize_or_zero();
-        if axis.dot(point.normal) <= 0.0 {
-            return None;
-        }
-        // A disk of solid angle `a` has a variance of `a / 4 pi` an axis.
-        let pdf = ggx_pdf(point.normal, point.to_eye, h, alpha);
-        let variance = 1.0 / (n as f32 * pdf * 2.0 * TAU);
-        Some(LobeCone {
-            axis,
-            lobe: Lobe::from_variance(variance.min(WIDEST)),
-        })
+        lobe_cone(&point, roughness, [u, v], n)
+    })
+}
+
+/// The cone that two numbers in `[0, 1)` draw from the lobe, as wide as one of `n` equal shares; none if it does not
+/// leave the surface.
+pub fn lobe_cone(point: &SurfacePoint, roughness: f32, u: [f32; 2], n: u32) -> Option<LobeCone> {
+    let alpha = roughness * roughness;
+    let h = visible_ggx_normal(point.normal, point.to_eye, alpha, u);
+    let axis = (2.0 * h.dot(point.to_eye) * h - point.to_eye).normalize_or_zero();
+    if axis.dot(point.normal) <= 0.0 {
+        return None;
+    }
+    // A disk of solid angle `a` has a variance of `a / 4 pi` an axis.
+    let pdf = ggx_pdf(point.normal, point.to_eye, h, alpha);
+    let variance = 1.0 / (n as f32 * pdf * 2.0 * TAU);
+    Some(LobeCone {
+        axis,
+        lobe: Lobe::from_variance(variance.min(WIDEST)),
     })
 }
 

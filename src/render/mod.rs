@@ -1,9 +1,11 @@
 //! Pictures from a scene: the same shading for full images, panoramas and the progressive preview.
 
+mod aim;
 mod background;
 pub mod bake;
 mod band;
-pub mod camera_path;
+pub mod blocked_cones;
+mod camera_path;
 mod causes;
 pub mod diagnostic;
 pub mod film;

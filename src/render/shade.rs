@@ -1,22 +1,20 @@
 //! Radiance of pixels: the surroundings through a pixel's cone, the object by the pixel equation.
 
-use std::ops::Range;
-
 use glam::Vec3;
 
+use super::aim::aim_lobes;
 use super::background::{BLUR_STD, Background};
+use super::blocked_cones::{BlockedCone, Contribution};
 use super::diagnostic::{depth_share, diagnostic_color, visibility};
 use super::gbuffer::GBuffer;
 use super::scene::{Layer, Scene};
 use super::trace::PIXEL_STD;
-use crate::geometry::{Camera, Ray};
+use crate::geometry::Camera;
 use crate::neif::EditedSurfaces;
-use crate::neif::EnvironmentFromWorld;
-use crate::neif::contraction::FieldFrame;
 use crate::neif::display::Display;
 use crate::neif::environment::{EnvironmentField, LightScratch};
-use crate::neif::light_path::{self, LitVertex, PathVertex, SplitLobe};
-use crate::neif::lobe_cones::{LobeCone, PathOfPixel, lobe_cones};
+use crate::neif::light_path::{self, LitVertex, PathVertex};
+use crate::neif::lobe_cones::PathOfPixel;
 use crate::neif::material::Surface;
 use crate::neif::object::ObjectModel;
 use crate::neif::radiance_field::{FieldBatch, FieldRay};
@@ -24,22 +22,19 @@ use crate::neif::shading::{fresnel, outgoing};
 
 /// Pixels shaded together: their samples stay in the core's cache.
 pub(super) const TILE: usize = 64;
-/// Change of roughness from which one cone, which the photos taught at the learned roughness, counts nothing.
-const UNTAUGHT: f32 = 0.05;
-/// Learned roughness up to which one cone serves in other surroundings too, and the distance from there to where it
-/// counts nothing.
-const SHARP: f32 = 0.2;
-const SHARP_TO_WIDE: f32 = 0.1;
-
 /// Working memory of one thread, reused from call to call.
 #[derive(Debug, Default)]
 pub struct ShadeScratch {
-    batch: FieldBatch,
-    edited: EditedSurfaces,
+    pub(super) batch: FieldBatch,
+    pub(super) edited: EditedSurfaces,
     light: LightScratch,
     /// Of each path, its pixel in the tile.
     pixel_of_path: Vec<usize>,
-    lit: Vec<LitVertex>,
+    pub(super) lit: Vec<LitVertex>,
+    /// Cones of split lobes that meet the object, the surfaces there, and the rays that go on.
+    pub(super) blocked: Vec<BlockedCone>,
+    beyond: EditedSurfaces,
+    pub(super) contributions: Vec<Contribution>,
     /// Most samples a ray; none leaves the number to the surroundings.
     most_samples: Option<usize>,
 }
@@ -201,7 +196,12 @@ pub(super) fn shade_paths(
         return values;
     }
     if view.layer == Layer::Samples {
-        let (_, n_rays) = aim_lobes(scene, object, (paths, &starts), of_pixel, scratch);
+        let (lit, mut n_rays) = aim_lobes(scene, object, (paths, &starts), of_pixel, scratch);
+        for Contribution { owner, .. } in &scratch.contributions {
+            if let Ok(path) = lit.binary_search_by_key(owner, |lit| lit.start) {
+                n_rays[path] += 1;
+            }
+        }
         let samples = |n: usize| Vec3::splat((n * scene.environment.n_samples()) as f32);
         return n_rays.into_iter().map(samples).collect();
     }
@@ -248,141 +248,21 @@ fn lobe_light(
     let motion = scene.transform.environment_from_world();
     let (lit, _) = aim_lobes(scene, object, (paths, starts), of_pixel, scratch);
     scratch.light(scene);
+    for Contribution {
+        owner,
+        ray,
+        throughput,
+    } in &scratch.contributions
+    {
+        let radiance = Vec3::from(scratch.batch.radiance[*ray]) * motion.gain;
+        scratch.lit[*owner].add_from_object(*throughput * radiance);
+    }
     let (edited, batch, vertices) = (&scratch.edited, &scratch.batch, &mut scratch.lit);
     let gain = |surface: usize| edited.specular_gain()[surface];
     let incoming = |ray: usize| Vec3::from(batch.radiance[ray]) * motion.gain;
     lit.into_iter()
         .map(|lit| light_path::gather(&mut vertices[lit], gain, incoming))
         .collect()
-}
-
-/// The lit vertices of each path, and how many rays it takes; both are put into the scratch.
-fn aim_lobes(
-    scene: &Scene,
-    object: &ObjectModel,
-    (paths, starts): (&[&[PathVertex]], &[usize]),
-    of_pixel: impl Fn(usize) -> PathOfPixel,
-    scratch: &mut ShadeScratch,
-) -> (Vec<Range<usize>>, Vec<usize>) {
-    let motion = scene.transform.environment_from_world();
-    let aim = Aim {
-        object,
-        motion: &motion,
-        frame: scene.environment.frame(),
-        has_own_light: scene.has_own_light(),
-    };
-    scratch.batch.rays.clear();
-    scratch.lit.clear();
-    let paths = paths.iter().zip(starts).enumerate();
-    let aimed = paths.map(|(number, (path, &start))| {
-        let before = scratch.batch.rays.len();
-        let lit = aim.path(path, start, of_pixel(number), scratch);
-        (lit, scratch.batch.rays.len() - before)
-    });
-    aimed.unzip()
-}
-
-/// From surfaces to the rays that their lobes need.
-struct Aim<'a> {
-    object: &'a ObjectModel,
-    motion: &'a EnvironmentFromWorld,
-    frame: &'a FieldFrame,
-    has_own_light: bool,
-}
-
-impl Aim<'_> {
-    /// Adds the rays of a path whose first surface is number `start` of the scratch; its lit vertices.
-    fn path(
-        &self,
-        path: &[PathVertex],
-        start: usize,
-        of_pixel: PathOfPixel,
-        scratch: &mut ShadeScratch,
-    ) -> Range<usize> {
-        let (surfaces, learned) = (
-            scratch.edited.surfaces(),
-            scratch.edited.learned_roughness(),
-        );
-        // Lobes that the photos did not teach: another roughness, or other surroundings.
-        let new_roughness = scratch.edited.has_new_roughness();
-        let is_new = |k: usize| new_roughness[start + k] || !self.has_own_light;
-        let roughness = surfaces[start].roughness;
-        let weight = if is_new(0) {
-            self.split_weight(roughness, learned[start])
-        } else {
-            0.0
-        };
-        let surface = |k: usize| {
-            let mut surface = surfaces[start + k];
-            // One cone is as wide as it was when it was taught.
-            if !is_new(k) || k == 0 && weight < 1.0 {
-                surface.roughness = learned[start + k];
-            }
-            (start + k, surface)
-        };
-        let split = |rays: &mut Vec<FieldRay>| {
-            if weight <= 0.0 {
-                return None;
-            }
-            let cones = lobe_cones(&path[0].point, roughness, of_pixel);
-            let split = self.split_lobe(path, cones, rays)?;
-            Some(SplitLobe { weight, ..split })
-        };
-        let first = scratch.lit.len();
-        let (rays, lit) = (&mut scratch.batch.rays, &mut scratch.lit);
-        let n = light_path::aim_with(path, surface, self.motion, self.frame, split, rays, lit);
-        first..first + n
-    }
-
-    /// How much several cones count against the one that photos taught, `[0, 1]`.
-    fn split_weight(&self, roughness: f32, learned: f32) -> f32 {
-        let taught = self.object.material.perceptual(Surface {
-            roughness: learned,
-            ..Surface::default()
-        });
-        let change = (roughness - taught.roughness).abs() / UNTAUGHT;
-        // Of other surroundings, sharp cones are as good as of the own ones.
-        let is_wide = if self.has_own_light {
-            0.0
-        } else {
-            (learned - SHARP) / SHARP_TO_WIDE
-        };
-        change.max(is_wide).clamp(0.0, 1.0)
-    }
-
-    /// Adds those of a lobe's cones that leave the object to `rays`; nothing without cones.
-    fn split_lobe(
-        &self,
-        path: &[PathVertex],
-        cones: impl Iterator<Item = LobeCone>,
-        rays: &mut Vec<FieldRay>,
-    ) -> Option<SplitLobe> {
-        let (tracer, point) = (&self.object.tracer, &path[0].point);
-        let first = rays.len();
-        let mut n_blocked = 0_u32;
-        for LobeCone { axis, lobe } in cones {
-            let ray = Ray {
-                origin: point.position,
-                direction: axis,
-            };
-            // Without a next vertex nothing is there that could block.
-            if path.len() > 1 && tracer.occluded(&ray, tracer.self_distance(), f32::INFINITY) {
-                n_blocked += 1;
-            } else {
-                let (motion, frame) = (self.motion, self.frame);
-                rays.push(light_path::first_lobe_ray(
-                    point, axis, &lobe, motion, frame,
-                ));
-            }
-        }
-        let n = rays.len() - first;
-        (n + n_blocked as usize > 0).then(|| SplitLobe {
-            first,
-            n,
-            blocked: n_blocked as f32 / (n as f32 + n_blocked as f32),
-            weight: 1.0,
-        })
-    }
 }
 
 /// Layers that need no light along lobes.
@@ -478,6 +358,34 @@ impl ShadeScratch {
             surface.diffuse *= scene.diffuse_response(position, normal, gain);
         }
         &self.edited
+    }
+
+    /// The edited surfaces where blocked cones are, with the edits' specular gains.
+    pub(super) fn surfaces_beyond(
+        &mut self,
+        scene: &Scene,
+        object: &ObjectModel,
+        cones: &[BlockedCone],
+    ) -> Vec<(Surface, Vec3)> {
+        let points = cones
+            .iter()
+            .map(|cone| (cone.point.position, cone.point.normal));
+        let gain = scene.transform.environment_from_world().gain;
+        self.beyond
+            .evaluate(object, &scene.edit, &scene.regions, points.clone());
+        let surfaces = self
+            .beyond
+            .surfaces()
+            .iter()
+            .zip(self.beyond.specular_gain());
+        surfaces
+            .zip(points)
+            .map(|((surface, specular), (position, normal))| {
+                let mut surface = *surface;
+                surface.diffuse *= scene.diffuse_response(position, normal, gain);
+                (surface, *specular)
+            })
+            .collect()
     }
 
     /// The surfaces that were last evaluated.

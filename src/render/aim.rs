@@ -1,0 +1,171 @@
+//! From surfaces to the rays that their lobes need: one cone as the photos taught it, or several.
+
+use std::ops::Range;
+
+use glam::Vec3;
+
+use super::blocked_cones::{self, BlockedCone};
+use super::scene::Scene;
+use super::shade::ShadeScratch;
+use crate::neif::EnvironmentFromWorld;
+use crate::neif::contraction::FieldFrame;
+use crate::neif::light_path::{self, PathVertex, SplitLobe};
+use crate::neif::lobe_cones::{LobeCone, PathOfPixel, lobe_cones};
+use crate::neif::material::Surface;
+use crate::neif::object::ObjectModel;
+use crate::neif::radiance_field::FieldRay;
+
+/// Change of roughness from which one cone, which the photos taught at the learned roughness, counts nothing.
+const UNTAUGHT: f32 = 0.05;
+/// Learned roughness up to which one cone serves in other surroundings too, and the distance from there to where it
+/// counts nothing.
+const SHARP: f32 = 0.2;
+const SHARP_TO_WIDE: f32 = 0.1;
+
+/// The lit vertices of each path, and how many rays it takes; both are put into the scratch.
+pub(super) fn aim_lobes(
+    scene: &Scene,
+    object: &ObjectModel,
+    (paths, starts): (&[&[PathVertex]], &[usize]),
+    of_pixel: impl Fn(usize) -> PathOfPixel,
+    scratch: &mut ShadeScratch,
+) -> (Vec<Range<usize>>, Vec<usize>) {
+    let motion = scene.transform.environment_from_world();
+    let aim = Aim {
+        object,
+        motion: &motion,
+        frame: scene.environment.frame(),
+        has_own_light: scene.has_own_light(),
+    };
+    scratch.batch.rays.clear();
+    scratch.lit.clear();
+    scratch.blocked.clear();
+    scratch.contributions.clear();
+    let paths = paths.iter().zip(starts).enumerate();
+    let aimed = paths.map(|(number, (path, &start))| {
+        let before = scratch.batch.rays.len();
+        let lit = aim.path(path, start, of_pixel(number), scratch);
+        (lit, scratch.batch.rays.len() - before)
+    });
+    let aimed = aimed.unzip();
+    blocked_cones::follow(scene, object, scratch);
+    aimed
+}
+
+/// From surfaces to the rays that their lobes need.
+struct Aim<'a> {
+    object: &'a ObjectModel,
+    motion: &'a EnvironmentFromWorld,
+    frame: &'a FieldFrame,
+    has_own_light: bool,
+}
+
+impl Aim<'_> {
+    /// Adds the rays of a path whose first surface is number `start` of the scratch; its lit vertices.
+    fn path(
+        &self,
+        path: &[PathVertex],
+        start: usize,
+        of_pixel: PathOfPixel,
+        scratch: &mut ShadeScratch,
+    ) -> Range<usize> {
+        let (surfaces, learned) = (
+            scratch.edited.surfaces(),
+            scratch.edited.learned_roughness(),
+        );
+        // Lobes that the photos did not teach: another roughness, or other surroundings.
+        let new_roughness = scratch.edited.has_new_roughness();
+        let is_new = |k: usize| new_roughness[start + k] || !self.has_own_light;
+        let roughness = surfaces[start].roughness;
+        let weight = if is_new(0) {
+            self.split_weight(roughness, learned[start])
+        } else {
+            0.0
+        };
+        let surface = |k: usize| {
+            let mut surface = surfaces[start + k];
+            // One cone is as wide as it was when it was taught.
+            if !is_new(k) || k == 0 && weight < 1.0 {
+                surface.roughness = learned[start + k];
+            }
+            (start + k, surface)
+        };
+        let first = scratch.lit.len();
+        let (blocked, batch, lit) = (&mut scratch.blocked, &mut scratch.batch, &mut scratch.lit);
+        let rays = &mut batch.rays;
+        let split = |rays: &mut Vec<FieldRay>| {
+            if weight <= 0.0 {
+                return None;
+            }
+            let split = self.split_lobe(path, roughness, (first, of_pixel), rays, blocked)?;
+            Some(SplitLobe { weight, ..split })
+        };
+        let n = light_path::aim_with(path, surface, self.motion, self.frame, split, rays, lit);
+        first..first + n
+    }
+
+    /// How much several cones count against the one that photos taught, `[0, 1]`.
+    fn split_weight(&self, roughness: f32, learned: f32) -> f32 {
+        let taught = self.object.material.perceptual(Surface {
+            roughness: learned,
+            ..Surface::default()
+        });
+        let change = (roughness - taught.roughness).abs() / UNTAUGHT;
+        // Of other surroundings, sharp cones are as good as of the own ones.
+        let is_wide = if self.has_own_light {
+            0.0
+        } else {
+            (learned - SHARP) / SHARP_TO_WIDE
+        };
+        change.max(is_wide).clamp(0.0, 1.0)
+    }
+
+    /// Adds those of a lobe's cones that leave the object to `rays` and the others to `blocked`, as those of the lit
+    /// vertex `owner`; nothing without cones.
+    fn split_lobe(
+        &self,
+        path: &[PathVertex],
+        roughness: f32,
+        (owner, of_pixel): (usize, PathOfPixel),
+        rays: &mut Vec<FieldRay>,
+        blocked: &mut Vec<BlockedCone>,
+    ) -> Option<SplitLobe> {
+        let (point, first, first_blocked) = (&path[0].point, rays.len(), blocked.len());
+        let cones = lobe_cones(point, roughness, of_pixel);
+        for (k, LobeCone { axis, lobe }) in cones.enumerate() {
+            // Without a next vertex nothing is there that could block.
+            let hit = (path.len() > 1)
+                .then(|| blocked_cones::arrive(self.object, point, axis, lobe.variance))
+                .flatten();
+            if let Some(point) = hit {
+                blocked.push(BlockedCone {
+                    owner,
+                    point,
+                    variance: lobe.variance,
+                    throughput: Vec3::ONE,
+                    index: k as u32 * of_pixel.of + of_pixel.index,
+                    n: of_pixel.of,
+                });
+            } else {
+                let (motion, frame) = (self.motion, self.frame);
+                rays.push(light_path::first_lobe_ray(
+                    point, axis, &lobe, motion, frame,
+                ));
+            }
+        }
+        let n = rays.len() - first;
+        let n_blocked = blocked.len() - first_blocked;
+        let share = 1.0 / (n + n_blocked).max(1) as f32;
+        for cone in &mut blocked[first_blocked..] {
+            cone.throughput *= share;
+            cone.n *= n_blocked as u32;
+        }
+        (n + n_blocked > 0).then_some(SplitLobe {
+            first,
+            n,
+            blocked: n_blocked as f32 * share,
+            from_object: Vec3::ZERO,
+            weight: 1.0,
+        })
+    }
+}

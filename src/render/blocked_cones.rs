@@ -1,0 +1,158 @@
+//! What the cones of a split lobe find where they meet the object again: its diffuse part, and on along its own lobe.
+//!
+//! The same walk as the oracle's ([`super::reference`]), with cones instead of thin rays. All pixels draw with the same
+//! numbers, so that neighbours differ by what they see and not by chance.
+
+use glam::Vec3;
+
+use super::scene::Scene;
+use super::shade::ShadeScratch;
+use super::trace::MAX_VERTICES;
+use crate::geometry::Ray;
+use crate::neif::light_path;
+use crate::neif::lobe::Lobe;
+use crate::neif::lobe_cones::{LobeCone, lobe_cone};
+use crate::neif::object::ObjectModel;
+use crate::neif::shading::{SurfacePoint, fresnel};
+
+/// Widest variance of a cone's directions per axis, radians squared: beyond it directions mean little.
+const WIDEST: f32 = 0.3;
+
+/// A cone of a split lobe that meets the object, on its way to the surroundings.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct BlockedCone {
+    /// The lit vertex whose lobe it is of.
+    pub(super) owner: usize,
+    /// Where it is; `to_eye` looks back along it.
+    pub(super) point: SurfacePoint,
+    /// Variance of its directions per axis, radians squared.
+    pub(super) variance: f32,
+    /// Share of what it finds in the owner's lobe.
+    pub(super) throughput: Vec3,
+    /// Its number among the lobe's cones.
+    pub(super) index: u32,
+    /// Cones that the next lobes are shared among.
+    pub(super) n: u32,
+}
+
+/// What a ray of the batch brings to a split lobe.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Contribution {
+    /// The lit vertex whose lobe it is.
+    pub(super) owner: usize,
+    /// The ray.
+    pub(super) ray: usize,
+    /// The factor of its radiance.
+    pub(super) throughput: Vec3,
+}
+
+/// The point where a cone of `variance` that left `from` meets the object.
+pub(super) fn arrive(
+    object: &ObjectModel,
+    from: &SurfacePoint,
+    axis: Vec3,
+    variance: f32,
+) -> Option<SurfacePoint> {
+    let ray = Ray {
+        origin: from.position,
+        direction: axis,
+    };
+    let tracer = &object.tracer;
+    let hit = tracer.intersect(&ray, tracer.self_distance(), f32::INFINITY)?;
+    let base = from.base + from.spread * hit.t;
+    Some(SurfacePoint {
+        position: hit.position,
+        normal: hit.normal,
+        to_eye: -axis,
+        base: (base * base + variance * hit.t * hit.t).sqrt(),
+        spread: from.spread,
+    })
+}
+
+/// Follows the scratch's blocked cones: adds what the object itself sends to their owners, and rays for the rest.
+pub(super) fn follow(scene: &Scene, object: &ObjectModel, scratch: &mut ShadeScratch) {
+    let motion = scene.transform.environment_from_world();
+    let frame = scene.environment.frame();
+    let mut cones = std::mem::take(&mut scratch.blocked);
+    for bounce in 1..MAX_VERTICES as u32 {
+        if cones.is_empty() {
+            break;
+        }
+        let surfaces = scratch.surfaces_beyond(scene, object, &cones);
+        let is_last = bounce as usize + 1 == MAX_VERTICES;
+        let mut next = Vec::new();
+        for (cone, (surface, gain)) in cones.iter().zip(surfaces) {
+            let fresnel = fresnel(surface.tint, cone.point.n_dot_v());
+            let diffuse = surface.diffuse * (Vec3::ONE - fresnel);
+            scratch.lit[cone.owner].add_from_object(cone.throughput * diffuse);
+            let LobeCone { axis, lobe } = draw(cone, surface.roughness, bounce);
+            let variance = cone.variance + lobe.variance;
+            let throughput = cone.throughput * fresnel * gain;
+            let met = arrive(object, &cone.point, axis, variance);
+            if let Some(point) = met.filter(|_| !is_last) {
+                next.push(BlockedCone {
+                    point,
+                    variance,
+                    throughput,
+                    ..*cone
+                });
+                continue;
+            }
+            let (owner, ray) = (cone.owner, scratch.batch().rays.len());
+            scratch.contributions.push(Contribution {
+                owner,
+                ray,
+                throughput,
+            });
+            let lobe = Lobe::from_variance(variance.min(WIDEST));
+            let ray = light_path::first_lobe_ray(&cone.point, axis, &lobe, &motion, frame);
+            scratch.batch().rays.push(ray);
+        }
+        cones = next;
+    }
+    cones.clear();
+    scratch.blocked = cones;
+}
+
+/// One cone of the lobe at the point where the cone is.
+fn draw(cone: &BlockedCone, roughness: f32, bounce: u32) -> LobeCone {
+    // A lattice by the powers of the plastic number's inverse.
+    let number = f64::from(cone.index * MAX_VERTICES as u32 + bounce);
+    let u = [0.754_877_666_246_693, 0.569_840_290_998_053]
+        .map(|step| (number * step + 0.5).fract() as f32);
+    lobe_cone(&cone.point, roughness, u, cone.n).unwrap_or_else(|| LobeCone {
+        axis: cone.point.reflected(),
+        lobe: Lobe::from_roughness(roughness),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::AtomicBool;
+
+    use crate::neif::RoughnessEdit;
+    use crate::render::{Layer, LobeShape, ReferenceOptions, render, render_reference, test_scene};
+
+    #[test]
+    fn a_rough_object_that_meets_itself_looks_as_by_thin_rays() {
+        let mut scene = test_scene::scene();
+        let camera = test_scene::camera(24, 16);
+        let cancel = AtomicBool::new(false);
+        for roughness in [0.1, 0.4, 0.8] {
+            scene.edit.roughness = RoughnessEdit::Constant(roughness);
+            let options = ReferenceOptions {
+                n_paths: 256,
+                lobe: LobeShape::Ggx,
+            };
+            let cones = render(&scene, &camera, Layer::Final, &cancel, &|_| {});
+            let rays = render_reference(&scene, &camera, options, &cancel, &|_| {});
+            let (cones, rays) = cones.zip(rays).expect("not cancelled");
+            let squares = cones.pixels.iter().zip(&rays.pixels);
+            let sum: f32 = squares
+                .map(|(a, b)| (0..3).map(|c| (a[c] - b[c]).powi(2)).sum::<f32>())
+                .sum();
+            let psnr = -10.0 * (sum / (3 * cones.pixels.len()) as f32).log10();
+            assert!(psnr > 34.0, "roughness {roughness}: {psnr} dB");
+        }
+    }
+}
