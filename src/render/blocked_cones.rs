@@ -130,12 +130,20 @@ fn draw(cone: &BlockedCone, roughness: f32, bounce: u32) -> LobeCone {
 mod tests {
     use std::sync::atomic::AtomicBool;
 
+    use glam::Vec3;
+
+    use crate::geometry::test_mesh::{ellipsoid, together};
     use crate::neif::RoughnessEdit;
-    use crate::render::{Layer, LobeShape, ReferenceOptions, render, render_reference, test_scene};
+    use crate::render::{
+        Layer, LobeShape, ReferenceOptions, Scene, render, render_reference, test_scene,
+    };
 
     #[test]
     fn a_rough_object_that_meets_itself_looks_as_by_thin_rays() {
-        let mut scene = test_scene::scene();
+        let radii = Vec3::splat(0.5);
+        let [left, right] = [-0.5, 0.5].map(|x| ellipsoid(Vec3::Y * x, radii, 24));
+        let object = test_scene::object_of(together(&left, &right), 1);
+        let mut scene = Scene::new(Some(object), test_scene::environment(2));
         let camera = test_scene::camera(24, 16);
         let cancel = AtomicBool::new(false);
         for roughness in [0.1, 0.4, 0.8] {
