@@ -39,12 +39,20 @@ impl CompositeBuffers {
     }
 
     /// Writes `d_rows` (`[n][16]`) from `d_features` (`[n_rays][stride]`, first 16 columns used).
-    pub fn backward(&self, rows: &[f32], d_features: &[f32], n_samples: usize, d_rows: &mut [f32]) {
+    /// `d_weights` (`[n_rays * n_samples]`, or nothing) is what the loss wants of the weights themselves.
+    pub fn backward(
+        &self,
+        rows: &[f32],
+        (d_features, d_weights): (&[f32], &[f32]),
+        n_samples: usize,
+        d_rows: &mut [f32],
+    ) {
         composite_backward(
             Kept {
                 rows,
                 depths: &self.depths,
                 weights: &self.weights,
+                d_weights,
                 n_samples,
             },
             d_features,
@@ -64,6 +72,7 @@ struct Kept<'a> {
     rows: &'a [f32],
     depths: &'a [f32],
     weights: &'a [f32],
+    d_weights: &'a [f32],
     n_samples: usize,
 }
 
@@ -164,7 +173,7 @@ fn backward_body<const FMA: bool>(kept: Kept<'_>, d_features: &[f32], d_rows: &m
         let mut behind = 0.0;
         for i in (first..first + n_samples).rev() {
             let weight = kept.weights[i];
-            let mut d_weight = d_opacity;
+            let mut d_weight = d_opacity + kept.d_weights.get(i).copied().unwrap_or(0.0);
             for c in 0..WIDTH {
                 d_weight = fma::<FMA>(d[c], rows[i][c], d_weight);
             }
@@ -228,20 +237,21 @@ mod tests {
     fn gradients_agree_with_finite_differences() {
         let (rows, deltas) = (rows(1.0), deltas());
         let d_features: Vec<f32> = (0..2 * WIDTH).map(|i| (i as f32 * 1.7).cos()).collect();
+        let d_weights: Vec<f32> = (0..2 * N).map(|i| (i as f32 * 0.9).sin()).collect();
         let loss = |rows: &[f32]| {
             let mut buffers = CompositeBuffers::default();
             buffers.forward(rows, &deltas, N);
-            buffers
-                .features
-                .iter()
-                .zip(&d_features)
+            let features = buffers.features.iter().zip(&d_features);
+            let weights = buffers.weights.iter().zip(&d_weights);
+            features
+                .chain(weights)
                 .map(|(a, b)| f64::from(*a) * f64::from(*b))
                 .sum::<f64>()
         };
         let mut buffers = CompositeBuffers::default();
         buffers.forward(&rows, &deltas, N);
         let mut d_rows = vec![0.0; rows.len()];
-        buffers.backward(&rows, &d_features, N, &mut d_rows);
+        buffers.backward(&rows, (&d_features, &d_weights), N, &mut d_rows);
         for i in 0..rows.len() {
             let h = 1e-2;
             let (mut up, mut down) = (rows.clone(), rows.clone());
@@ -268,7 +278,7 @@ mod tests {
             &buffers.weights[..N]
         );
         let mut d_rows = vec![0.0; rows.len()];
-        buffers.backward(&rows, &[1.0; 2 * WIDTH], N, &mut d_rows);
+        buffers.backward(&rows, (&[1.0; 2 * WIDTH], &[]), N, &mut d_rows);
         assert!(
             d_rows.iter().all(|v| v.is_finite()),
             "gradient must stay finite"

@@ -89,6 +89,8 @@ pub struct FieldBatch {
     pub radiance: Vec<[f32; 3]>,
     /// `[n_rays]`: written by the caller before [`RadianceField::backward`].
     pub d_radiance: Vec<[f32; 3]>,
+    /// `[n_rays * n_samples]`, or empty: what the loss wants of the compositing weights themselves.
+    pub d_weights: Vec<f32>,
     /// `[n_rays]`: `d loss / d lobe_variance`.
     pub d_lobe_variance: Vec<f32>,
 }

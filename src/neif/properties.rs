@@ -306,7 +306,7 @@ impl Composited {
         let mut buffers = CompositeBuffers::default();
         buffers.forward(&rows, &deltas, samples.len());
         let mut d_rows = vec![0.0; rows.len()];
-        buffers.backward(&rows, &[1.0; WIDTH], samples.len(), &mut d_rows);
+        buffers.backward(&rows, (&[1.0; WIDTH], &[]), samples.len(), &mut d_rows);
         Self { buffers, d_rows }
     }
 

@@ -326,7 +326,7 @@ impl RadianceField {
             .resize(batch.density.output.len(), 0.0);
         batch.composite.backward(
             &batch.density.output,
-            &batch.color.d_input,
+            (&batch.color.d_input, &batch.d_weights),
             batch.samples.n_per_ray(),
             &mut batch.density.d_output,
         );

@@ -11,6 +11,7 @@ use super::config::TrainConfig;
 use super::loss::{clipped_pull, pixel_loss};
 use super::pixels::{BackgroundSample, PixelStore};
 use super::random::SlotRandom;
+use super::unseen::{self, Triple};
 use crate::geometry::orthonormal_basis;
 use crate::neif::EnvironmentTransform;
 use crate::neif::contraction::FieldFrame;
@@ -59,6 +60,7 @@ pub(super) struct ChunkLoss {
     pub(super) object: f64,
     pub(super) background: f64,
     pub(super) smoothness: f64,
+    pub(super) planarity: f64,
     pub(super) d_gamma: f64,
 }
 
@@ -100,6 +102,7 @@ pub(super) struct Chunk {
     backgrounds: Vec<BackgroundSample>,
     /// Ray of the first background pixel; the others follow.
     first_background_ray: usize,
+    triples: Vec<Triple>,
     pairs: Vec<SmoothPair>,
     points: Vec<Vec3>,
     scratch: Vec<f32>,
@@ -121,12 +124,13 @@ impl Chunk {
         }
     }
 
-    /// Draws the pixels of slots `objects` and `backgrounds`, evaluates their surfaces and places the samples.
+    /// Draws the pixels of slots `objects` and `backgrounds` and the triples `unseen`, evaluates their surfaces and places the samples.
     pub(super) fn prepare(
         &mut self,
         context: &StepContext<'_>,
         objects: Range<usize>,
         backgrounds: Range<usize>,
+        unseen: Range<usize>,
     ) {
         self.slots.clear();
         self.paths.clear();
@@ -140,6 +144,7 @@ impl Chunk {
             self.aim_lobes(context);
         }
         self.draw_backgrounds(context, backgrounds);
+        unseen::draw(context, unseen, &mut self.batch, &mut self.triples);
         let (seed, step, first) = (context.config.seed, context.step, self.jitter_slot);
         context.field.place(
             &mut self.batch,
@@ -247,6 +252,7 @@ impl Chunk {
             .d_surfaces
             .resize(self.material.surfaces.len(), Surface::default());
         self.background_losses(context);
+        self.planarity_losses(context);
         for index in 0..self.slots.len() {
             self.object_loss(context, index);
         }
@@ -298,6 +304,16 @@ impl Chunk {
             let d = d * clipped_weight;
             self.batch.d_radiance[ray] = ((loss.d_linear + d) * scale).to_array();
         }
+    }
+
+    /// Walls and floors are made of planes, from everywhere.
+    fn planarity_losses(&mut self, context: &StepContext<'_>) {
+        let config = context.config;
+        let scale = config.background_weight * config.planarity_weight
+            / config.unseen_triples_alone.max(1) as f32;
+        self.batch.d_weights.clear();
+        let bend = unseen::bend(&self.triples, scale, &mut self.batch);
+        self.loss.planarity = f64::from(scale) * bend;
     }
 
     /// Eq. 7 and its way back for one object pixel: the mean of its paths.
@@ -396,6 +412,11 @@ impl Chunk {
         let sum = probe(&self.d_field_networks)
             + probe(&self.d_material_network)
             + self.batch.gradient_probe();
-        sum == 0.0 && (self.loss.object + self.loss.background + self.loss.smoothness).is_finite()
+        sum == 0.0
+            && (self.loss.object
+                + self.loss.background
+                + self.loss.smoothness
+                + self.loss.planarity)
+                .is_finite()
     }
 }

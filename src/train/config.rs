@@ -58,6 +58,10 @@ pub struct TrainConfig {
     pub preconvolved_share: f32,
     /// Blurred levels beside the sharp one: standard deviations 1, 2, 4, 8, 16 pixels.
     pub preconvolved_levels: usize,
+    /// Triples of rays a step from where no camera stood, without an object; 0 is none.
+    pub unseen_triples_alone: usize,
+    /// Weight of the bend of what they meet against background pixels.
+    pub planarity_weight: f32,
     /// Pull of the diffuse part of what reflects like a metal towards black: no real surface has both.
     pub metal_weight: f32,
     /// Radiance that clipped light is pulled to. A photo says no more of a lamp than that it
@@ -133,6 +137,8 @@ impl Default for TrainConfig {
             smoothness_weight: 1e-4,
             preconvolved_share: 0.3,
             preconvolved_levels: 5,
+            unseen_triples_alone: 64,
+            planarity_weight: 0.01,
             metal_weight: 0.01,
             clipped_radiance: 5.0,
             clipped_weight: 0.01,
@@ -167,6 +173,7 @@ impl TrainConfig {
             network_rate: 5e-4,
             final_rate: 0.01,
             background_weight: 0.1,
+            unseen_triples_alone: 0,
             roughness_delay: 0,
             bounces: 0,
             subpixels: false,
@@ -237,7 +244,7 @@ impl TrainConfig {
     /// Naming the first field that is out of range.
     pub fn validate(&self) -> Result<(), TrainError> {
         let positive = |v: f32| v.is_finite() && v > 0.0;
-        let checks: [(&'static str, bool); 19] = [
+        let checks: [(&'static str, bool); 20] = [
             ("threads", self.threads <= 1024),
             ("object_pixels", (1..=1 << 16).contains(&self.object_pixels)),
             (
@@ -270,6 +277,12 @@ impl TrainConfig {
             (
                 "background_weight or smoothness_weight",
                 positive(self.background_weight) && self.smoothness_weight >= 0.0,
+            ),
+            (
+                "unseen_triples_alone or planarity_weight",
+                self.unseen_triples_alone <= 1 << 16
+                    && self.planarity_weight.is_finite()
+                    && self.planarity_weight >= 0.0,
             ),
             (
                 "gradient_cut_off",

@@ -39,6 +39,7 @@ mod test_scene;
 pub mod trainer;
 #[cfg(test)]
 mod trainer_tests;
+mod unseen;
 mod upkeep;
 mod validation;
 pub mod view_error;

@@ -297,9 +297,14 @@ impl Trainer {
         } else {
             backgrounds
         };
+        let triples = match context.material {
+            Some(_) => 0,
+            None => self.config.unseen_triples_alone,
+        };
         let share = |n: usize, i: usize| n * i / N_CHUNKS..n * (i + 1) / N_CHUNKS;
         chunks.par_iter_mut().enumerate().for_each(|(i, chunk)| {
-            chunk.prepare(&context, share(objects, i), share(backgrounds, i));
+            let unseen = share(triples, i);
+            chunk.prepare(&context, share(objects, i), share(backgrounds, i), unseen);
         });
         self.chunks = chunks;
     }
@@ -371,7 +376,8 @@ impl Trainer {
         StepStats {
             loss: (object
                 + f64::from(self.config.background_weight) * background
-                + sum(|c| c.loss.smoothness)) as f32,
+                + sum(|c| c.loss.smoothness)
+                + sum(|c| c.loss.planarity)) as f32,
             loss_object: object as f32,
             loss_background: background as f32,
             rays: self.chunks.iter().map(|c| c.batch.rays.len() as u32).sum(),
@@ -549,7 +555,8 @@ impl Trainer {
         let background = sum(|c| c.loss.background) / self.config.background_pixels as f64;
         let loss = sum(|c| c.loss.object) / self.config.object_pixels as f64
             + f64::from(self.config.background_weight) * background
-            + sum(|c| c.loss.smoothness);
+            + sum(|c| c.loss.smoothness)
+            + sum(|c| c.loss.planarity);
         self.gather_gradients();
         self.density = density;
         let take = |gradient: &mut Vec<f32>| {
