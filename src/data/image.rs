@@ -96,15 +96,20 @@ pub(super) fn decode(path: &Path) -> Result<Decoded, DataError> {
         | DynamicImage::ImageRgba16(_) => Photo::Ldr {
             width,
             height,
-            pixels: picture.to_rgb16().pixels().map(|p| p.0).collect(),
+            pixels: in_threes(picture.into_rgb16().as_raw()),
         },
         _ => Photo::Rgb8 {
             width,
             height,
-            pixels: picture.to_rgb8().pixels().map(|p| p.0).collect(),
+            pixels: in_threes(picture.into_rgb8().as_raw()),
         },
     };
     Ok(Decoded { photo, alpha })
+}
+
+/// Numbers as pixels of three.
+fn in_threes<T: Copy>(values: &[T]) -> Vec<[T; 3]> {
+    values.as_chunks().0.to_vec()
 }
 
 /// Width and height of a picture that [`read_photo`] would try to decode, from the file's header alone.
@@ -160,7 +165,7 @@ fn is_exr(path: &Path) -> bool {
 }
 
 /// Decodes any picture that the `image` crate was built for.
-fn open(path: &Path) -> Result<DynamicImage, DataError> {
+pub(super) fn open(path: &Path) -> Result<DynamicImage, DataError> {
     let reader = || {
         ImageReader::open(path)
             .and_then(ImageReader::<BufReader<_>>::with_guessed_format)
@@ -182,7 +187,11 @@ fn alpha_of(picture: &DynamicImage) -> Option<Mask> {
     if !picture.color().has_alpha() {
         return None;
     }
-    let coverage: Vec<u8> = picture.to_rgba8().pixels().map(|p| p.0[3]).collect();
+    let coverage: Vec<u8> = match picture {
+        // Without a copy of the whole picture.
+        DynamicImage::ImageRgba8(pixels) => pixels.pixels().map(|p| p.0[3]).collect(),
+        other => other.to_rgba8().pixels().map(|p| p.0[3]).collect(),
+    };
     coverage.iter().any(|a| *a < 255).then(|| Mask {
         width: picture.width(),
         height: picture.height(),

@@ -28,17 +28,6 @@ pub(super) fn shrunk_photo(
     let size = (photo.width() as usize, photo.height() as usize);
     let new_size = (width as usize, height as usize);
     let weight = |i: usize| weights.map_or(1.0, |mask| mask.share(i));
-    let means = |linear: &dyn Fn(usize) -> [f32; 3]| {
-        // What only weightless pixels fall on keeps their colour.
-        let rest = 1e-6;
-        let sums = area_sums(size, new_size, |i| {
-            let (w, [r, g, b]) = (weight(i) + rest, linear(i));
-            [w * r, w * g, w * b, w]
-        });
-        sums.into_iter()
-            .map(|[r, g, b, w]| [r / w, g / w, b / w])
-            .collect::<Vec<_>>()
-    };
     let encoded = |c: f32, top: f32| (srgb_from_linear(c) * top + 0.5).clamp(0.0, top);
     match photo {
         Photo::Rgb8 { pixels, .. } => {
@@ -46,43 +35,64 @@ pub(super) fn shrunk_photo(
                 .map(|code| crate::color::linear_from_srgb(f32::from(code) / 255.0))
                 .collect();
             let linear = |i: usize| pixels[i].map(|code: u8| decoded[usize::from(code)]);
-            let pixels = means(&linear)
-                .into_iter()
-                .map(|pixel| pixel.map(|c| encoded(c, 255.0) as u8))
-                .collect();
             Photo::Rgb8 {
                 width,
                 height,
-                pixels,
+                pixels: means(size, new_size, weight, linear, |c| encoded(c, 255.0) as u8),
             }
         }
         Photo::Ldr { .. } => Photo::Ldr {
             width,
             height,
-            pixels: means(&|i| photo.linear(i))
-                .into_iter()
-                .map(|pixel| pixel.map(|c| encoded(c, 65535.0) as u16))
-                .collect(),
+            pixels: means(
+                size,
+                new_size,
+                weight,
+                |i| photo.linear(i),
+                |c| encoded(c, 65535.0) as u16,
+            ),
         },
         Photo::Hdr { .. } => Photo::Hdr {
             width,
             height,
-            pixels: means(&|i| photo.linear(i)),
+            pixels: means(size, new_size, weight, |i| photo.linear(i), |c| c),
         },
     }
+}
+
+/// The weighted means of the new pixels' areas, stored by `encode`.
+fn means<T>(
+    size: (usize, usize),
+    new_size: (usize, usize),
+    weight: impl Fn(usize) -> f32,
+    linear: impl Fn(usize) -> [f32; 3],
+    encode: impl Fn(f32) -> T,
+) -> Vec<[T; 3]> {
+    // What only weightless pixels fall on keeps their colour.
+    let rest = 1e-6;
+    let value = |i: usize| {
+        let (w, [r, g, b]) = (weight(i) + rest, linear(i));
+        [w * r, w * g, w * b, w]
+    };
+    let mut pixels = Vec::with_capacity(new_size.0 * new_size.1);
+    for_each_row(size, new_size, value, |row| {
+        pixels.extend(
+            row.iter()
+                .map(|[r, g, b, w]| [r / w, g / w, b / w].map(&encode)),
+        );
+    });
+    pixels
 }
 
 /// The mask with `width` columns and `height` rows, neither more than it has.
 pub(super) fn shrunk_mask(mask: &Mask, width: u32, height: u32) -> Mask {
     let size = (mask.width as usize, mask.height as usize);
     let new_size = (width as usize, height as usize);
-    let sums = area_sums(size, new_size, |i| {
-        [f32::from(mask.coverage[i]), 1.0, 0.0, 0.0]
+    let mut coverage = Vec::with_capacity(new_size.0 * new_size.1);
+    let value = |i: usize| [f32::from(mask.coverage[i]), 1.0, 0.0, 0.0];
+    for_each_row(size, new_size, value, |row| {
+        coverage.extend(row.iter().map(|[sum, n, ..]| (sum / n + 0.5) as u8));
     });
-    let coverage = sums
-        .into_iter()
-        .map(|[sum, n, ..]| (sum / n + 0.5) as u8)
-        .collect();
     Mask {
         width,
         height,
@@ -90,17 +100,26 @@ pub(super) fn shrunk_mask(mask: &Mask, width: u32, height: u32) -> Mask {
     }
 }
 
-/// Sums of `value` over the areas of the new pixels, row by row.
-fn area_sums(
+/// Calls `on_row` with the sums of `value` over the areas of each row of new pixels, from above. Two rows are in memory.
+fn for_each_row(
     (width, height): (usize, usize),
     (new_width, new_height): (usize, usize),
     value: impl Fn(usize) -> [f32; 4],
-) -> Vec<[f32; 4]> {
+    mut on_row: impl FnMut(&[[f32; 4]]),
+) {
     let (columns, rows) = (spans(width, new_width), spans(height, new_height));
-    let mut sums = vec![[0.0; 4]; new_width * new_height];
+    // The row that is being filled, and the next.
+    let mut sums = [(); 2].map(|()| vec![[0.0_f32; 4]; new_width]);
+    let mut current = 0;
     // One more column takes the empty second share of the last one.
     let mut line = vec![[0.0_f32; 4]; new_width + 1];
     for (y, row) in rows.iter().enumerate() {
+        if row.first > current {
+            on_row(&sums[0]);
+            sums.swap(0, 1);
+            sums[1].fill([0.0; 4]);
+            current = row.first;
+        }
         line.fill([0.0; 4]);
         for (x, column) in columns.iter().enumerate() {
             let v = value(y * width + x);
@@ -110,16 +129,15 @@ fn area_sums(
                 }
             }
         }
-        for (i, share) in row.shares.into_iter().enumerate() {
-            let target = sums.chunks_exact_mut(new_width).nth(row.first + i);
-            for (sums, values) in target.into_iter().flatten().zip(&line) {
+        for (sums, share) in sums.iter_mut().zip(row.shares) {
+            for (sums, values) in sums.iter_mut().zip(&line) {
                 for (sum, v) in sums.iter_mut().zip(values) {
                     *sum += share * v;
                 }
             }
         }
     }
-    sums
+    on_row(&sums[0]);
 }
 
 /// Where each of `n` source pixels falls among `n_new`, at most as many.
