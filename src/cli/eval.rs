@@ -12,11 +12,11 @@ use neif::data::{Dataset, View, read_exr_linear, write_atomically};
 use neif::neif::Environment;
 use neif::render::{Picture, Scene};
 use neif::train::eval::{
-    EvalReport, NormalError, RoughnessError, ViewMetrics, after_one_gain, evaluate_views,
-    mean_of_views, panorama_psnr, relit,
+    EvalReport, NormalError, RoughnessError, ViewMetrics, after_one_gain, after_own_gain,
+    evaluate_views, mean_of_views, panorama_psnr, relit,
 };
 use neif::train::lpips::{Backbone, Lpips};
-use neif::train::metrics::ImageMetrics;
+use neif::train::metrics::{ImageMetrics, mean};
 
 use super::capture::PhotoArgs;
 use super::failure::{Failure, OrUnusable as _};
@@ -88,7 +88,14 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
         out: args.out.as_deref(),
         lpips: lpips.as_ref(),
     };
-    let results = bench.measure(&run.scene, &views, args.split.as_str(), None)?;
+    let config = run.folder.config().or_unusable()?;
+    let mut pictures = (config.train.exposure_rate > 0.0).then(Vec::new);
+    let results = bench.measure(&run.scene, &views, args.split.as_str(), pictures.as_mut())?;
+    let exposed = pictures.map(|pictures| {
+        let pairs = views.iter().zip(&pictures);
+        let metrics: Vec<_> = pairs.map(|(v, p)| after_own_gain(v, p)).collect();
+        mean(&metrics)
+    });
     let Relit { relight, gained } = if args.relight {
         bench.relight(&run.scene, &root, &args.env, args.env_match)?
     } else {
@@ -106,6 +113,7 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
         steps: trained.map(|trained| trained.steps),
         mean: mean_of_views(&results),
         views: results,
+        mean_exposed: exposed,
         relight,
         relight_gained: gained,
         normal_mae_deg: truth.normals.mean_deg(),
@@ -330,6 +338,8 @@ fn table(report: &EvalReport, lpips: Option<Backbone>) -> String {
             .map(|view| row(&view.name, &view.metrics)),
     );
     lines.push(row("mean", &report.mean));
+    let exposed = report.mean_exposed.as_ref();
+    lines.extend(exposed.map(|metrics| row("mean, own exposures", metrics)));
     lines.extend(
         report
             .relight

@@ -78,6 +78,9 @@ pub(crate) struct TrainArgs {
     /// Worker threads; 0 is one for each core [default: 0]
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
+    /// Learn the exposure and white balance of each photo: for cameras that chose them anew for every one
+    #[arg(long, conflicts_with = "resume")]
+    photo_exposures: bool,
     /// Use the whole budget even when the validation error has settled
     #[arg(long)]
     no_early_stop: bool,
@@ -170,6 +173,9 @@ fn options(args: &TrainArgs, started: Instant) -> Result<SessionOptions, Failure
     options.started = started;
     if args.half {
         options.storage = Storage::F16;
+    }
+    if args.photo_exposures {
+        options.config.exposure_rate = TrainConfig::EXPOSURE_RATE;
     }
     options.config.threads = args.threads.unwrap_or(options.config.threads);
     options.config.early_stop &= !args.no_early_stop;

@@ -132,6 +132,15 @@ impl Watcher {
                 self.display.set(progress.fraction, "Training", &figures);
             }
             TrainEvent::Validated(validation) => self.validation = Some(*validation),
+            TrainEvent::Exposures(photos) => {
+                let stops = photos.iter().flat_map(|(_, gain)| gain.map(f32::log2));
+                let (least, most) = stops.fold((0.0_f32, 0.0_f32), |(least, most), ev| {
+                    (least.min(ev), most.max(ev))
+                });
+                self.display.say(&format!(
+                    "exposures of the photos: {least:+.2} to {most:+.2} stops from their mean"
+                ));
+            }
             TrainEvent::Warning(message) => self.display.say(&format!("warning: {message}")),
             TrainEvent::Finished(finish) => self.finish = Some(*finish),
             // Saving is routine; a failure comes back from the session itself.

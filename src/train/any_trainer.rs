@@ -2,6 +2,8 @@
 
 use std::sync::atomic::AtomicBool;
 
+use glam::Vec3;
+
 use super::TrainError;
 use super::config::TrainConfig;
 use super::paper::PaperTrainer;
@@ -74,6 +76,14 @@ impl AnyTrainer {
     pub fn skips(&self) -> Option<SkipShares> {
         match self {
             Self::Fast(trainer) => Some(trainer.skips()),
+            Self::Paper(_) => None,
+        }
+    }
+
+    /// What each training photo's exposure multiplies radiance by, in the capture's order; `None` where all are alike.
+    pub fn gains(&self) -> Option<&[Vec3]> {
+        match self {
+            Self::Fast(trainer) => trainer.gains(),
             Self::Paper(_) => None,
         }
     }

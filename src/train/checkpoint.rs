@@ -30,6 +30,12 @@ impl Trainer {
                 self.gamma_adam.second[0],
             ],
         );
+        if let Some(exposures) = &self.exposures {
+            let [log_gains, first, second] = exposures.state();
+            insert(&mut file, "exposures.log_gains", log_gains);
+            insert(&mut file, "exposures.first", first);
+            insert(&mut file, "exposures.second", second);
+        }
         file.insert_u16(
             "density.cells",
             &[self.density.len()],
@@ -74,6 +80,17 @@ impl Trainer {
             }
             None => None,
         };
+        let exposures = match &self.exposures {
+            Some(exposures) => {
+                let n = exposures.state()[0].len();
+                Some([
+                    vector("exposures.log_gains", n)?,
+                    vector("exposures.first", n)?,
+                    vector("exposures.second", n)?,
+                ])
+            }
+            None => None,
+        };
         let gamma = vector("gamma", 3)?;
         let counters = file.u64("counters", &[3])?.to_vec();
         let density =
@@ -82,7 +99,8 @@ impl Trainer {
                     file: file.origin().to_owned(),
                     what: "has another density grid",
                 })?;
-        let all = field.iter().chain(material.iter().flatten()).flatten();
+        let optional = material.iter().chain(&exposures).flatten();
+        let all = field.iter().chain(optional).flatten();
         if !all.chain(&gamma).all(|v| v.is_finite()) {
             return Err(TrainError::Checkpoint {
                 file: file.origin().to_owned(),
@@ -102,6 +120,9 @@ impl Trainer {
             self.gamma_adam.first[0],
             self.gamma_adam.second[0],
         ) = (gamma[0], gamma[1], gamma[2]);
+        if let (Some(exposures), Some(stored)) = (&mut self.exposures, exposures) {
+            exposures.set_state(stored);
+        }
         self.density = density;
         (self.step, self.updates, self.skipped) = (counters[0], counters[1], counters[2]);
         self.derive();

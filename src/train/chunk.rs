@@ -49,9 +49,18 @@ pub(super) struct StepContext<'a> {
     pub(super) material: Option<&'a Material>,
     pub(super) material_transposed: &'a Transposed,
     pub(super) display: Display,
+    /// What each photo's exposure multiplies radiance by; empty where all are alike.
+    pub(super) gains: &'a [Vec3],
     pub(super) step: u64,
     pub(super) samples_per_ray: usize,
     pub(super) uniform_share: f32,
+}
+
+impl StepContext<'_> {
+    /// The gain of a training view.
+    fn gain(&self, view: usize) -> Vec3 {
+        self.gains.get(view).copied().unwrap_or(Vec3::ONE)
+    }
 }
 
 /// Sums over a chunk's pixels.
@@ -67,6 +76,7 @@ pub(super) struct ChunkLoss {
 /// A drawn object pixel on its way through the step.
 #[derive(Clone, Debug)]
 struct ObjectSlot {
+    view: usize,
     target: [f32; 3],
     smoothness: f32,
     /// Its paths, among the chunk's.
@@ -110,6 +120,8 @@ pub(super) struct Chunk {
     pub(super) batch: FieldBatch,
     pub(super) d_field_networks: Vec<f32>,
     pub(super) d_material_network: Vec<f32>,
+    /// By the logarithms of the views' gains, a pixel each; empty where all are alike.
+    pub(super) d_log_gains: Vec<(usize, Vec3)>,
     pub(super) loss: ChunkLoss,
     pub(super) is_finite: bool,
 }
@@ -171,6 +183,7 @@ impl Chunk {
                     paths.push(SlotPath { points, lit: 0..0 });
                 });
             self.slots.push(ObjectSlot {
+                view: pixel.view,
                 target: pixel.target,
                 smoothness: pixel.smoothness,
                 paths: first..self.paths.len(),
@@ -239,6 +252,7 @@ impl Chunk {
     /// Radiance, loss, and all gradients but the grids'.
     pub(super) fn run(&mut self, context: &StepContext<'_>) {
         self.loss = ChunkLoss::default();
+        self.d_log_gains.clear();
         self.d_field_networks.clear();
         self.d_field_networks
             .resize(context.field.n_network_params(), 0.0);
@@ -286,23 +300,24 @@ impl Chunk {
             None => config.clipped_weight_alone,
         };
         for (sample, ray) in self.backgrounds.iter().zip(self.first_background_ray..) {
-            let loss = pixel_loss(
-                context.display,
-                Vec3::from(self.batch.radiance[ray]),
-                sample.target,
-            );
+            let gain = context.gain(sample.view);
+            let exposed = Vec3::from(self.batch.radiance[ray]) * gain;
+            let loss = pixel_loss(context.display, exposed, sample.target);
             self.loss.background += f64::from(loss.value);
             self.loss.d_gamma += f64::from(loss.d_gamma * scale);
-            let radiance = Vec3::from(self.batch.radiance[ray]);
             let (value, d) = clipped_pull(
-                radiance,
+                exposed,
                 sample.target,
                 config.clipped_radiance,
                 context.material.is_some(),
             );
             self.loss.background += f64::from(clipped_weight * value);
             let d = d * clipped_weight;
-            self.batch.d_radiance[ray] = ((loss.d_linear + d) * scale).to_array();
+            self.batch.d_radiance[ray] = ((loss.d_linear + d) * gain * scale).to_array();
+            if !context.gains.is_empty() {
+                let d = loss.d_linear * exposed * scale;
+                self.d_log_gains.push((sample.view, d));
+            }
         }
     }
 
@@ -330,14 +345,21 @@ impl Chunk {
             out += lit[0].outgoing();
         }
         let share = 1.0 / slot.paths.len() as f32;
-        let loss = pixel_loss(context.display, out * share, slot.target);
+        let gain = context.gain(slot.view);
+        let exposed = out * share * gain;
+        let loss = pixel_loss(context.display, exposed, slot.target);
         let scale = 1.0 / context.config.object_pixels as f32;
         self.loss.object += f64::from(loss.value);
         self.loss.d_gamma += f64::from(loss.d_gamma * scale);
+        if !context.gains.is_empty() {
+            let d = loss.d_linear * exposed * scale;
+            self.d_log_gains.push((slot.view, d));
+        }
+        let d_out = loss.d_linear * gain * (scale * share);
         for path in &self.paths[slot.paths.clone()] {
             light_path::backward(
                 &self.lit[path.lit.clone()],
-                loss.d_linear * (scale * share),
+                d_out,
                 &self.batch.radiance,
                 &mut self.batch.d_radiance,
                 &mut self.material.d_surfaces,

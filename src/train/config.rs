@@ -46,6 +46,9 @@ pub struct TrainConfig {
     pub network_rate: f32,
     /// Learning rate of the display gamma.
     pub gamma_rate: f32,
+    /// Learning rate of the exposure and white balance of each training photo (logarithms of a gain a colour, 1 in the
+    /// mean over the photos); 0 takes them as equal.
+    pub exposure_rate: f32,
     /// Steps over which the learning rates rise from zero.
     pub warmup_steps: u32,
     /// What is left of the learning rates at the end of the planned run (exponential decay).
@@ -131,6 +134,7 @@ impl Default for TrainConfig {
             grid_rate: 1e-2,
             network_rate: 1e-2,
             gamma_rate: 5e-4,
+            exposure_rate: 0.0,
             warmup_steps: 50,
             final_rate: 0.1,
             background_weight: 0.2,
@@ -160,6 +164,9 @@ impl Default for TrainConfig {
 }
 
 impl TrainConfig {
+    /// [`Self::exposure_rate`] where exposures are learned.
+    pub const EXPOSURE_RATE: f32 = 0.03;
+
     /// The paper's model, losses and weights: the slow reference. What the paper leaves open is mip-NeRF's (rates,
     /// decay), with a batch that suits a CPU: a ray costs a billion operations.
     fn paper() -> Self {
@@ -244,7 +251,7 @@ impl TrainConfig {
     /// Naming the first field that is out of range.
     pub fn validate(&self) -> Result<(), TrainError> {
         let positive = |v: f32| v.is_finite() && v > 0.0;
-        let checks: [(&'static str, bool); 20] = [
+        let checks: [(&'static str, bool); 21] = [
             ("threads", self.threads <= 1024),
             ("object_pixels", (1..=1 << 16).contains(&self.object_pixels)),
             (
@@ -271,6 +278,10 @@ impl TrainConfig {
                 self.gamma_rate.is_finite() && self.gamma_rate >= 0.0,
             ),
             (
+                "exposure_rate",
+                self.exposure_rate.is_finite() && self.exposure_rate >= 0.0,
+            ),
+            (
                 "final_rate",
                 positive(self.final_rate) && self.final_rate <= 1.0,
             ),
@@ -295,10 +306,12 @@ impl TrainConfig {
                 self.preconvolved_levels <= 5 && (0.0..1.0).contains(&self.preconvolved_share),
             ),
             (
-                "paper (one path a pixel: bounces = 0, subpixels = false, uniform_share up to 1)",
+                "paper (one path a pixel: bounces = 0, subpixels = false, uniform_share up to 1; no exposures)",
                 self.paper.is_none_or(|paper| {
                     let has_one_path = self.bounces == 0 && !self.subpixels;
-                    paper.is_sane() && has_one_path && (0.0..=1.0).contains(&self.uniform_share)
+                    let is_plain = self.exposure_rate == 0.0;
+                    let is_share = (0.0..=1.0).contains(&self.uniform_share);
+                    paper.is_sane() && has_one_path && is_plain && is_share
                 }),
             ),
         ];

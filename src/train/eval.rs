@@ -48,6 +48,10 @@ pub struct EvalReport {
     pub views: Vec<ViewMetrics>,
     /// Means over the views.
     pub mean: ImageMetrics,
+    /// The same after the gain a colour, fitted to each photo, that undoes its own exposure and white balance: where the
+    /// run learned those of its training photos.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mean_exposed: Option<ImageMetrics>,
     /// Means over the views of each relighting or edit with ground truth.
     pub relight: BTreeMap<String, ImageMetrics>,
     /// The same after one gain a colour for all views of an edit: what is left when the exposure is matched.
@@ -127,10 +131,32 @@ pub fn mean_of_views(views: &[ViewMetrics]) -> ImageMetrics {
 /// When there are not as many pictures as views: a bug of the caller.
 pub fn after_one_gain(views: &[View], pictures: &[Picture]) -> ImageMetrics {
     assert_eq!(views.len(), pictures.len(), "one picture a view");
+    let is_object = |view: &View, i: usize| view.mask.as_ref().is_none_or(|m| m.share(i) > 0.5);
+    let gain = nearest_gain(views, pictures, is_object);
+    let pairs = views.iter().zip(pictures);
+    let metrics: Vec<ImageMetrics> = pairs.map(|(v, p)| after_gain(v, p, gain)).collect();
+    mean(&metrics)
+}
+
+/// Measures a picture of a view after the gain a colour that brings it nearest to the photo, as [`after_one_gain`] but
+/// over all pixels: what is left when the photo's own exposure is known.
+pub fn after_own_gain(view: &View, picture: &Picture) -> ImageMetrics {
+    let (views, pictures) = (std::slice::from_ref(view), std::slice::from_ref(picture));
+    let gain = nearest_gain(views, pictures, |_, _| true);
+    after_gain(view, picture, gain)
+}
+
+/// The gain a colour that brings the pictures nearest to the photos in linear light, over unclipped pixels that are
+/// asked for.
+fn nearest_gain(
+    views: &[View],
+    pictures: &[Picture],
+    is_asked: impl Fn(&View, usize) -> bool,
+) -> [f32; 3] {
     let mut sums = [[0.0_f64; 2]; 3];
     for (view, picture) in views.iter().zip(pictures) {
         for (i, shown) in picture.pixels.iter().enumerate() {
-            if view.mask.as_ref().is_some_and(|mask| mask.share(i) <= 0.5) {
+            if !is_asked(view, i) {
                 continue;
             }
             let truth = view.photo.srgb(i);
@@ -144,25 +170,21 @@ pub fn after_one_gain(views: &[View], pictures: &[Picture]) -> ImageMetrics {
         }
     }
     // A black picture stays black whatever the gain.
-    let gain = sums.map(|[a, b]| if b > 0.0 { (a / b) as f32 } else { 1.0 });
-    let metrics: Vec<ImageMetrics> = views
+    sums.map(|[a, b]| if b > 0.0 { (a / b) as f32 } else { 1.0 })
+}
+
+fn after_gain(view: &View, picture: &Picture, gain: [f32; 3]) -> ImageMetrics {
+    let gained: Vec<[f32; 3]> = picture
+        .pixels
         .iter()
-        .zip(pictures)
-        .map(|(view, picture)| {
-            let gained: Vec<[f32; 3]> = picture
-                .pixels
-                .iter()
-                .map(|pixel| {
-                    std::array::from_fn(|c| {
-                        srgb_from_linear((linear_from_srgb(pixel[c]) * gain[c]).clamp(0.0, 1.0))
-                    })
-                })
-                .collect();
-            let (truth, mask) = truth_and_mask(view, gained.len());
-            compare(&gained, &truth, mask.as_deref(), picture.width as usize)
+        .map(|pixel| {
+            std::array::from_fn(|c| {
+                srgb_from_linear((linear_from_srgb(pixel[c]) * gain[c]).clamp(0.0, 1.0))
+            })
         })
         .collect();
-    mean(&metrics)
+    let (truth, mask) = truth_and_mask(view, gained.len());
+    compare(&gained, &truth, mask.as_deref(), picture.width as usize)
 }
 
 /// The scene after an edit with ground truth. Environments of other captures are looked up by name.
@@ -369,6 +391,10 @@ mod tests {
             .collect();
         let psnr = after_one_gain(views, &uneven).psnr.expect("far from equal");
         assert!(psnr < 40.0, "two exposures: {psnr}");
+        for (view, picture) in views.iter().zip(&uneven) {
+            let psnr = after_own_gain(view, picture).psnr;
+            assert!(psnr.is_some_and(|psnr| psnr > 60.0), "its own: {psnr:?}");
+        }
     }
 
     #[test]
@@ -383,6 +409,7 @@ mod tests {
             steps: None,
             mean: mean_of_views(std::slice::from_ref(&view)),
             views: vec![view],
+            mean_exposed: None,
             relight: BTreeMap::from([("rough_02".to_owned(), ImageMetrics::default())]),
             relight_gained: BTreeMap::new(),
             normal_mae_deg: None,

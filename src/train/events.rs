@@ -57,6 +57,8 @@ pub enum TrainEvent {
     /// The same by validation view, in the capture's order: PSNR in dB of the object, or of all pixels where nothing of it
     /// was measured.
     ViewsValidated(Vec<Option<f64>>),
+    /// The learned exposures of the training photos: name and gain a colour of each.
+    Exposures(Vec<(String, [f32; 3])>),
     /// Something that does not end the run but should be known.
     Warning(String),
     /// A run folder was saved.
@@ -182,6 +184,13 @@ impl TrainEvent {
                 "psnr": v.psnr, "psnr_object": v.psnr_object, "psnr_background": v.psnr_background,
             }),
             Self::ViewsValidated(psnr) => json!({"event": "views_validated", "psnr": psnr}),
+            Self::Exposures(photos) => {
+                let photos = photos.iter();
+                let photos: Vec<Value> = photos
+                    .map(|(name, gain)| json!({"name": name, "gain": gain}))
+                    .collect();
+                json!({"event": "exposures", "photos": photos})
+            }
             Self::Warning(message) => json!({"event": "warning", "message": message}),
             Self::Saved(path) => json!({"event": "saved", "path": path.to_string_lossy()}),
             Self::Paused => json!({"event": "paused"}),

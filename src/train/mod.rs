@@ -9,6 +9,7 @@ mod convolution;
 pub mod eval;
 mod event_queue;
 pub mod events;
+mod exposures;
 pub mod flip;
 pub mod latest;
 mod loss;

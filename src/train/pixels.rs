@@ -23,7 +23,8 @@ const BAND_PIXELS: usize = 1 << 15;
 /// A drawn pixel that shows only the object.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ObjectPixel {
-    view: usize,
+    /// Its training view.
+    pub view: usize,
     index: usize,
     /// sRGB target in `[0, 1]`.
     pub target: [f32; 3],
@@ -44,6 +45,8 @@ pub(super) struct PixelStore {
 /// A drawn background pixel.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct BackgroundSample {
+    /// Its training view.
+    pub view: usize,
     /// Camera position, world.
     pub origin: Vec3,
     /// Unit direction, world.
@@ -101,6 +104,11 @@ impl PixelStore {
                 .collect(),
             views,
         })
+    }
+
+    /// Number of training views.
+    pub(super) fn n_views(&self) -> usize {
+        self.views.len()
     }
 
     /// Number of object pixels.
@@ -162,6 +170,7 @@ impl PixelStore {
         let (x, y) = blurred.position_px(index);
         let ray = camera.ray(x, y);
         BackgroundSample {
+            view,
             origin: ray.origin,
             direction: ray.direction,
             spread: camera.pixel_angle() * blurred.std_px(),

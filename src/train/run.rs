@@ -208,6 +208,11 @@ impl<'a> Run<'a> {
         self.publish();
         self.report();
         self.validate();
+        if let Some(gains) = self.trainer.gains() {
+            let photos = self.dataset.train.iter().zip(gains);
+            let photos = photos.map(|(view, gain)| (view.name.clone(), gain.to_array()));
+            self.tell(TrainEvent::Exposures(photos.collect()));
+        }
         let finish = Finish {
             reason,
             step: self.trainer.steps(),

@@ -9,6 +9,7 @@ use super::TrainError;
 use super::adam::{Adam, Rates, store_bf16};
 use super::chunk::{Chunk, N_CHUNKS, StepContext};
 use super::config::TrainConfig;
+use super::exposures::Exposures;
 use super::pixels::PixelStore;
 use super::placement::{field_frame, hollow_density, up_direction};
 use super::preparation::Prepared;
@@ -31,6 +32,9 @@ use crate::neif::skip_counts::SkipCounts;
 const PROBE_EVERY: u64 = 16;
 /// Cells looked into a round.
 const N_PROBES: usize = 8192;
+/// Steps before the photos' exposures are learned. Much later the field would have learned them itself, from where each
+/// photo was taken.
+const EXPOSURE_DELAY: u64 = 50;
 
 /// Parameters, moments and pixels of a run.
 #[derive(Debug)]
@@ -46,6 +50,8 @@ pub struct Trainer {
     pub(super) material: Option<Learned<Material, Transposed>>,
     pub(super) gamma: f32,
     pub(super) gamma_adam: Adam,
+    /// Where each photo has its own.
+    pub(super) exposures: Option<Exposures>,
     pub(super) step: u64,
     /// Optimiser updates done: steps less the skipped ones.
     pub(super) updates: u64,
@@ -136,6 +142,8 @@ impl Trainer {
                 Material::new(config.material, bounds.center(), side, || random.uniform())
             });
         let density = hollow_density(tracer.as_deref(), &frame);
+        let has_exposures = config.exposure_rate > 0.0;
+        let exposures = has_exposures.then(|| Exposures::new(pixels.n_views()));
         let mut trainer = Self {
             config: config.clone(),
             name: dataset.name.clone(),
@@ -150,6 +158,7 @@ impl Trainer {
             material: material.map(|m| Learned::new(m, |m| m.params.len())),
             gamma: 1.0,
             gamma_adam: Adam::new(1),
+            exposures,
             step: 0,
             updates: 0,
             skipped: 0,
@@ -226,6 +235,11 @@ impl Trainer {
         self.gamma
     }
 
+    /// What each training photo's exposure multiplies radiance by, in the capture's order; `None` where all are alike.
+    pub fn gains(&self) -> Option<&[glam::Vec3]> {
+        self.exposures.as_ref().map(Exposures::gains)
+    }
+
     /// The mesh's tracer, when there is an object.
     pub fn tracer(&self) -> Option<&Arc<SurfaceTracer>> {
         self.tracer.as_ref()
@@ -270,6 +284,7 @@ impl Trainer {
             material: self.material.as_ref().map(|m| &m.value),
             material_transposed: self.material.as_ref().map_or(&EMPTY, |m| &m.transposed),
             display: Display { gamma: self.gamma },
+            gains: self.gains().unwrap_or_default(),
             step: self.step,
             samples_per_ray: self.n_samples(),
             uniform_share: (1.0 - explored).max(self.config.uniform_share),
@@ -478,6 +493,13 @@ impl Trainer {
                 .update(&mut gamma, &mut [d_gamma], rates, self.updates);
             // Outside this range the transform is no display transform any more.
             self.gamma = gamma[0].clamp(0.2, 5.0);
+        }
+        if let Some(exposures) = &mut self.exposures
+            && self.step > EXPOSURE_DELAY
+        {
+            let gradients = self.chunks.iter().flat_map(|c| &c.d_log_gains);
+            let rate = decay * self.config.exposure_rate;
+            exposures.update(gradients, rate, self.updates);
         }
         self.transpose();
     }

@@ -5,6 +5,7 @@ use std::sync::atomic::AtomicBool;
 use super::config::TrainConfig;
 use super::test_scene::{TINT, sphere_in_a_box};
 use super::trainer::{StepStats, Trainer};
+use crate::color::{linear_from_srgb, srgb_from_linear};
 use crate::data::{Dataset, Photo};
 use crate::neif::hash_grid::{GridConfig, LEAST_WEIGHT};
 use crate::neif::material::MaterialBatch;
@@ -194,6 +195,39 @@ fn what_reflects_like_a_metal_loses_its_diffuse_part() {
     );
 }
 
+/// The scene with every second photo exposed `gain` times as long as the others.
+fn unevenly_exposed(gain: f32) -> Dataset {
+    let mut dataset = sphere_in_a_box(30, 24);
+    for view in dataset.train.iter_mut().step_by(2) {
+        let Photo::Ldr { pixels, .. } = &mut view.photo else {
+            panic!("a photo of 16 bits");
+        };
+        for code in pixels.iter_mut().flatten() {
+            let linear = linear_from_srgb(f32::from(*code) / 65535.0);
+            *code = (65535.0 * srgb_from_linear(gain * linear)) as u16;
+        }
+    }
+    dataset
+}
+
+#[test]
+fn exposures_that_jump_from_photo_to_photo_are_found_in_part() {
+    let config = TrainConfig {
+        exposure_rate: 0.03,
+        ..config()
+    };
+    let mut trainer = trainer(&config, &unevenly_exposed(0.6));
+    train(&mut trainer, 500);
+    let gains = trainer.gains().unwrap();
+    let mean = |from: usize| {
+        let logs = gains.iter().skip(from).step_by(2).map(|g| g.y.ln());
+        logs.sum::<f32>() / gains.len().div_ceil(2) as f32
+    };
+    let ratio = (mean(0) - mean(1)).exp();
+    // The rest of it is in the view-dependent colours: no two photos are from one place.
+    assert!((0.5..0.88).contains(&ratio), "{ratio}");
+}
+
 #[test]
 fn the_same_seed_gives_the_same_bits_on_any_number_of_threads() {
     let dataset = sphere_in_a_box(6, 24);
@@ -226,18 +260,24 @@ fn the_same_seed_gives_the_same_bits_on_any_number_of_threads() {
 #[test]
 fn a_resumed_run_equals_an_uninterrupted_one() {
     let dataset = sphere_in_a_box(6, 24);
-    let mut whole = trainer(&config(), &dataset);
-    for step in 0..40 {
-        whole.step(step as f32 / 40.0);
+    let config = TrainConfig {
+        exposure_rate: 0.01,
+        ..config()
+    };
+    // Exposures are learned from step 50.
+    let progress = |step: u32| step as f32 / 80.0;
+    let mut whole = trainer(&config, &dataset);
+    for step in 0..80 {
+        whole.step(progress(step));
     }
-    let mut first = trainer(&config(), &dataset);
-    for step in 0..17 {
-        first.step(step as f32 / 40.0);
+    let mut first = trainer(&config, &dataset);
+    for step in 0..57 {
+        first.step(progress(step));
     }
-    let mut second = trainer(&config(), &dataset);
+    let mut second = trainer(&config, &dataset);
     second.restore(&first.checkpoint()).unwrap();
-    for step in 17..40 {
-        second.step(step as f32 / 40.0);
+    for step in 57..80 {
+        second.step(progress(step));
     }
     assert!(
         second.checkpoint().to_bytes() == whole.checkpoint().to_bytes(),

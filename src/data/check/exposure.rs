@@ -35,8 +35,8 @@ pub(super) fn compare(
     thumbs: &[Thumb],
     problems: &mut Vec<Problem>,
 ) -> Exposures {
-    const ADVICE: &str =
-        "one light is learned for all photos: fix exposure and white balance of the camera";
+    const ADVICE: &str = "one light is learned for all photos: fix exposure and white balance of the camera, or train with \
+         --photo-exposures, which learns them";
     let noted = dataset
         .origin
         .noted_exposure_ev
