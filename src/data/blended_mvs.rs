@@ -4,6 +4,8 @@
 //! down, z forward), the word `intrinsic` with a 3 x 3 matrix (pixel centres at whole numbers),
 //! and a line that begins with the nearest depth and may end with the farthest.
 
+use std::collections::HashMap;
+use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
@@ -11,8 +13,10 @@ use glam::{DMat3, DVec3};
 use super::frame::{rotation_and_translation, world_from_opencv};
 use super::listing::{Found, Listed};
 use super::photo_folder::{list_pictures, photo_folders};
-use super::{DataError, Frame, Intrinsics};
+use super::{DataError, DepthFile, Frame, Intrinsics};
 
+/// Where rendered depth maps lie, `00000000.pfm`.
+const DEPTH_FOLDERS: [&str; 2] = ["rendered_depth_maps", "depths"];
 const FOLDERS: [&str; 2] = ["cams", "cams_1"];
 const ENDING: &str = "_cam.txt";
 /// Such files have about 300 bytes.
@@ -45,7 +49,11 @@ pub(super) fn list(found: &Found) -> Result<Listed, DataError> {
             problem: "cams/ is there, but no folder blended_images/ or images/".to_owned(),
         });
     };
-    let photos = list_pictures(folder)?;
+    let photos: HashMap<OsString, PathBuf> = list_pictures(folder)?
+        .into_iter()
+        .rev()
+        .filter_map(|photo| Some((photo.file_stem()?.to_owned(), photo)))
+        .collect();
     let frames = camera_files(&found.file)
         .into_iter()
         .enumerate()
@@ -83,12 +91,11 @@ fn read_camera(
     file: &Path,
     index: usize,
     folder: &Path,
-    photos: &[PathBuf],
+    photos: &HashMap<OsString, PathBuf>,
 ) -> Result<Frame, DataError> {
     let name = file.file_name().unwrap_or_default().to_string_lossy();
     let name = name.trim_end_matches(ENDING).to_owned();
-    let is_its = |photo: &&PathBuf| photo.file_stem().is_some_and(|stem| *stem == *name);
-    let photo = photos.iter().find(is_its).cloned();
+    let photo = photos.get(OsStr::new(&name)).cloned();
     let fail = |(field, problem): (&str, String)| DataError::Field {
         path: file.to_owned(),
         frame: None,
@@ -112,7 +119,12 @@ fn read_camera(
         ..Intrinsics::default()
     };
     let photo = photo.unwrap_or_else(|| folder.join(format!("{name}.jpg")));
+    let depths = DEPTH_FOLDERS.iter().filter_map(|folder| {
+        let folder = file.parent()?.parent()?.join(folder);
+        DepthFile::find(&folder.join(&name), 1.0)
+    });
     Ok(Frame {
+        depth: depths.into_iter().next(),
         name,
         depth_range: camera.depth_range,
         ..Frame::new(index, photo, pose, lens, file)

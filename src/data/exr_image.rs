@@ -31,6 +31,38 @@ pub enum ExrSample {
 ///
 /// Errors on files without colour, deep files, NaN and infinite pixels.
 pub fn read_exr_linear(path: &Path) -> Result<(u32, u32, Vec<[f32; 3]>), DataError> {
+    let layer = read_layer(path)?;
+    let [red, green, blue] = color_channels(path, &layer.channel_data)?;
+    check_whole(path, &layer, &[red, green, blue])?;
+    let pixels: Vec<[f32; 3]> = red
+        .sample_data
+        .values_as_f32()
+        .zip(green.sample_data.values_as_f32())
+        .zip(blue.sample_data.values_as_f32())
+        .map(|((r, g), b)| [r, g, b])
+        .collect();
+    let (width, height) = (layer.size.0 as u32, layer.size.1 as u32);
+    check_finite(path, width, &pixels)?;
+    Ok((width, height, pixels))
+}
+
+/// Reads the depths of an EXR: its channel `Z`, `V`, `depth` or `distance`, else what would be red or grey.
+pub(super) fn read_exr_depth(path: &Path) -> Result<(u32, u32, Vec<f32>), DataError> {
+    const NAMES: [&str; 4] = ["Z", "V", "depth", "distance"];
+    let layer = read_layer(path)?;
+    let list = &layer.channel_data.list;
+    let named = NAMES.iter().find_map(|name| channel(list, name));
+    let depths = match named {
+        Some(channel) => channel,
+        None => color_channels(path, &layer.channel_data)?[0],
+    };
+    check_whole(path, &layer, &[depths])?;
+    let (width, height) = (layer.size.0 as u32, layer.size.1 as u32);
+    Ok((width, height, depths.sample_data.values_as_f32().collect()))
+}
+
+/// The first layer of a flat file of a size that is supported.
+fn read_layer(path: &Path) -> Result<Layer<AnyChannels<FlatSamples>>, DataError> {
     let unreadable = |e| unreadable(path, e);
     let meta = MetaData::read_from_file(path, false).map_err(unreadable)?;
     for header in &meta.headers {
@@ -53,28 +85,33 @@ pub fn read_exr_linear(path: &Path) -> Result<(u32, u32, Vec<[f32; 3]>), DataErr
         .all_attributes()
         .from_file(path)
         .map_err(unreadable)?;
-    let layer = file.layer_data;
-    let [red, green, blue] = color_channels(path, &layer.channel_data)?;
+    Ok(file.layer_data)
+}
+
+/// Refuses channels with fewer values than the layer has pixels.
+fn check_whole(
+    path: &Path,
+    layer: &Layer<AnyChannels<FlatSamples>>,
+    channels: &[&AnyChannel<FlatSamples>],
+) -> Result<(), DataError> {
     let n_pixels = layer.size.0 * layer.size.1;
-    if [red, green, blue]
-        .iter()
-        .any(|c| c.sample_data.len() != n_pixels)
-    {
-        return Err(DataError::image(
-            path,
-            "subsampled channels are not supported",
-        ));
+    if channels.iter().all(|c| c.sample_data.len() == n_pixels) {
+        return Ok(());
     }
-    let pixels: Vec<[f32; 3]> = red
-        .sample_data
-        .values_as_f32()
-        .zip(green.sample_data.values_as_f32())
-        .zip(blue.sample_data.values_as_f32())
-        .map(|((r, g), b)| [r, g, b])
-        .collect();
-    let (width, height) = (layer.size.0 as u32, layer.size.1 as u32);
-    check_finite(path, width, &pixels)?;
-    Ok((width, height, pixels))
+    let problem = "subsampled channels are not supported";
+    Err(DataError::image(path, problem))
+}
+
+/// The channel of that name, behind any layer's prefix, in upper or lower case.
+fn channel<'a>(
+    list: &'a [AnyChannel<FlatSamples>],
+    name: &str,
+) -> Option<&'a AnyChannel<FlatSamples>> {
+    list.iter().find(|channel| {
+        let full = channel.name.to_string();
+        let last = full.rsplit('.').next();
+        last.is_some_and(|last| last.eq_ignore_ascii_case(name))
+    })
 }
 
 /// Width and height of an EXR's first layer, from its header alone.
@@ -99,14 +136,7 @@ fn color_channels<'a>(
     channels: &'a AnyChannels<FlatSamples>,
 ) -> Result<[&'a AnyChannel<FlatSamples>; 3], DataError> {
     let list = &channels.list;
-    let named = |wanted: &str| {
-        list.iter().find(|channel| {
-            let name = channel.name.to_string();
-            name.rsplit('.')
-                .next()
-                .is_some_and(|last| last.eq_ignore_ascii_case(wanted))
-        })
-    };
+    let named = |wanted: &str| channel(list, wanted);
     if let (Some(r), Some(g), Some(b)) = (named("R"), named("G"), named("B")) {
         return Ok([r, g, b]);
     }

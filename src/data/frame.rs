@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{Affine3A, DMat3, DVec3};
 
-use super::DataError;
+use super::{DataError, DepthFile};
 use crate::geometry::{Camera, Distortion};
 
 /// One listed photo, not yet read.
@@ -18,6 +18,8 @@ pub struct Frame {
     pub photo: PathBuf,
     /// The object mask, where one is named.
     pub mask: Option<PathBuf>,
+    /// The depth map, where there is one.
+    pub depth: Option<DepthFile>,
     /// For relighting ground truth: which test view the camera is that of.
     pub test_index: Option<usize>,
     /// The pose: rotation and position.
@@ -74,6 +76,7 @@ impl Frame {
                 .map_or_else(String::new, |stem| stem.to_string_lossy().into_owned()),
             photo,
             mask: None,
+            depth: None,
             test_index: None,
             time_secs: None,
             world_from_camera,
@@ -128,7 +131,7 @@ impl Frame {
         Ok((camera.resized(photo_width, photo_height), true))
     }
 
-    fn error(&self, field: &str, problem: impl Into<String>) -> DataError {
+    pub(super) fn error(&self, field: &str, problem: impl Into<String>) -> DataError {
         DataError::Field {
             path: self.listed_in.clone(),
             frame: Some(self.index),

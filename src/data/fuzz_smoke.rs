@@ -7,10 +7,11 @@ use std::time::{Duration, Instant};
 
 use tempfile::TempDir;
 
+use super::npy::tests::npy_of;
 use super::test_capture::TestCapture;
 use super::test_formats::{
     cameras, folder, write_blended_mvs, write_colmap_binary, write_colmap_text, write_idr,
-    write_llff, write_neilf, write_photos, write_rgbd,
+    write_llff, write_neilf, write_nero, write_photos, write_rgbd,
 };
 use super::{Dataset, ExrSample, LoadOptions, check, first_photo, write_exr, write_glb};
 use crate::geometry::test_mesh::ellipsoid;
@@ -87,6 +88,18 @@ fn change_number(bytes: &mut Vec<u8>, at: usize, random: &mut Random) {
     bytes.splice(from..from + n, number.bytes());
 }
 
+/// Depth maps of each kind of file.
+fn write_depths(folder: &Path) {
+    std::fs::create_dir_all(folder).unwrap();
+    let codes = image::ImageBuffer::from_pixel(40, 30, image::Luma([9000_u16]));
+    codes.save(folder.join("0000.png")).unwrap();
+    let mut pfm = b"Pf\n40 30\n-1.0\n".to_vec();
+    pfm.extend(2.0_f32.to_le_bytes().repeat(1200));
+    std::fs::write(folder.join("0001.pfm"), pfm).unwrap();
+    let npy = npy_of(&[30, 40], &[2.0; 1200]);
+    std::fs::write(folder.join("0002.npy"), npy).unwrap();
+}
+
 /// One capture of each layout.
 fn captures() -> Vec<TempDir> {
     let with = |photos: &str, write: &dyn Fn(&Path)| {
@@ -120,7 +133,19 @@ fn captures() -> Vec<TempDir> {
         with("blended_images", &|root| {
             write_blended_mvs(root, &cameras());
         }),
-        with("color", &|root| write_rgbd(root, &cameras())),
+        with("color", &|root| {
+            write_rgbd(root, &cameras());
+            write_depths(&root.join("depth"));
+        }),
+        with("unused", &|root| {
+            write_nero(root, &cameras()[..2]);
+            for i in 0..2 {
+                let photo = root.join(format!("{i}.png"));
+                std::fs::copy(root.join(format!("unused/{i:04}.png")), photo).unwrap();
+            }
+            let depth = image::ImageBuffer::from_pixel(40, 30, image::Luma([9000_u16]));
+            depth.save(root.join("0-depth.png")).unwrap();
+        }),
         with("inputs/images", &|root| {
             write_neilf(root, &cameras());
         }),

@@ -10,7 +10,7 @@ use super::problem::first_names;
 use super::splits::{SplitFrames, split_as_chosen};
 use super::{
     CaptureChoices, DataError, Frame, PointCloud, Problem, Severity, blended_mvs, colmap, idr,
-    llff, neilf, rgbd, splits,
+    llff, neilf, nero, rgbd, splits,
 };
 
 /// A capture's photos with poses and lenses, by split, before any photo is read.
@@ -85,7 +85,7 @@ struct Layout {
 }
 
 /// In the order of preference: what was made for reconstruction before what it was made from.
-const LAYOUTS: [Layout; 6] = [
+const LAYOUTS: [Layout; 7] = [
     Layout {
         name: "IDR or NeuS",
         looked_for: idr::LOOKED_FOR,
@@ -97,6 +97,12 @@ const LAYOUTS: [Layout; 6] = [
         looked_for: neilf::LOOKED_FOR,
         find: neilf::find,
         list: neilf::list,
+    },
+    Layout {
+        name: "NeRO",
+        looked_for: nero::LOOKED_FOR,
+        find: nero::find,
+        list: nero::list,
     },
     Layout {
         name: "COLMAP",
@@ -194,6 +200,10 @@ fn list_file(path: &Path) -> Result<Listing, DataError> {
         };
         return Ok(finish(&found, list(&found)?));
     }
+    if has_extension("pkl") {
+        let found = Found::beside(path);
+        return Ok(finish(&found, nero::list(&found)?));
+    }
     let folder = path.parent().unwrap_or_else(|| Path::new(""));
     if (has_extension("bin") || has_extension("txt")) && colmap::model_format(folder).is_some() {
         let found = colmap::found_at(folder);
@@ -265,12 +275,6 @@ fn not_recognised(path: &Path) -> DataError {
     for layout in &LAYOUTS {
         problem.push_str("\n  ");
         problem.push_str(layout.looked_for);
-    }
-    if path.join("0-camera.pkl").is_file() {
-        problem.push_str(
-            "\nit holds NeRO's pickled cameras (0-camera.pkl): pickles are programs, which are not run here; \
-             write the poses into a transforms.json with Python",
-        );
     }
     DataError::NotADataset {
         path: path.to_owned(),

@@ -16,7 +16,8 @@ use super::problem::first_names;
 use super::views::{load_views, upright_photo};
 use super::world_up::world_up;
 use super::{
-    DataError, Dataset, Frame, LoadOptions, MeshPlacement, Origin, Photo, Problem, Severity, View,
+    DataError, Dataset, DepthView, Frame, LoadOptions, MeshPlacement, Origin, Photo, Problem,
+    Severity, View,
 };
 use crate::geometry::Mesh;
 
@@ -45,6 +46,7 @@ impl Dataset {
             wanted(options.splits.test, listing.test),
         ];
         let noted_exposure_ev = noted_exposures(&frames[0]);
+        let depths = frames[0].iter().filter_map(DepthView::of).collect();
         let decoded = decode_splits(path, &frames, reduction, options, &mut problems)?;
         let root = listing.root;
         problems.extend(links_out(&root, &frames));
@@ -56,6 +58,7 @@ impl Dataset {
             origin: Origin {
                 recognised: listing.recognised,
                 points: listing.points.map(Arc::new),
+                depths,
                 up: Some(up.unwrap_or(up_from_cameras)),
                 up_is_given: up.is_some(),
                 split_rule: listing.split_rule,

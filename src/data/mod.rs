@@ -11,6 +11,7 @@ mod capture_path;
 mod check;
 mod choices;
 mod colmap;
+mod depth;
 mod error;
 mod exif;
 mod exr_image;
@@ -27,11 +28,13 @@ mod load;
 mod mask_color;
 mod mesh_io;
 mod neilf;
+mod nero;
 mod npy;
 mod orientation;
 mod photo;
 mod photo_budget;
 mod photo_folder;
+mod pickle;
 mod points;
 mod problem;
 mod relight;
@@ -70,6 +73,7 @@ pub use colmap::{
     ColmapCamera, ColmapImage, ColmapPoint, Keep, Model as ColmapModel, Observation,
     read_colmap_model,
 };
+pub use depth::{DepthFile, DepthMap, DepthView};
 pub use error::DataError;
 pub use exr_image::{ExrChannel, ExrSample, read_exr_linear, write_exr, write_exr_channels};
 pub use film::{Ending, FilmFormat, MAX_GIF_FPS, NextFrame, find_ffmpeg, write_gif, write_mp4};
@@ -126,6 +130,8 @@ pub struct Origin {
     pub recognised: String,
     /// The reconstruction's points, where the layout has them.
     pub points: Option<Arc<PointCloud>>,
+    /// Depth maps of training photos.
+    pub depths: Vec<DepthView>,
     /// The direction that is up in the world, unit: as given, else told from all listed cameras.
     pub up: Option<Vec3>,
     /// Whether it was given.

@@ -25,8 +25,8 @@ pub(super) struct Array {
 }
 
 /// How a value is stored.
-#[derive(Clone, Copy)]
-struct Kind {
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Kind {
     letter: u8,
     n_bytes: usize,
     big_endian: bool,
@@ -105,25 +105,8 @@ fn parse(bytes: &[u8]) -> Result<Array, (&'static str, String)> {
     let kind = parse_kind(entry("descr")?)?;
     let fortran_order = entry("fortran_order")?.starts_with("True");
     let shape = parse_shape(entry("shape")?)?;
-    let n_values = shape
-        .iter()
-        .try_fold(1_usize, |n, side| n.checked_mul(*side))
-        .filter(|n| *n <= values.len() / kind.n_bytes)
-        .ok_or_else(|| {
-            let problem = format!("{shape:?} is more than the {} bytes there", values.len());
-            ("shape", problem)
-        })?;
-    let values: Vec<f64> = values
-        .chunks_exact(kind.n_bytes)
-        .take(n_values)
-        .map(|bytes| kind.value(bytes))
-        .collect();
-    let values = if fortran_order {
-        in_c_order(&shape, &values)
-    } else {
-        values
-    };
-    Ok(Array { shape, values })
+    let array = kind.array(&shape, fortran_order, values);
+    array.map_err(|problem| ("shape", problem))
 }
 
 /// The header's text and the bytes of the values.
@@ -148,35 +131,7 @@ fn split_header(bytes: &[u8]) -> Result<(&str, &[u8]), (&'static str, String)> {
 /// `'<f8'` and the like.
 fn parse_kind(text: &str) -> Result<Kind, (&'static str, String)> {
     let quoted = text.split('\'').nth(1).unwrap_or_default();
-    let fail = || {
-        (
-            "descr",
-            format!("'{quoted}' is not an array of plain numbers"),
-        )
-    };
-    let [order, letter, size @ ..] = quoted.as_bytes() else {
-        return Err(fail());
-    };
-    let n_bytes = match size {
-        b"1" => 1,
-        b"2" => 2,
-        b"4" => 4,
-        b"8" => 8,
-        _ => return Err(fail()),
-    };
-    let is_known = match letter {
-        b'f' => n_bytes >= 4,
-        b'i' | b'u' => true,
-        _ => false,
-    };
-    if !is_known || !b"<>|=".contains(order) {
-        return Err(fail());
-    }
-    Ok(Kind {
-        letter: *letter,
-        n_bytes,
-        big_endian: *order == b'>',
-    })
+    Kind::of(quoted).map_err(|problem| ("descr", problem))
 }
 
 /// `(3, 4)` and the like.
@@ -199,6 +154,68 @@ fn parse_shape(text: &str) -> Result<Vec<usize>, (&'static str, String)> {
 }
 
 impl Kind {
+    /// `<f8`, `f8` and the like, or what is wrong with it.
+    pub(super) fn of(text: &str) -> Result<Self, String> {
+        let fail = || format!("'{text}' is not an array of plain numbers");
+        let (order, rest) = match text.as_bytes() {
+            [order, rest @ ..] if b"<>|=".contains(order) => (*order, rest),
+            rest => (b'=', rest),
+        };
+        let [letter, size @ ..] = rest else {
+            return Err(fail());
+        };
+        let n_bytes = match size {
+            b"1" => 1,
+            b"2" => 2,
+            b"4" => 4,
+            b"8" => 8,
+            _ => return Err(fail()),
+        };
+        let is_known = match letter {
+            b'f' => n_bytes >= 4,
+            b'i' | b'u' => true,
+            _ => false,
+        };
+        let kind = Self {
+            letter: *letter,
+            n_bytes,
+            big_endian: order == b'>',
+        };
+        is_known.then_some(kind).ok_or_else(fail)
+    }
+
+    /// The same with another order of bytes: `>` or any other.
+    pub(super) fn in_order(self, order: &[u8]) -> Self {
+        Self {
+            big_endian: order == b">",
+            ..self
+        }
+    }
+
+    /// The array of that shape in `bytes`, or what is wrong with it.
+    pub(super) fn array(
+        self,
+        shape: &[usize],
+        is_fortran: bool,
+        bytes: &[u8],
+    ) -> Result<Array, String> {
+        let n_values = shape
+            .iter()
+            .try_fold(1_usize, |n, side| n.checked_mul(*side))
+            .filter(|n| *n <= bytes.len() / self.n_bytes)
+            .ok_or_else(|| format!("{shape:?} is more than the {} bytes there", bytes.len()))?;
+        let values = bytes.chunks_exact(self.n_bytes).take(n_values);
+        let values: Vec<f64> = values.map(|bytes| self.value(bytes)).collect();
+        Ok(Array {
+            shape: shape.to_vec(),
+            values: if is_fortran {
+                in_c_order(shape, &values)
+            } else {
+                values
+            },
+        })
+    }
+
     fn value(self, bytes: &[u8]) -> f64 {
         let mut little = [0; 8];
         for (i, byte) in little[..self.n_bytes].iter_mut().enumerate() {

@@ -3,15 +3,17 @@
 //!
 //! `ScanNet` and its kin: `pose/12.txt` beside `color/12.jpg`, the lens in `intrinsic/intrinsic_color.txt`.
 //! `KinectFusion`, `BundleFusion`, 7-Scenes and `3DMatch`: `frame-000012.pose.txt` beside `frame-000012.color.png`, the
-//! lens in `camera-intrinsics.txt`, there or one folder above. Depth maps are counted, not read.
+//! lens in `camera-intrinsics.txt`, there or one folder above. Depth maps lie in `depth/` or are called
+//! `frame-000012.depth.png`; their lens is the photos' unless `intrinsic/intrinsic_depth.txt` is there.
 
 use std::path::{Path, PathBuf};
 
 use super::capture_path::{read_text, with_extension};
+use super::depth::MILLIMETRE;
 use super::frame::{rotation_and_translation, world_from_opencv};
 use super::listing::{Found, Listed};
 use super::problem::first_names;
-use super::{DataError, Frame, Intrinsics, Problem, Severity};
+use super::{DataError, DepthFile, Frame, Intrinsics, Problem, Severity};
 
 /// The largest text file read.
 const MAX_BYTES: u64 = 1 << 20;
@@ -30,6 +32,12 @@ const LENSES: [&str; 9] = [
     "camera_intrinsics.txt",
     "K.txt",
     "../camera-intrinsics.txt",
+];
+/// Where the lens of the depth maps may stand, from the capture's folder.
+const DEPTH_LENSES: [&str; 3] = [
+    "intrinsic/intrinsic_depth.txt",
+    "intrinsics/intrinsic_depth.txt",
+    "intrinsic_depth.txt",
 ];
 const POSE_ENDING: &str = ".pose.txt";
 
@@ -80,6 +88,10 @@ pub(super) fn list(found: &Found) -> Result<Listed, DataError> {
         problem: "poses are there, but no camera-intrinsics.txt".to_owned(),
     })?;
     let lens = read_lens(&lens_file)?;
+    let depth_lens = DEPTH_LENSES.iter().map(|name| root.join(name));
+    let depth_lens = depth_lens.into_iter().find(|file| file.is_file());
+    let depth_lens = depth_lens.as_deref().map(read_lens).transpose()?;
+    let mut n_depths = 0;
     let poses = pose_files(&found.file, root)?;
     let n_poses = poses.len();
     let (mut frames, mut lost) = (Vec::new(), Vec::new());
@@ -103,7 +115,15 @@ pub(super) fn list(found: &Found) -> Result<Listed, DataError> {
         let rotation = rotation.transpose();
         let pose = world_from_opencv(rotation, -(rotation * position));
         let photo = photo_of(root, &found.file, &stem);
-        frames.push(Frame::new(index, photo, pose, lens, &lens_file));
+        let mut depth = depth_of(root, &found.file, &stem);
+        if let Some(file) = &mut depth {
+            file.lens = depth_lens;
+            n_depths += 1;
+        }
+        frames.push(Frame {
+            depth,
+            ..Frame::new(index, photo, pose, lens, &lens_file)
+        });
     }
     let mut problems = Vec::new();
     if !lost.is_empty() {
@@ -120,7 +140,11 @@ pub(super) fn list(found: &Found) -> Result<Listed, DataError> {
             "depth camera: poses in {}, lens in {}{}",
             found.shown(&found.file),
             found.shown(&lens_file),
-            depth_maps(root, &found.file)
+            if n_depths > 0 {
+                format!(", {n_depths} depth maps")
+            } else {
+                String::new()
+            }
         ),
         frames,
         points: None,
@@ -128,23 +152,14 @@ pub(super) fn list(found: &Found) -> Result<Listed, DataError> {
     })
 }
 
-/// What is said of depth maps.
-fn depth_maps(root: &Path, poses: &Path) -> &'static str {
-    let in_folder = root.join("depth").is_dir();
-    let beside = || {
-        let mut entries = poses
-            .read_dir()
-            .into_iter()
-            .flatten()
-            .flatten()
-            .take(MAX_FILES);
-        entries.any(|entry| entry.file_name().to_string_lossy().contains(".depth."))
-    };
-    if in_folder || beside() {
-        "; depth maps are there and not used: name a mesh"
+/// The depth map of a pose, where there is one.
+fn depth_of(root: &Path, poses: &Path, stem: &str) -> Option<DepthFile> {
+    let path = if poses == root {
+        root.join(format!("{stem}.depth"))
     } else {
-        ""
-    }
+        root.join("depth").join(stem)
+    };
+    DepthFile::find(&path, MILLIMETRE)
 }
 
 /// The photo of a pose; the first that would do where there is none.
@@ -245,8 +260,15 @@ mod tests {
             }
             assert_cameras(&frames, &shifted_cameras());
         }
-        let said = list_capture(root).unwrap().recognised;
-        assert!(said.contains("depth maps are there"), "{said}");
+        let listing = list_capture(root).unwrap();
+        let said = &listing.recognised;
+        assert!(said.contains("9 depth maps"), "{said}");
+        let has_its = |frame: &Frame| {
+            let depth = frame.depth.as_ref().unwrap();
+            let photo = frame.photo.to_string_lossy().replace(".color.", ".depth.");
+            depth.path.to_string_lossy() == photo
+        };
+        assert!(listing.frames().all(has_its), "each has its own");
     }
 
     #[test]

@@ -8,6 +8,7 @@ use serde_json::json;
 use tempfile::TempDir;
 
 use super::npy::tests::{npy_of, npz_of};
+use super::pickle::tests::{LENS, POSE, PROTOCOL_4, bytes_of};
 use super::{Frame, write_png_srgb};
 use crate::geometry::{Camera, Distortion};
 
@@ -258,6 +259,27 @@ pub(super) fn write_rgbd(root: &Path, cameras: &[Camera]) {
             text(world_from_camera),
         )
         .unwrap();
+    }
+}
+
+/// Writes `0-camera.pkl` and so on.
+pub(super) fn write_nero(root: &Path, cameras: &[Camera]) {
+    let whole = bytes_of(PROTOCOL_4);
+    let place = |bytes: &[u8]| whole.windows(bytes.len()).position(|w| w == bytes).unwrap();
+    let pose_bytes = |pose: &[f64]| -> Vec<u8> {
+        let numbers = pose.iter().map(|v| *v as f32);
+        numbers.flat_map(f32::to_le_bytes).collect()
+    };
+    let lens_bytes =
+        |lens: &[f64]| -> Vec<u8> { lens.iter().flat_map(|v| v.to_le_bytes()).collect() };
+    let (pose_at, lens_at) = (place(&pose_bytes(&POSE)), place(&lens_bytes(&LENS)));
+    for (i, camera) in cameras.iter().enumerate() {
+        let pose = pose_bytes(&opencv_rows(camera)[..12]);
+        let lens = lens_bytes(&k_of(camera).transpose().to_cols_array());
+        let mut bytes = whole.clone();
+        bytes[pose_at..pose_at + pose.len()].copy_from_slice(&pose);
+        bytes[lens_at..lens_at + lens.len()].copy_from_slice(&lens);
+        std::fs::write(root.join(format!("{i}-camera.pkl")), bytes).unwrap();
     }
 }
 

@@ -10,9 +10,10 @@ use glam::{Affine3A, Mat3, Vec3};
 use serde_json::Value;
 
 use super::capture_path::{path_below, read_text, with_extension};
+use super::depth::MILLIMETRE;
 use super::json_fields::Fields;
 use super::splits::{SplitLists, photo_key};
-use super::{DataError, Frame, Intrinsics};
+use super::{DataError, DepthFile, Frame, Intrinsics};
 use crate::geometry::{Distortion, LensModel};
 
 /// How far above its folder `relight/<edit>/edit.json` may climb: it refers to `../../test_mask`.
@@ -99,14 +100,31 @@ fn read_frame(fields: &Fields<'_>, index: usize, lens: Intrinsics) -> Result<Fra
         Some(declared) => Some(resolve(fields, "mask_path", declared)?),
         None => None,
     };
+    let depth = read_depth(fields)?;
     let (pose, lens) = (read_pose(fields)?, read_intrinsics(fields, lens)?);
     let test_index = fields.value.get("test_index").and_then(Value::as_u64);
     Ok(Frame {
         mask,
+        depth,
         test_index: test_index.map(|i| i as usize),
         time_secs: fields.value.get("time").and_then(Value::as_f64),
         ..Frame::new(index, photo, pose, lens, fields.json)
     })
+}
+
+/// nerfstudio's `depth_file_path`, or instant-ngp's `depth_path`: millimetres where the numbers are whole.
+fn read_depth(fields: &Fields<'_>) -> Result<Option<DepthFile>, DataError> {
+    for field in ["depth_file_path", "depth_path"] {
+        if let Some(declared) = fields.string(field)? {
+            return Ok(Some(DepthFile {
+                path: resolve(fields, field, declared)?,
+                unit: MILLIMETRE,
+                nothing_from: f32::INFINITY,
+                lens: None,
+            }));
+        }
+    }
+    Ok(None)
 }
 
 /// The lens of a frame or file, where absent that of `outer`.

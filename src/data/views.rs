@@ -10,7 +10,7 @@ use super::orientation::{lies_on_its_side, orientation_of, turned_mask, turned_p
 use super::photo_budget::{DecodeGate, Reduction, decoding_cost};
 use super::problem::first_names;
 use super::shrink::{shrunk_mask, shrunk_photo};
-use super::{DataError, Frame, Mask, Photo, Problem, Severity, View, read_mask};
+use super::{DataError, DepthFile, Frame, Mask, Photo, Problem, Severity, View, read_mask};
 
 /// Views in the order of their frames, `None` where one could not be read.
 pub(super) struct LoadedViews {
@@ -227,9 +227,10 @@ fn load_view(frame: &Frame, reduction: Reduction) -> Result<LoadedView, DataErro
         .alpha
         .as_ref()
         .is_some_and(|alpha| hides_one_color(&decoded.photo, alpha));
-    let mask = match mask_file {
-        Some(path) => Some(read_mask_sized(path, width, height, orientation)?),
-        None => decoded.alpha.clone(),
+    let mask = match (mask_file, &frame.depth) {
+        (Some(path), _) => Some(read_mask_sized(path, width, height, orientation)?),
+        (None, Some(depth)) if decoded.alpha.is_none() => mask_of_depth(depth, width, height)?,
+        (None, _) => decoded.alpha.clone(),
     };
     let full = View {
         name: frame.name.clone(),
@@ -315,6 +316,27 @@ fn read_mask_sized(
         height,
         coverage,
     })
+}
+
+/// The mask of a depth map that knows where nothing is, of the photo's size.
+fn mask_of_depth(depth: &DepthFile, width: u32, height: u32) -> Result<Option<Mask>, DataError> {
+    if depth.nothing_from.is_infinite() || !depth.path.is_file() {
+        return Ok(None);
+    }
+    let (map_width, map_height, depths) = depth.read()?;
+    if (map_width, map_height) != (width, height) {
+        let problem =
+            format!("the depth map is {map_width} x {map_height}, its photo {width} x {height}");
+        return Err(DataError::image(&depth.path, problem));
+    }
+    let coverage = depths
+        .iter()
+        .map(|depth| if *depth > 0.0 { 255 } else { 0 });
+    Ok(Some(Mask {
+        width,
+        height,
+        coverage: coverage.collect(),
+    }))
 }
 
 /// Whether nearly all fully transparent pixels have one colour, that is, hold no photo.

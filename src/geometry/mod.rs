@@ -32,7 +32,7 @@ pub use footprint::SurfaceFootprint;
 pub use iso_surface::iso_surface;
 pub use mesh::{Mesh, MeshError};
 pub use parts::MeshParts;
-pub use ray::Ray;
+pub use ray::{Ray, nearest_point};
 pub use sampling::{
     GOLDEN_ANGLE, fibonacci_sphere, irradiance_directions, orthonormal_basis, sample_vmf,
 };

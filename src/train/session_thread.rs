@@ -22,8 +22,8 @@ use crate::train::stage_one::{self, StageOneError, StageOneOptions};
 const LOWEST_PRIORITY: i32 = 19;
 /// What the person reads while photos are decoded.
 const READING: &str = "Reading the capture";
-/// What the person reads while a mesh is made of the masks.
-const MAKING_MESH: &str = "Making the object's mesh from its masks";
+/// What the person reads while a mesh is made of depth maps or masks.
+const MAKING_MESH: &str = "Making the object's mesh";
 /// What the person reads while pixels are traced.
 const PREPARING: &str = "Preparing the training pixels";
 
@@ -165,7 +165,7 @@ impl Worker {
         Ok(dataset)
     }
 
-    /// Gives the capture a mesh where it has masks and none: a run that goes on keeps its own, a
+    /// Gives the capture a mesh where it has none and what one can be made from: a run that goes on keeps its own, a
     /// new one makes it. False when it was told to stop meanwhile.
     fn complete_mesh(&self, dataset: &mut Dataset) -> Result<bool, SessionError> {
         let options = &self.options;

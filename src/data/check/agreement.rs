@@ -11,9 +11,8 @@ use glam::{Affine3A, Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::MaskAgreement;
-use super::statistics::nearest_point;
 use crate::data::{Dataset, Mask, MeshPlacement, Problem, Severity, View};
-use crate::geometry::{Camera, Mesh, Ray, SurfaceTracer};
+use crate::geometry::{Camera, Mesh, Ray, SurfaceTracer, nearest_point};
 
 /// The longer side of the raster for the report.
 const REPORT_SIDE: u32 = 160;

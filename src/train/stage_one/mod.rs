@@ -1,4 +1,6 @@
-//! Stage one: a mesh of the object where a capture has none, from its masks and cameras.
+//! Stage one: a mesh of the object where a capture has none, from its depth maps, or from its masks and cameras.
+//!
+//! Depth maps are fused on a grid. Without them
 //!
 //! The visual hull comes first, as signed distances on a grid; then the fairest surface within it
 //! whose outlines are those of the masks, to a fraction of a pixel. Nothing is asked of the
@@ -7,6 +9,9 @@
 mod band;
 mod compare;
 mod fairing;
+mod fusion;
+#[cfg(test)]
+mod fusion_tests;
 mod hull;
 mod silhouette;
 #[cfg(test)]
@@ -88,8 +93,8 @@ impl StageOneOptions {
 pub enum StageOneError {
     /// Too few views have a mask with the object's edge in it.
     #[error(
-        "{}: a mesh needs the object's outline in at least {needed} training views, but only {n_found} of {n_views} \
-         have a mask that shows it", dataset.display(), needed = MIN_VIEWS
+        "{}: a mesh needs depth maps, or the object's outline in at least {needed} training views, but only {n_found} \
+         of {n_views} have a mask that shows it", dataset.display(), needed = MIN_VIEWS
     )]
     TooFewMasks {
         /// The capture.
@@ -117,7 +122,7 @@ pub enum StageOneError {
         dataset: PathBuf,
     },
     /// No surface is left.
-    #[error("{}: no surface fits the masks: {source}", dataset.display())]
+    #[error("{}: no surface fits the masks or depth maps: {source}", dataset.display())]
     NoSurface {
         /// The capture.
         dataset: PathBuf,
@@ -144,6 +149,9 @@ pub fn make_mesh(
 ) -> Result<Mesh, StageOneError> {
     let go_on = || !cancel.load(Ordering::Relaxed);
     let root = || dataset.root.clone();
+    if let Some(mesh) = fused(dataset, options, &go_on, on_progress)? {
+        return Ok(mesh);
+    }
     let silhouettes = silhouettes(dataset)?;
     on_progress(0.05);
     let bounds = hull::bounds(&silhouettes, &go_on);
@@ -181,6 +189,37 @@ pub fn make_mesh(
         })
 }
 
+/// The mesh that the depth maps show; `None` where there are too few, or too few that can be read.
+fn fused(
+    dataset: &Dataset,
+    options: &StageOneOptions,
+    go_on: &(dyn Fn() -> bool + Sync),
+    on_progress: &(dyn Fn(f32) + Sync),
+) -> Result<Option<Mesh>, StageOneError> {
+    let views = fusion::depth_views(dataset);
+    if views.len() < fusion::MIN_MAPS {
+        return Ok(None);
+    }
+    let Some(bounds) = fusion::bounds(dataset, &views) else {
+        return Ok(None);
+    };
+    on_progress(0.1);
+    let mut grid = ScalarGrid::over(&bounds, options.n_cells, 0.0);
+    let is_late = || options.deadline.is_some_and(|end| Instant::now() >= end);
+    let on_batch = |fraction: f32| on_progress(0.1 + 0.85 * fraction);
+    let n_read = fusion::fill(&views, &mut grid, &is_late, go_on, &on_batch);
+    match n_read {
+        None => return Err(StageOneError::Cancelled),
+        Some(n) if n < fusion::MIN_MAPS => return Ok(None),
+        Some(_) => {}
+    }
+    let mesh = iso_surface(&grid).and_then(|mesh| mesh.without_specks(SPECK));
+    mesh.map(Some).map_err(|source| StageOneError::NoSurface {
+        dataset: dataset.root.clone(),
+        source,
+    })
+}
+
 /// A grid of `n_cells` along the longest side of `bounds`, with a margin on all sides.
 fn grid_around(bounds: &Aabb, n_cells: usize) -> ScalarGrid {
     let margin = MARGIN_CELLS as f32 * bounds.extent().max_element() / n_cells as f32;
@@ -214,7 +253,9 @@ fn silhouettes(dataset: &Dataset) -> Result<Vec<Silhouette>, StageOneError> {
     Ok(found)
 }
 
-/// Whether the capture lacks a mesh and has masks to make one from.
+/// Whether the capture lacks a mesh and has masks, or depth maps of something that the cameras stand around, to make one
+/// from.
 pub fn is_needed(dataset: &Dataset) -> bool {
-    dataset.mesh.is_none() && dataset.train.iter().any(|view: &View| view.mask.is_some())
+    let has_masks = || dataset.train.iter().any(|view: &View| view.mask.is_some());
+    dataset.mesh.is_none() && (has_masks() || fusion::shows_object(dataset))
 }

@@ -1,0 +1,125 @@
+//! Meshes from depth maps that the tracer made of a known mesh.
+
+use std::fmt::Write as _;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use glam::{Mat4, Vec3};
+
+use super::*;
+use crate::data::{LoadOptions, write_png_srgb};
+use crate::geometry::test_mesh::ellipsoid;
+use crate::geometry::{Camera, SurfaceTracer, fibonacci_sphere};
+
+/// Pixels on a side.
+const SIDE: u32 = 96;
+const CENTER: Vec3 = Vec3::new(3.0, -2.0, 1.0);
+
+/// What lies under the object, as far as depth maps show it.
+#[derive(Clone, Copy, PartialEq)]
+enum Ground {
+    None,
+    Floor,
+}
+
+/// The shape: three radii, so that no turn maps it to itself.
+fn shape() -> Arc<Mesh> {
+    Arc::new(ellipsoid(CENTER, Vec3::new(0.5, 0.3, 0.4), 48))
+}
+
+/// Writes photos, depth maps, and masks where they are wanted, with a `transforms.json`.
+fn write_capture(root: &Path, ground: Ground, has_masks: bool) {
+    let tracer = SurfaceTracer::new(shape());
+    let directions = fibonacci_sphere(40);
+    let seen = directions
+        .iter()
+        .filter(|d| ground == Ground::None || d.z > 0.1);
+    let mut frames = Vec::new();
+    for (i, direction) in seen.enumerate() {
+        let camera = Camera::look_at(CENTER + 2.0 * *direction, CENTER, Vec3::Z, 0.7, SIDE, SIDE);
+        let (mut depths, mut mask) = (vec![0.0_f32; (SIDE * SIDE) as usize], Vec::new());
+        for (i, depth) in (0..SIDE * SIDE).zip(&mut depths) {
+            let ray = camera.ray((i % SIDE) as f32 + 0.5, (i / SIDE) as f32 + 0.5);
+            let hit = tracer.intersect(&ray, 0.0, f32::INFINITY).map(|hit| hit.t);
+            let floor = (CENTER.z - 0.4 - ray.origin.z) / ray.direction.z;
+            let floor = (ground == Ground::Floor && floor > 0.0).then_some(floor);
+            let t = hit.or(floor).unwrap_or(0.0);
+            *depth = t * ray.direction.dot(camera.forward());
+            mask.push([if hit.is_some() { 1.0 } else { 0.0 }; 3]);
+        }
+        write_pfm(&root.join(format!("{i:02}.pfm")), &depths);
+        write_png_srgb(&root.join(format!("{i:02}.png")), SIDE, SIDE, &mask).unwrap();
+        let mut frame = serde_json::json!({
+            "file_path": format!("{i:02}.png"), "depth_file_path": format!("{i:02}.pfm"),
+            "fl_x": camera.fx, "w": SIDE, "h": SIDE,
+            "transform_matrix": Mat4::from(camera.world_from_camera).transpose().to_cols_array_2d(),
+        });
+        if has_masks {
+            frame["mask_path"] = format!("{i:02}.png").into();
+        }
+        frames.push(frame);
+    }
+    let json = serde_json::json!({ "frames": frames });
+    std::fs::write(root.join("transforms.json"), json.to_string()).unwrap();
+}
+
+fn write_pfm(path: &Path, depths: &[f32]) {
+    let mut header = String::new();
+    writeln!(header, "Pf\n{SIDE} {SIDE}\n-1.0").unwrap();
+    let rows = depths.chunks_exact(SIDE as usize).rev();
+    let bytes = rows.flatten().flat_map(|depth| depth.to_le_bytes());
+    std::fs::write(
+        path,
+        header
+            .into_bytes()
+            .into_iter()
+            .chain(bytes)
+            .collect::<Vec<_>>(),
+    )
+    .unwrap();
+}
+
+fn fused(ground: Ground, has_masks: bool) -> (Arc<Mesh>, MeshDifference) {
+    let folder = tempfile::tempdir().unwrap();
+    write_capture(folder.path(), ground, has_masks);
+    let dataset = Dataset::load(folder.path(), &LoadOptions::default()).unwrap();
+    assert!(is_needed(&dataset), "it makes its mesh itself");
+    let options = StageOneOptions {
+        n_cells: 64,
+        ..StageOneOptions::default()
+    };
+    let mesh = make_mesh(&dataset, &options, &AtomicBool::new(false), &|_| ()).unwrap();
+    let seen = dataset.train.iter().step_by(4);
+    let cameras: Vec<Camera> = seen.map(|view| view.camera).collect();
+    let mesh = Arc::new(mesh);
+    let difference = compare(&mesh, &shape(), &cameras);
+    (mesh, difference)
+}
+
+#[test]
+fn depth_maps_of_an_object_give_its_surface() {
+    let (_, difference) = fused(Ground::None, false);
+    assert!(
+        difference.chamfer < 0.005 && difference.normal_median_deg < 3.0,
+        "{difference:?}"
+    );
+}
+
+#[test]
+fn masks_part_the_object_from_what_it_stands_on() {
+    let (mesh, difference) = fused(Ground::Floor, true);
+    assert!(difference.chamfer_visible < 0.006, "{difference:?}");
+    let bounds = mesh.bounds();
+    assert!(
+        bounds.extent().max_element() < 1.1,
+        "no floor: {:?}",
+        bounds.extent()
+    );
+    let (mesh, _) = fused(Ground::Floor, false);
+    assert!(
+        mesh.bounds().extent().x > 1.5,
+        "without masks what it stands on belongs to it: {:?}",
+        mesh.bounds()
+    );
+}
