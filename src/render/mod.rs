@@ -12,6 +12,7 @@ pub mod film;
 pub mod gbuffer;
 pub mod ground;
 mod highlight;
+pub mod inbox;
 pub mod irradiance;
 pub mod metallic_roughness;
 pub mod neilf;

@@ -7,12 +7,13 @@
 
 use std::fmt;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
+use super::inbox::Inbox;
 use super::irradiance::DiffuseLights;
 use super::priority::lower_thread_priority;
 use super::progressive::{PassKind, PassOutput, PreviewScene, Progressive, Recomputed};
@@ -106,37 +107,15 @@ pub struct Preview {
 /// What waits to be rendered.
 #[derive(Debug)]
 struct Request {
-    number: u64,
     scene: PreviewScene,
     passes: Passes,
 }
 
 #[derive(Debug, Default)]
-struct Inbox {
-    request: Option<Request>,
-    is_closed: bool,
-}
-
-impl Inbox {
-    fn is_quiet(&self) -> bool {
-        self.request.is_none() && !self.is_closed
-    }
-}
-
-#[derive(Debug, Default)]
 struct Shared {
-    inbox: Mutex<Inbox>,
-    news: Condvar,
-    /// Set while something newer waits.
-    superseded: AtomicBool,
+    inbox: Inbox<Request>,
     frame: Mutex<Option<Arc<PreviewFrame>>>,
     n_frames: AtomicU64,
-    n_requests: AtomicU64,
-}
-
-/// A panic elsewhere cannot leave these plain values half written.
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl fmt::Debug for Preview {
@@ -182,22 +161,14 @@ impl Preview {
 
     /// Asks for a picture instead of whatever is waiting or running; returns the request's number.
     pub fn request(&self, scene: PreviewScene, passes: Passes) -> u64 {
-        let number = self.shared.n_requests.fetch_add(1, Ordering::Relaxed) + 1;
-        let mut inbox = lock(&self.shared.inbox);
-        inbox.request = Some(Request {
-            number,
-            scene,
-            passes,
-        });
-        self.shared.superseded.store(true, Ordering::Relaxed);
-        drop(inbox);
-        self.shared.news.notify_one();
-        number
+        self.shared.inbox.put(Request { scene, passes })
     }
 
     /// The newest finished picture.
     pub fn frame(&self) -> Option<Arc<PreviewFrame>> {
-        lock(&self.shared.frame).clone()
+        let frame = self.shared.frame.lock();
+        // A panic elsewhere cannot leave a half-written pointer.
+        frame.unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// How many pictures there have been: a change means news.
@@ -208,9 +179,7 @@ impl Preview {
 
 impl Drop for Preview {
     fn drop(&mut self) {
-        lock(&self.shared.inbox).is_closed = true;
-        self.shared.superseded.store(true, Ordering::Relaxed);
-        self.shared.news.notify_one();
+        self.shared.inbox.close();
         if self
             .thread
             .take()
@@ -231,31 +200,12 @@ struct Worker {
 
 impl Worker {
     fn run(mut self, wake: &(impl Fn() + Send)) {
-        while let Some(request) = self.next_request() {
-            self.serve(&request, wake);
+        while let Some((number, request)) = self.shared.inbox.take() {
+            self.serve(number, &request, wake);
         }
     }
 
-    /// Waits for a request; `None` when there will be none.
-    fn next_request(&self) -> Option<Request> {
-        let mut inbox = lock(&self.shared.inbox);
-        loop {
-            if inbox.is_closed {
-                return None;
-            }
-            if let Some(request) = inbox.request.take() {
-                self.shared.superseded.store(false, Ordering::Relaxed);
-                return Some(request);
-            }
-            inbox = self
-                .shared
-                .news
-                .wait(inbox)
-                .unwrap_or_else(PoisonError::into_inner);
-        }
-    }
-
-    fn serve(&mut self, request: &Request, wake: &(impl Fn() + Send)) {
+    fn serve(&mut self, number: u64, request: &Request, wake: &(impl Fn() + Send)) {
         let mut picture = request.scene.clone();
         let is_lit = picture.layer.is_lit();
         // Motion is lit by few probes; those of the last picture take longer than a frame.
@@ -268,22 +218,21 @@ impl Worker {
         let never = AtomicBool::new(false);
         let is_change = !matches!(request.passes, Passes::Only(_));
         for (i, &step) in steps.iter().enumerate() {
-            if i == 1 && !self.stays() {
+            if i == 1 && !self.shared.inbox.stays_quiet(REST) {
                 return;
             }
             let shared = Arc::clone(&self.shared);
             let cancel = if i == 0 && is_change {
                 &never
             } else {
-                &shared.superseded
+                shared.inbox.superseded()
             };
             let output = self.make(&mut picture, step, cancel);
-            let number = request.number;
             tracing::trace!(number, ?step, is_done = output.is_some(), "pass");
             let Some(output) = output else { return };
             self.publish(number, step, i + 1 == steps.len(), output);
             wake();
-            if self.shared.superseded.load(Ordering::Relaxed) {
+            if self.shared.inbox.is_superseded() {
                 return;
             }
         }
@@ -314,16 +263,6 @@ impl Worker {
         })
     }
 
-    /// Whether nothing newer comes for a moment.
-    fn stays(&self) -> bool {
-        let inbox = lock(&self.shared.inbox);
-        let news = &self.shared.news;
-        let (inbox, _) = news
-            .wait_timeout_while(inbox, REST, |inbox| inbox.is_quiet())
-            .unwrap_or_else(PoisonError::into_inner);
-        inbox.is_quiet()
-    }
-
     fn publish(&self, request: u64, step: Step, is_last: bool, output: PassOutput) {
         let PassOutput {
             width,
@@ -343,7 +282,8 @@ impl Worker {
             recomputed,
             cpu_secs,
         };
-        *lock(&self.shared.frame) = Some(Arc::new(frame));
+        let newest = self.shared.frame.lock();
+        *newest.unwrap_or_else(PoisonError::into_inner) = Some(Arc::new(frame));
         self.shared.n_frames.fetch_add(1, Ordering::Release);
     }
 }

@@ -2,11 +2,12 @@
 
 use std::time::Duration;
 
-use egui::{ColorImage, Context, TextureHandle, TextureId, TextureOptions};
+use egui::{Context, TextureHandle, TextureId};
 
 use crate::app::inspect::InspectState;
 use crate::app::inspect::driver::{InspectDriver, Pace, REFRESH_SECS, Wanted};
-use crate::app::inspect::worker::{FoundPanorama, PanoramaWish, PointRequest, PointWorker};
+use crate::app::inspect::worker::{PanoramaWish, PointRequest, PointWorker};
+use crate::app::texture;
 
 /// Worker, driver and texture.
 pub(in crate::app) struct Inspector {
@@ -46,7 +47,8 @@ impl Inspector {
             && let Some(found) = panorama.get()
             && self.driver.was_reached(found.number, found.view.width)
         {
-            upload(ctx, &mut self.texture, &found);
+            let size = [found.view.width as usize, found.height as usize];
+            texture::renew(ctx, &mut self.texture, "panorama", (size, &found.pixels));
             inspect.panorama = Some(found.view);
         }
         self.seen = versions;
@@ -78,15 +80,5 @@ impl Inspector {
     /// The panorama on the graphics card.
     pub(in crate::app) fn texture(&self) -> Option<TextureId> {
         self.texture.as_ref().map(TextureHandle::id)
-    }
-}
-
-fn upload(ctx: &Context, texture: &mut Option<TextureHandle>, found: &FoundPanorama) {
-    let size = [found.view.width as usize, found.height as usize];
-    let image = ColorImage::from_rgba_premultiplied(size, found.pixels.as_flattened());
-    let options = TextureOptions::LINEAR;
-    match texture {
-        Some(texture) => texture.set(image, options),
-        None => *texture = Some(ctx.load_texture("panorama", image, options)),
     }
 }

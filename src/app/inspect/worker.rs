@@ -3,13 +3,14 @@
 //! A newer request supersedes a running one within a row of the panorama, except that values and the coarsest panorama
 //! are always finished: while something is dragged both follow.
 
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use std::thread::JoinHandle;
 
 use glam::Vec3;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
+use crate::render::inbox::Inbox;
 use crate::render::priority::lower_thread_priority;
 use crate::render::{
     Layer, PanoramaView, Picture, PointValues, PointView, Scene, ShadeScratch, compose,
@@ -65,18 +66,8 @@ pub struct FoundPanorama {
 }
 
 #[derive(Debug, Default)]
-struct Inbox {
-    request: Option<(u64, PointRequest)>,
-    is_closed: bool,
-}
-
-#[derive(Debug, Default)]
 struct Shared {
-    inbox: Mutex<Inbox>,
-    news: Condvar,
-    /// Set while something newer waits.
-    superseded: AtomicBool,
-    n_requests: AtomicU64,
+    inbox: Inbox<PointRequest>,
     values: Latest<FoundValues>,
     panorama: Latest<FoundPanorama>,
 }
@@ -86,11 +77,6 @@ struct Shared {
 pub struct PointWorker {
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
-}
-
-/// A panic elsewhere cannot leave these plain values half written.
-fn lock(inbox: &Mutex<Inbox>) -> MutexGuard<'_, Inbox> {
-    inbox.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl PointWorker {
@@ -111,7 +97,7 @@ impl PointWorker {
             .spawn(move || {
                 lower_thread_priority(NICE);
                 let mut scratch = ShadeScratch::default();
-                while let Some((number, request)) = theirs.next_request() {
+                while let Some((number, request)) = theirs.inbox.take() {
                     theirs.serve(number, &request, &pool, &mut scratch, &wake);
                 }
             })?;
@@ -123,13 +109,7 @@ impl PointWorker {
 
     /// Asks instead of whatever is waiting or running; returns the request's number, which grows.
     pub fn request(&self, request: PointRequest) -> u64 {
-        let number = self.shared.n_requests.fetch_add(1, Ordering::Relaxed) + 1;
-        let mut inbox = lock(&self.shared.inbox);
-        inbox.request = Some((number, request));
-        self.shared.superseded.store(true, Ordering::Relaxed);
-        drop(inbox);
-        self.shared.news.notify_one();
-        number
+        self.shared.inbox.put(request)
     }
 
     /// The newest values.
@@ -145,9 +125,7 @@ impl PointWorker {
 
 impl Drop for PointWorker {
     fn drop(&mut self) {
-        lock(&self.shared.inbox).is_closed = true;
-        self.shared.superseded.store(true, Ordering::Relaxed);
-        self.shared.news.notify_one();
+        self.shared.inbox.close();
         let thread = self.thread.take();
         if thread.is_some_and(|thread| thread.join().is_err()) {
             tracing::error!("the thread of the picked point broke down (this is a bug)");
@@ -156,24 +134,6 @@ impl Drop for PointWorker {
 }
 
 impl Shared {
-    /// Waits for a request; `None` when there will be none.
-    fn next_request(&self) -> Option<(u64, PointRequest)> {
-        let mut inbox = lock(&self.inbox);
-        loop {
-            if inbox.is_closed {
-                return None;
-            }
-            if let Some(request) = inbox.request.take() {
-                self.superseded.store(false, Ordering::Relaxed);
-                return Some(request);
-            }
-            inbox = self
-                .news
-                .wait(inbox)
-                .unwrap_or_else(PoisonError::into_inner);
-        }
-    }
-
     fn serve(
         &self,
         number: u64,
@@ -205,7 +165,11 @@ impl Shared {
                 roughness,
                 width,
             };
-            let cancel = if i == 0 { &never } else { &self.superseded };
+            let cancel = if i == 0 {
+                &never
+            } else {
+                self.inbox.superseded()
+            };
             let Some(picture) = pool.install(|| panorama_of(scene, &around, cancel)) else {
                 return;
             };
@@ -216,7 +180,7 @@ impl Shared {
                 height: picture.height,
             }));
             wake();
-            if self.superseded.load(Ordering::Relaxed) {
+            if self.inbox.is_superseded() {
                 return;
             }
         }
