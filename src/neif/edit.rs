@@ -34,13 +34,20 @@ pub struct MaterialEdit {
     pub diffuse_gain: Vec3,
 }
 
+impl Default for RoughnessEdit {
+    /// As learned.
+    fn default() -> Self {
+        Self::Map {
+            scale: 1.0,
+            offset: 0.0,
+        }
+    }
+}
+
 impl Default for MaterialEdit {
     fn default() -> Self {
         Self {
-            roughness: RoughnessEdit::Map {
-                scale: 1.0,
-                offset: 0.0,
-            },
+            roughness: RoughnessEdit::default(),
             tint_scale: 1.0,
             tint_color: Vec3::ONE,
             diffuse_gain: Vec3::ONE,

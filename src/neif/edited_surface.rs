@@ -143,9 +143,5 @@ impl Edited {
 }
 
 fn changes_roughness(edit: &MaterialEdit) -> bool {
-    let same = RoughnessEdit::Map {
-        scale: 1.0,
-        offset: 0.0,
-    };
-    edit.roughness != same
+    edit.roughness != RoughnessEdit::default()
 }

@@ -15,7 +15,7 @@ use super::scene::{Layer, Scene};
 use super::shade::ShadeScratch;
 use super::thread_clock::thread_cpu;
 use crate::geometry::Camera;
-use crate::neif::Region;
+use crate::neif::{MaterialEdit, Region};
 
 /// The resolution divisors of the passes, coarsest first; nothing is ever coarser than a quarter.
 pub const SCALES: [u32; 3] = [4, 2, 1];
@@ -62,12 +62,17 @@ impl PreviewScene {
     /// Whether the picture would be the same.
     pub fn is_same(&self, other: &Self) -> bool {
         let object = |scene: &Scene| scene.object.as_ref().map(Arc::as_ptr);
+        // Where a highlighted region lies does not follow from its edit.
+        let place = |region: Region| Region {
+            edit: MaterialEdit::default(),
+            ..region
+        };
         self.camera == other.camera
             && self.layer == other.layer
-            && self.highlight == other.highlight
+            && self.highlight.map(place) == other.highlight.map(place)
             && self.scene.transform == other.scene.transform
             && self.scene.edit == other.scene.edit
-            && self.scene.regions == other.scene.regions
+            && self.scene.regions.effective() == other.scene.regions.effective()
             && self.scene.background == other.scene.background
             && self.scene.display_ev == other.scene.display_ev
             && Arc::ptr_eq(&self.scene.environment, &other.scene.environment)
@@ -297,6 +302,22 @@ mod tests {
 
     fn n_pixels() -> usize {
         (SIZE.0 * SIZE.1) as usize
+    }
+
+    #[test]
+    fn a_region_without_effect_changes_no_picture() {
+        let (plain, mut with_region) = (request(), request());
+        let mut region = Region {
+            seed: Vec3::ZERO,
+            extent: crate::neif::Extent::Part,
+            edit: MaterialEdit::default(),
+        };
+        with_region.scene.regions.push(region);
+        assert!(plain.is_same(&with_region));
+        region.edit.tint_scale = 0.5;
+        with_region.scene.regions = crate::neif::Regions::default();
+        with_region.scene.regions.push(region);
+        assert!(!plain.is_same(&with_region));
     }
 
     #[test]

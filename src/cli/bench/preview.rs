@@ -1,7 +1,7 @@
 //! `neif bench preview`: how quickly the preview answers, with and without training beside it.
 //!
 //! Drives the window's own preview and the driver that decides what it renders, without a window. Frames of the window
-//! itself are in its log: `RUST_LOG=neif=trace neif view PATH` writes a line `drawing` for each frame, with the seconds
+//! itself are in its log: `NEIF_LOG=neif=trace neif view PATH` writes a line `drawing` for each frame, with the seconds
 //! since the start, and a line `preview` for each picture that is shown.
 
 use std::path::{Path, PathBuf};
