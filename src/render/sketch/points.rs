@@ -24,6 +24,9 @@ const NEARER: f32 = 0.87;
 /// Neighbours from which a point is expected to have company, and how many of them it needs.
 const NEIGHBOURS: usize = 4;
 const COMPANY: usize = 2;
+/// Neighbours that may be nearer than a point at rest; more of them would hide it if they were all there. In motion as many
+/// as belong to it.
+const MOST_NEARER: usize = 1;
 /// Difference of two neighbours' values from which a ray is followed between them, as square roots of radiance: about
 /// five of 255 codes.
 const LARGEST_STEP: f32 = 0.02;
@@ -148,18 +151,23 @@ impl PointCloud {
         let width = job.camera.width as usize;
         let key = |i: usize| nearest[i].load(Ordering::Relaxed);
         let distance = |i: usize| f32::from_bits((key(i) >> 32) as u32);
+        // At rest, points of a picture in motion stand at every second pixel or so, and rays for doubtful ones are at hand.
+        let is_at_rest = job.purpose != Purpose::Motion;
+        let steps = steps_around(width, if is_at_rest { 2 } else { 1 });
         let has_company = |i: usize| {
-            let (mut n_beside, mut n_company) = (0, 0);
-            for step in [1, width - 1, width, width + 1] {
-                for j in [i.wrapping_sub(step), i + step] {
+            let (mut n_beside, mut n_company, mut n_nearer) = (0, 0, 0);
+            for step in &steps {
+                for j in [i.wrapping_sub(*step), i + step] {
                     if j < nearest.len() && key(j) != u64::MAX {
                         let (a, b) = (distance(i), distance(j));
                         n_beside += 1;
                         n_company += usize::from(a.min(b) > NEARER * a.max(b));
+                        n_nearer += usize::from(b <= NEARER * a);
                     }
                 }
             }
-            n_beside < NEIGHBOURS || n_company >= COMPANY
+            let most_nearer = if is_at_rest { MOST_NEARER } else { n_company };
+            n_beside < NEIGHBOURS || n_company >= COMPANY && n_nearer <= most_nearer
         };
         let stays: Vec<bool> = (0..nearest.len())
             .into_par_iter()
@@ -275,6 +283,15 @@ impl PointCloud {
             (shown != NONE).then(|| (&self.points[shown as usize], weight))
         })
     }
+}
+
+/// What to add to a pixel's index for those around it in one direction; the others are opposite.
+fn steps_around(width: usize, reach: usize) -> Vec<usize> {
+    let below = (1..=reach).flat_map(|dy| {
+        let row = dy * width;
+        (0..=2 * reach).map(move |x| (row + x).saturating_sub(reach))
+    });
+    (1..=reach).chain(below).collect()
 }
 
 /// From the field's coordinates to the world, as the surroundings stand now.
