@@ -215,6 +215,15 @@ impl Sketch {
         let missing = self.points.missing(&job.camera, is_open);
         let light = job.follow(&missing);
         self.points.add(&missing, &light);
+        if job.is_cancelled() {
+            return;
+        }
+        let hidden = self.points.drop_hidden(job, &missing);
+        if job.purpose == Purpose::Rest {
+            let hidden = every_nth(&hidden, self.n_rays_in(REST_SECS), 0);
+            let light = job.follow(&hidden);
+            self.points.add(&hidden, &light);
+        }
         let spare = match job.purpose {
             Purpose::Refresh => Vec::new(),
             Purpose::SharpRefresh => self.points.torn(&job.camera, is_open),

@@ -1,7 +1,7 @@
 //! The surroundings as points in space: seen once, projected into every picture that follows.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
 
 use glam::{Affine3A, Mat3, Vec3};
 use rayon::prelude::*;
@@ -27,6 +27,13 @@ const COMPANY: usize = 2;
 /// Neighbours that may be nearer than a point at rest; more of them would hide it if they were all there. In motion as many
 /// as belong to it.
 const MOST_NEARER: usize = 1;
+/// Cosine of the turn from which a view has next to nothing in common with the one before: what was seen at a flat angle
+/// would stand far apart, and what lies behind it would shine through.
+const LEAST_TURN_COS: f32 = 0.94;
+/// Pixels around one that has just been seen in which farther points are doubted.
+const DOUBT: usize = 2;
+/// Rays just followed nearby that must meet something nearer to prove a doubted point hidden.
+const PROOF: u8 = 2;
 /// Difference of two neighbours' values from which a ray is followed between them, as square roots of radiance: about
 /// five of 255 codes.
 const LARGEST_STEP: f32 = 0.02;
@@ -73,6 +80,10 @@ impl Source {
             && same(self.ground.as_ref(), scene.ground.as_ref())
     }
 
+    fn is_seen_from_near_here(&self, job: &Job<'_>) -> bool {
+        self.camera.forward().dot(job.camera.forward()) >= LEAST_TURN_COS
+    }
+
     fn is_same_view(&self, job: &Job<'_>) -> bool {
         self.camera.world_from_camera == job.camera.world_from_camera
             && self.transform == job.request.scene.transform
@@ -101,7 +112,9 @@ impl PointCloud {
             Purpose::Rest => source.is_kin(job) && source.is_same_light(job) && !source.is_mixed,
             Purpose::Refresh | Purpose::SharpRefresh => false,
         };
-        let is_kept = self.source.as_ref().is_some_and(keeps);
+        let near = self.source.as_ref();
+        let near = near.filter(|source| source.is_seen_from_near_here(job));
+        let is_kept = near.is_some_and(keeps);
         let is_mixed = is_kept
             && self
                 .source
@@ -251,6 +264,40 @@ impl PointCloud {
                 self.points[*shown as usize] = *light;
             }
         }
+    }
+
+    /// Drops points that shine through what `seen`, pixels just added, has shown to lie before them; returns their pixels.
+    pub(super) fn drop_hidden(&mut self, job: &Job<'_>, seen: &[u32]) -> Vec<u32> {
+        let width = job.camera.width as usize;
+        let (to_world, eye) = (world_from_field(job), job.camera.position());
+        let distance = |pixel: usize| {
+            let point = self.points.get(self.shown[pixel] as usize)?;
+            Some(to_world.transform_point3(point.position).distance(eye))
+        };
+        let proofs: Vec<AtomicU8> = (0..self.shown.len()).map(|_| AtomicU8::new(0)).collect();
+        let steps = steps_around(width, DOUBT);
+        seen.par_iter().with_min_len(256).for_each(|&pixel| {
+            let pixel = pixel as usize;
+            let Some(near) = distance(pixel) else { return };
+            for step in &steps {
+                for beside in [pixel.wrapping_sub(*step), pixel + step] {
+                    let is_far = |far: f32| near <= NEARER * far;
+                    if beside < self.shown.len() && distance(beside).is_some_and(is_far) {
+                        proofs[beside].fetch_add(1, Ordering::Relaxed);
+                    }
+                }
+            }
+        });
+        let mut is_new = vec![false; self.shown.len()];
+        for &pixel in seen {
+            is_new[pixel as usize] = true;
+        }
+        let is_hidden = |i: &usize| !is_new[*i] && proofs[*i].load(Ordering::Relaxed) >= PROOF;
+        let hidden: Vec<usize> = (0..self.shown.len()).filter(is_hidden).collect();
+        for &pixel in &hidden {
+            self.shown[pixel] = NONE;
+        }
+        hidden.into_iter().map(|pixel| pixel as u32).collect()
     }
 
     /// Radiance of a pixel before the transform's gain: its point's, or the mean of those around it.
