@@ -210,7 +210,7 @@ fn dispatch(state: &mut AppState, command: Command, effects: &mut Vec<Effect>) {
         Command::SetWipe(_) | Command::HoldPhoto(_) => apply_compare(state, &command),
         Command::Export(command) => export::apply(state, command, effects),
         Command::ToggleHelp => state.overlays.is_help_open ^= true,
-        Command::ToggleLog => state.overlays.is_log_open ^= true,
+        Command::ToggleLog => state.preferences.is_log_open ^= true,
         Command::CloseOverlays => close_front(state),
         Command::Inspect(command) => inspect::apply(state, command),
         Command::Dismiss(index) => state.messages.dismiss(index),
@@ -235,6 +235,8 @@ fn close_front(state: &mut AppState) {
         state.overlays = Overlays::default();
     } else if state.export.is_open {
         state.export.is_open = false;
+    } else if state.preferences.is_log_open {
+        state.preferences.is_log_open = false;
     } else {
         state.inspect.forget();
     }
@@ -382,17 +384,22 @@ pub(super) fn choose_environment(
         state.look.environment = None;
         return;
     };
-    match &entry.content {
-        EnvironmentContent::NotLoaded => {
-            entry.content = EnvironmentContent::Loading;
-            effects.extend(index.map(Effect::LoadEnvironment));
-        }
-        EnvironmentContent::Failed(reason) => {
-            let reason = reason.clone();
-            state.look.environment = None;
-            state.messages.say(Level::Error, reason);
-        }
-        EnvironmentContent::Loading | EnvironmentContent::Ready(_) => {}
+    if let EnvironmentContent::Failed(reason) = &entry.content {
+        let reason = reason.clone();
+        state.look.environment = None;
+        state.messages.say(Level::Error, reason);
+    } else if let Some(index) = index {
+        load_environment(state, index, effects);
+    }
+}
+
+/// Has surroundings of the list read, unless they are or will be.
+pub(super) fn load_environment(state: &mut AppState, index: usize, effects: &mut Vec<Effect>) {
+    if let Some(entry) = state.environments.get_mut(index)
+        && matches!(entry.content, EnvironmentContent::NotLoaded)
+    {
+        entry.content = EnvironmentContent::Loading;
+        effects.push(Effect::LoadEnvironment(index));
     }
 }
 

@@ -7,11 +7,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use crossbeam::channel::{Receiver, Sender, bounded};
-use egui::{ColorImage, Context, TextureHandle, TextureId, TextureOptions};
+use egui::{Context, TextureHandle, TextureId, TextureOptions};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::app::opener::ScreenPhoto;
 use crate::app::state::{AppState, Look};
+use crate::app::texture;
 use crate::app::training_state::{Level, Phase};
 use crate::app::watch::{Comparison, ErrorKind, MeasuredView};
 use crate::data::Dataset;
@@ -293,9 +294,8 @@ impl ErrorMaps {
         let index = ErrorKind::ALL.iter().position(|other| *other == kind);
         if let (false, Some(index)) = (is_current, index) {
             let picture = &maps.pictures[index];
-            let image =
-                ColorImage::from_rgba_premultiplied(picture.size, picture.pixels.as_flattened());
-            let texture = ctx.load_texture("error map", image, TextureOptions::NEAREST);
+            let pixels = (picture.size, picture.pixels.as_slice());
+            let texture = texture::upload(ctx, "error map", pixels, TextureOptions::NEAREST);
             self.texture = Some((maps.number, kind, texture));
         }
     }

@@ -1,4 +1,4 @@
-//! Undo and redo of edits, of the choice of surroundings, and of the camera's jumps.
+//! Undo and redo of edits, of the surroundings and how they are shown, of what is compared, and of the camera's jumps.
 //!
 //! What is kept is a plain value without indices, compared before and after every command and once a
 //! frame. Changes that follow each other at once, as while a slider is dragged, are one step. The
@@ -10,8 +10,10 @@ use egui::util::undoer::{Settings, Undoer};
 
 use crate::app::camera_control::Viewpoint;
 use crate::app::command::{Command, Effect, choose_environment};
-use crate::app::state::{AppState, Compare};
-use crate::neif::{EnvironmentTransform, MaterialEdit, Regions};
+use crate::app::lighting::LightingCommand;
+use crate::app::state::{AppState, Compare, Look};
+use crate::app::stored_look::StoredLook;
+use crate::render::Background;
 
 /// Changes are one step unless nothing changes for this long, in seconds.
 const SETTLE_SECS: f32 = 0.5;
@@ -30,11 +32,13 @@ pub enum HistoryCommand {
 /// What a step brings back.
 #[derive(Clone, Debug, PartialEq)]
 struct Moment {
-    edit: MaterialEdit,
-    regions: Regions,
-    transform: EnvironmentTransform,
-    /// The file of the chosen surroundings: an index would mean others once the list changes.
-    environment: Option<PathBuf>,
+    look: StoredLook,
+    /// B, once there is one.
+    kept: Option<StoredLook>,
+    background: Background,
+    display_ev: f32,
+    /// Files taken off the list of surroundings.
+    removed: Vec<PathBuf>,
     /// Jumps of the camera so far.
     n_jumps: usize,
 }
@@ -80,16 +84,15 @@ pub(super) struct Before {
 }
 
 fn moment(state: &AppState) -> Moment {
-    let environment = state
-        .look
-        .environment
-        .and_then(|i| state.environments.get(i))
-        .map(|entry| entry.path.clone());
+    let lighting = &state.lighting;
+    let removed = lighting.removed.iter();
+    let removed = removed.filter_map(|index| state.environments.get(*index));
     Moment {
-        edit: state.look.edit,
-        regions: state.look.regions,
-        transform: state.look.transform,
-        environment,
+        look: StoredLook::of(state, &state.look),
+        kept: lighting.kept.map(|kept| StoredLook::of(state, &kept)),
+        background: lighting.background,
+        display_ev: lighting.display_ev,
+        removed: removed.map(|entry| entry.path.clone()).collect(),
         n_jumps: state.history.n_jumps,
     }
 }
@@ -129,7 +132,17 @@ pub(super) fn before(state: &mut AppState, command: &Command) -> Before {
             | Command::SetWipe(Some(_))
             | Command::HoldPhoto(true)
     );
-    let is_step = is_jump || matches!(command, Command::ChooseEnvironment(_));
+    let is_choice = matches!(
+        command,
+        Command::ChooseEnvironment(_)
+            | Command::Lighting(
+                LightingCommand::SetBackground(_)
+                    | LightingCommand::Remove(_)
+                    | LightingCommand::SwapSides
+                    | LightingCommand::CopyToB
+            )
+    );
+    let is_step = is_jump || is_choice;
     watch(state);
     if is_step {
         // What is being dragged ends here.
@@ -183,18 +196,27 @@ pub(super) fn apply(state: &mut AppState, command: HistoryCommand, effects: &mut
 }
 
 fn restore(state: &mut AppState, moment: &Moment, effects: &mut Vec<Effect>) {
-    state.look.edit = moment.edit;
-    state.look.regions = moment.regions;
-    state.look.transform = moment.transform;
+    let look = moment.look.to_look(state, effects);
+    let chosen_before = state.look.environment;
+    state.look = Look {
+        environment: chosen_before,
+        ..look
+    };
     // Hidden edits would make this look as if nothing happened.
     state.is_original_shown = false;
-    let environment = moment
-        .environment
-        .as_ref()
-        .map(|path| state.environment_of_file(path));
-    if environment != state.look.environment {
-        choose_environment(state, environment, effects);
+    if look.environment != chosen_before {
+        choose_environment(state, look.environment, effects);
     }
+    // That there was no B yet is no reason to take it away.
+    if let Some(kept) = &moment.kept {
+        let kept = kept.to_look(state, effects);
+        state.lighting.kept = Some(kept);
+    }
+    state.lighting.background = moment.background;
+    state.lighting.display_ev = moment.display_ev;
+    let entries = state.environments.iter().enumerate();
+    let removed = entries.filter(|(_, entry)| moment.removed.contains(&entry.path));
+    state.lighting.removed = removed.map(|(index, _)| index).collect();
     let history = &mut state.history;
     let target = if moment.n_jumps < history.n_jumps {
         history.jumps.get(moment.n_jumps).map(|[from, _]| *from)
@@ -226,6 +248,7 @@ mod tests {
     use crate::app::command::apply as apply_command;
     use crate::app::state::{EnvironmentContent, EnvironmentEntry};
     use crate::geometry::Aabb;
+    use crate::neif::{EnvironmentTransform, MaterialEdit};
     use glam::Vec3;
 
     fn state() -> AppState {
@@ -259,6 +282,47 @@ mod tests {
 
     const UNDO: Command = Command::History(HistoryCommand::Undo);
     const REDO: Command = Command::History(HistoryCommand::Redo);
+
+    #[test]
+    fn how_the_surroundings_are_shown_and_listed_is_undone_too() {
+        let mut state = state();
+        let lighting = |command| Command::Lighting(command);
+        run(
+            &mut state,
+            1.0,
+            lighting(LightingCommand::SetBackground(Background::Hidden)),
+        );
+        run(
+            &mut state,
+            3.0,
+            lighting(LightingCommand::SetDisplayEv(1.5)),
+        );
+        run(&mut state, 5.0, lighting(LightingCommand::ToggleSplit));
+        run(&mut state, 7.0, tint(0.5));
+        run(&mut state, 9.0, lighting(LightingCommand::CopyToB));
+        run(&mut state, 11.0, lighting(LightingCommand::Remove(1)));
+        let tint_of_b = |state: &AppState| state.lighting.kept.map(|kept| kept.edit.tint_scale);
+        assert_eq!(
+            (tint_of_b(&state), state.lighting.removed.len()),
+            (Some(0.5), 1)
+        );
+        run(&mut state, 13.0, UNDO);
+        assert!(state.lighting.removed.is_empty());
+        run(&mut state, 15.0, UNDO);
+        assert_eq!(
+            (tint_of_b(&state), state.look.edit.tint_scale),
+            (Some(1.0), 0.5)
+        );
+        run(&mut state, 17.0, UNDO);
+        assert_eq!(state.look.edit.tint_scale, 1.0);
+        run(&mut state, 19.0, UNDO);
+        assert_eq!(
+            (state.lighting.display_ev, tint_of_b(&state)),
+            (0.0, Some(1.0))
+        );
+        run(&mut state, 21.0, UNDO);
+        assert_eq!(state.lighting.background, Background::Shown);
+    }
 
     #[test]
     fn a_drag_is_one_step_and_a_pause_ends_it() {

@@ -5,7 +5,8 @@ use std::path::PathBuf;
 use crate::app::command::{
     Command, Effect, apply as apply_command, choose_environment, go_to_view,
 };
-use crate::app::session_file::{SavedCamera, SessionFile};
+use crate::app::lighting::LARGEST_DISPLAY_EV;
+use crate::app::session_file::{SavedCamera, SavedKey, SessionFile};
 use crate::app::state::{AppState, Compare, PathPurpose, Split};
 use crate::app::training_state::Level;
 use crate::data::View;
@@ -73,6 +74,17 @@ pub(super) fn bring_back(state: &mut AppState, session: &SessionFile, effects: &
     state.look.edit = session.material;
     state.look.regions = session.regions;
     state.look.transform = session.transform;
+    state.lighting.background = session.background;
+    state.lighting.display_ev = session
+        .display_ev
+        .clamp(-LARGEST_DISPLAY_EV, LARGEST_DISPLAY_EV);
+    state.export.keys = session.keys.iter().map(SavedKey::key_view).collect();
+    let kept = session.kept.as_ref();
+    state.lighting.kept = kept.map(|kept| kept.to_look(state, effects));
+    // What is gone from the list of this program needs not be put on it to be taken off.
+    let entries = state.environments.iter().enumerate();
+    let removed = entries.filter(|(_, entry)| session.removed.contains(&entry.path));
+    state.lighting.removed = removed.map(|(index, _)| index).collect();
     state.compare = Compare::default();
     if let Some(camera) = &session.camera {
         stand_at(state, camera, session.wipe);
@@ -126,8 +138,9 @@ pub(super) fn stand_at_wanted_view(state: &mut AppState) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::app::state::Source;
-    use crate::render::Layer;
+    use crate::app::state::{Look, Source};
+    use crate::data::KeyView;
+    use crate::render::{Background, Layer};
 
     #[test]
     fn a_session_brings_look_and_window_back() {
@@ -140,6 +153,13 @@ mod tests {
         old.look.transform.exposure_ev = 2.0;
         old.look.environment = Some(old.environment_of_file("/env/hall.hdr".as_ref()));
         old.preferences.panels.left.is_hidden = true;
+        old.lighting.background = Background::Blurred;
+        old.lighting.display_ev = -1.5;
+        old.lighting.kept = Some(Look::default());
+        old.export.keys = vec![KeyView {
+            camera: old.view.viewpoint.camera,
+            time_secs: 2.5,
+        }];
         old.view.viewpoint.pivot.x = 3.0;
         old.view.was_moved = true;
         let session = SessionFile::of(&old, None);

@@ -11,9 +11,11 @@ use serde::{Deserialize, Serialize};
 use crate::app::camera_control::Viewpoint;
 use crate::app::preferences::Panels;
 use crate::app::state::{AppState, Source};
+use crate::app::stored_look::StoredLook;
+use crate::data::KeyView;
 use crate::geometry::{Camera, Distortion};
 use crate::neif::{EnvironmentTransform, MaterialEdit, Regions};
-use crate::render::Layer;
+use crate::render::{Background, Layer};
 
 /// The files' extension.
 pub const EXTENSION: &str = "neif-session";
@@ -66,6 +68,16 @@ pub struct SavedCamera {
     pub pivot: Vec3,
 }
 
+/// A view of a camera path.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SavedKey {
+    /// When it is reached, seconds.
+    pub time_secs: f64,
+    /// Where the camera is then.
+    pub camera: SavedCamera,
+}
+
 /// All of a session.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -80,6 +92,15 @@ pub struct SessionFile {
     pub wipe: Option<f32>,
     /// The chosen surroundings; none is the capture's own.
     pub environment: Option<PathBuf>,
+    /// What stood behind the object.
+    #[serde(default)]
+    pub background: Background,
+    /// Exposure of the picture, stops.
+    #[serde(default)]
+    pub display_ev: f32,
+    /// Files taken off the list of surroundings.
+    #[serde(default)]
+    pub removed: Vec<PathBuf>,
     /// Parts of the object that are edited on their own.
     #[serde(default)]
     pub regions: Regions,
@@ -93,6 +114,11 @@ pub struct SessionFile {
     pub transform: EnvironmentTransform,
     /// The camera.
     pub camera: Option<SavedCamera>,
+    /// The look that was kept as B.
+    pub kept: Option<StoredLook>,
+    /// The views of the camera path.
+    #[serde(default)]
+    pub keys: Vec<SavedKey>,
     /// The side panels.
     #[serde(default)]
     pub panels: Panels,
@@ -100,12 +126,18 @@ pub struct SessionFile {
 
 impl SavedCamera {
     fn of(state: &AppState) -> Self {
-        let Viewpoint { camera, pivot } = state.view.viewpoint;
         let view = state.view.at_view.and_then(|i| state.view_at(i));
+        Self {
+            view: view.map(|(split, view)| format!("{} / {}", split.name(), view.name)),
+            ..Self::of_viewpoint(&state.view.viewpoint)
+        }
+    }
+
+    fn of_viewpoint(&Viewpoint { camera, pivot }: &Viewpoint) -> Self {
         let axes = camera.world_from_camera.matrix3;
         let position = camera.world_from_camera.translation;
         Self {
-            view: view.map(|(split, view)| format!("{} / {}", split.name(), view.name)),
+            view: None,
             size: [camera.width, camera.height],
             focal: [camera.fx, camera.fy],
             center: [camera.cx, camera.cy],
@@ -149,6 +181,27 @@ impl SavedCamera {
     }
 }
 
+impl SavedKey {
+    fn of(key: &KeyView) -> Self {
+        let viewpoint = Viewpoint {
+            camera: key.camera,
+            pivot: key.camera.position(),
+        };
+        Self {
+            time_secs: key.time_secs,
+            camera: SavedCamera::of_viewpoint(&viewpoint),
+        }
+    }
+
+    /// The same as the path takes it.
+    pub fn key_view(&self) -> KeyView {
+        KeyView {
+            camera: self.camera.viewpoint().camera,
+            time_secs: self.time_secs,
+        }
+    }
+}
+
 impl SessionFile {
     /// The session as it is; `run` is where its training is saved, if it is.
     pub fn of(state: &AppState, run: Option<PathBuf>) -> Self {
@@ -164,6 +217,8 @@ impl SessionFile {
             .look
             .environment
             .and_then(|i| state.environments.get(i));
+        let removed = state.lighting.removed.iter();
+        let removed = removed.filter_map(|index| state.environments.get(*index));
         Self {
             version: VERSION,
             layer: state.layer,
@@ -177,10 +232,15 @@ impl SessionFile {
                     path: absolute(path),
                     run: run.map(|run| absolute(&run)),
                 }),
+            background: state.lighting.background,
+            display_ev: state.lighting.display_ev,
+            removed: removed.map(|entry| absolute(&entry.path)).collect(),
             regions: state.look.regions,
             material: state.look.edit,
             transform: state.look.transform,
             camera: state.view.was_moved.then(|| SavedCamera::of(state)),
+            kept: state.lighting.kept.map(|kept| StoredLook::of(state, &kept)),
+            keys: state.export.keys.iter().map(SavedKey::of).collect(),
             panels: state.preferences.panels,
         }
     }
@@ -221,7 +281,13 @@ impl SessionFile {
         if self.transform.scale <= 0.0 {
             return Err("`transform.scale` must be above zero".to_owned());
         }
-        match self.camera.as_ref().and_then(SavedCamera::problem) {
+        let keys = self.keys.iter().map(|key| &key.camera);
+        match self
+            .camera
+            .iter()
+            .chain(keys)
+            .find_map(SavedCamera::problem)
+        {
             Some(problem) => Err(problem.to_owned()),
             None => Ok(()),
         }
@@ -239,7 +305,10 @@ impl SessionFile {
         let source = session.source.iter_mut();
         let source =
             source.flat_map(|source| std::iter::once(&mut source.path).chain(&mut source.run));
-        for path in source.chain(&mut session.environment) {
+        let kept = session.kept.iter_mut();
+        let kept = kept.flat_map(|kept| &mut kept.environment);
+        let environments = session.environment.iter_mut().chain(kept);
+        for path in source.chain(environments).chain(&mut session.removed) {
             let beside = path.file_name().map(|name| folder.join(name));
             if let Some(beside) = beside.filter(|beside| !path.exists() && beside.exists()) {
                 *path = beside;

@@ -4,10 +4,11 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
-use egui::{ColorImage, Context, TextureHandle, TextureId, TextureOptions};
+use egui::{Context, TextureHandle, TextureId};
 
 use crate::app::preview_driver::{PreviewDriver, Situation};
 use crate::app::state::ShownPicture;
+use crate::app::texture;
 use crate::render::{Preview, PreviewScene};
 use crate::train::Snapshot;
 
@@ -60,14 +61,11 @@ impl PreviewSide {
         let frame = self.preview.frame()?;
         let step = self.driver.was_shown(&frame)?;
         let size = [frame.width as usize, frame.height as usize];
-        let image = ColorImage::from_rgba_premultiplied(size, frame.pixels.as_flattened());
-        match &mut self.texture {
-            Some(texture) => texture.set(image, TextureOptions::LINEAR),
-            None => self.texture = Some(ctx.load_texture(self.name, image, TextureOptions::LINEAR)),
-        }
+        texture::renew(ctx, &mut self.texture, self.name, (size, &frame.pixels));
         tracing::trace!(
             name = self.name,
             scale = frame.scale,
+            is_last = frame.is_last,
             cpu_secs = frame.cpu_secs,
             computed = ?frame.recomputed,
             "preview"
