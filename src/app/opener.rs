@@ -16,6 +16,7 @@ use crate::neif::{Environment, EnvironmentTransform};
 use crate::render::Scene;
 use crate::render::priority::lower_thread_priority;
 use crate::train::Snapshot;
+use crate::train::events::TrainEvent;
 use crate::train::run_folder::{ENVIRONMENT, RunFolder};
 
 /// Results that may wait for the window.
@@ -53,6 +54,8 @@ pub enum Opened {
         path: PathBuf,
         /// The model.
         snapshot: Arc<Snapshot>,
+        /// The figures of its training so far.
+        figures: Vec<TrainEvent>,
     },
     /// The photos of a run.
     RunDataset {
@@ -298,14 +301,16 @@ fn open_run(path: &Path, send: &dyn Fn(Opened)) {
             return;
         }
     };
+    let log = folder.log();
     let snapshot = Arc::new(Snapshot {
-        step: 0,
+        step: log.last_row().map_or(0, |trained| trained.steps),
         object: scene.object,
         environment: scene.environment,
     });
     send(Opened::Run {
         path: path.to_owned(),
         snapshot,
+        figures: log.figures(),
     });
     let Ok(config) = folder.config() else { return };
     let dataset = folder.dataset_path(&config);

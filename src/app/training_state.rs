@@ -217,6 +217,14 @@ impl TrainingState {
         Vec::new()
     }
 
+    /// Takes in the figures of a saved run; nothing of them is unsaved.
+    pub fn recall(&mut self, figures: Vec<TrainEvent>) {
+        for event in figures {
+            self.take(event);
+        }
+        self.saved_step = Some(self.progress.step);
+    }
+
     fn take_progress(&mut self, p: Progress) {
         let curves = [
             (&mut self.loss, p.loss),
@@ -301,6 +309,19 @@ mod tests {
         }
         assert_eq!(state.best.map(|best| best.step), Some(2));
         assert_eq!(state.validation.map(|last| last.step), Some(3));
+    }
+
+    #[test]
+    fn figures_of_a_saved_run_are_shown_and_are_saved() {
+        let mut state = TrainingState::default();
+        let report = Progress {
+            step: 7,
+            loss: 0.5,
+            ..Progress::default()
+        };
+        state.recall(vec![TrainEvent::Progress(report)]);
+        assert_eq!((state.phase.clone(), state.progress.step), (Phase::Idle, 7));
+        assert!(!state.is_unsaved() && state.loss.points().len() == 1);
     }
 
     #[test]

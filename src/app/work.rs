@@ -238,10 +238,12 @@ impl Work {
                     what: "Reading the capture".to_owned(),
                     fraction: 0.0,
                 };
-                state.training = TrainingState {
-                    phase,
-                    ..TrainingState::default()
+                // A run that goes on goes on with its curves.
+                let earlier = match &state.source {
+                    Source::Run(_) => std::mem::take(&mut state.training),
+                    _ => TrainingState::default(),
                 };
+                state.training = TrainingState { phase, ..earlier };
             }
             Err(reason) => state.messages.say(Level::Error, reason),
         }
@@ -270,6 +272,7 @@ impl Work {
     fn poll_session(&mut self, state: &mut AppState) {
         let Some(session) = &self.session else { return };
         while let Ok(event) = session.events().try_recv() {
+            tracing::trace!(?event, "training");
             for (level, text) in state.training.take(event) {
                 if level != Level::Info {
                     leaving::save_failed(state);
@@ -293,8 +296,13 @@ impl Work {
     fn take(&mut self, state: &mut AppState, opened: Opened) -> Option<News> {
         match opened {
             Opened::Capture(path) => return Some(self.open_capture(state, Source::Capture(path))),
-            Opened::Run { path, snapshot } => {
+            Opened::Run {
+                path,
+                snapshot,
+                figures,
+            } => {
                 self.reset(state);
+                state.training.recall(figures);
                 state.look_at_model(&snapshot);
                 state.snapshot = Some(snapshot);
                 state.source = Source::Run(path);

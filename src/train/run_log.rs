@@ -60,6 +60,12 @@ impl RunLog {
         Some(Trained { steps, train_secs })
     }
 
+    /// The reports and measurements of the table, in order. What it has no column for is zero or none; rows that cannot be
+    /// read are left out.
+    pub fn figures(&self) -> Vec<TrainEvent> {
+        self.csv.lines().skip(1).filter_map(figures_of).collect()
+    }
+
     /// Notes an event: figures as a table row, everything else as a line of JSON.
     pub fn note(&mut self, event: &TrainEvent) {
         match event {
@@ -85,6 +91,34 @@ impl RunLog {
         // Writing to a string cannot fail.
         writeln!(self.csv, "{row}").unwrap_or_default();
     }
+}
+
+/// What a row of `metrics.csv` says: a row with a PSNR is a measurement, any other a report.
+fn figures_of(row: &str) -> Option<TrainEvent> {
+    let cells: Vec<&str> = row.split(',').collect();
+    let number = |column: usize| cells.get(column)?.parse::<f64>().ok();
+    let step = cells.first()?.parse().ok()?;
+    let elapsed_secs = number(1)?;
+    if let Some(psnr) = number(8) {
+        return Some(TrainEvent::Validated(Validation {
+            step,
+            elapsed_secs,
+            psnr,
+            psnr_object: number(9),
+            psnr_background: None,
+        }));
+    }
+    Some(TrainEvent::Progress(Progress {
+        step,
+        elapsed_secs,
+        fraction: number(2)? as f32,
+        loss: number(3)? as f32,
+        steps_per_sec: number(4)? as f32,
+        rays_per_sec: number(5)? as f32,
+        samples_per_ray: number(6)? as f32,
+        skipped_steps: number(7)? as u64,
+        ..Progress::default()
+    }))
 }
 
 /// A report in the columns of `metrics.csv`.
@@ -121,6 +155,33 @@ pub fn decibels(db: Option<f64>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_figures_of_the_table_read_back() {
+        let mut log = RunLog::default();
+        let report = Progress {
+            step: 7,
+            elapsed_secs: 1.5,
+            loss: 0.25,
+            ..Progress::default()
+        };
+        let measured = Validation {
+            step: 8,
+            elapsed_secs: 2.0,
+            psnr: 30.5,
+            ..Validation::default()
+        };
+        let events = [
+            TrainEvent::Progress(report),
+            TrainEvent::Validated(measured),
+        ];
+        for event in &events {
+            log.note(event);
+        }
+        let damaged = format!("{}9,oops\n\n", log.csv());
+        let log = RunLog::from_texts(damaged, String::new());
+        assert_eq!(log.figures(), events);
+    }
 
     #[test]
     fn every_row_has_as_many_cells_as_the_header() {
