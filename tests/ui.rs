@@ -11,6 +11,8 @@ mod history;
 mod inspect;
 #[path = "ui/lighting.rs"]
 mod lighting;
+#[path = "ui/pictures.rs"]
+mod pictures;
 #[path = "ui/watch.rs"]
 mod watch;
 
@@ -230,8 +232,6 @@ fn edits_are_hidden_for_comparison() {
 #[test]
 fn layers_follow_buttons_and_keys() {
     let mut harness = harness(training_state());
-    // At this width all layers are in the menu.
-    click(&mut harness, "Lit…");
     click(&mut harness, "Normals");
     assert_eq!(harness.state().state.layer, Layer::Normal);
     harness.key_press(egui::Key::Num3);

@@ -149,13 +149,17 @@ pub fn figures_line(measured: MeasuredView) -> String {
     let figures = measured.figures;
     let db = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |v| format!("{v:.2} dB"));
     let share = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |v| format!("{v:.3}"));
+    // Nothing tells the step of surroundings alone.
+    let step = match measured.step {
+        0 => String::new(),
+        step => format!("   step {step}"),
+    };
     let mut line = format!(
-        "PSNR {} whole, {} object   FLIP {} whole, {} object   step {}",
+        "PSNR {} whole, {} object   FLIP {} whole, {} object{step}",
         db(figures.psnr),
         db(figures.psnr_object),
         share(figures.flip),
         share(figures.flip_object),
-        measured.step,
     );
     if measured.is_edited {
         line.push_str(", with edits");

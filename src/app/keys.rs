@@ -32,7 +32,9 @@ const WINDOW: &str = "Window";
 pub const MENUS: &[(&str, &[&str])] = &[
     ("File", &[FILE]),
     ("Edit", &[EDIT]),
-    ("View", &[CAMERA, COMPARE, LAYERS, LIGHT]),
+    ("View", &[CAMERA, LAYERS]),
+    ("Light", &[LIGHT]),
+    ("Photos", &[COMPARE]),
     ("Training", &[TRAINING]),
     ("Window", &[WINDOW]),
 ];
@@ -388,7 +390,7 @@ pub const BINDINGS: &[Binding] = &[
         |_| Command::ToggleHelp,
     )
     .marked(|state| state.overlays.is_help_open),
-    plain(WINDOW, "Messages", |_| Command::ToggleLog).marked(|state| state.overlays.is_log_open),
+    plain(WINDOW, "Messages", |_| Command::ToggleLog).marked(|state| state.preferences.is_log_open),
     key(
         WINDOW,
         ("Esc", Modifiers::NONE, Key::Escape),
@@ -459,6 +461,10 @@ pub fn pressed(ctx: &egui::Context, state: &AppState, commands: &mut Vec<Command
         for (shortcut, binding) in by_modifiers() {
             // The space bar presses the button that has the focus.
             if shortcut.logical_key == Key::Space && has_focus {
+                continue;
+            }
+            // It closes an open menu first.
+            if shortcut.logical_key == Key::Escape && egui::Popup::is_any_open(ctx) {
                 continue;
             }
             if shortcut.logical_key == Key::Tab {

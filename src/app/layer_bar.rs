@@ -23,10 +23,14 @@ pub(super) fn layer_bar_ui(ui: &Ui, rect: Rect, state: &AppState) {
             let marks = [far, 0.5 * (near + far), near].map(|v| format!("{v:.3}"));
             color_bar(ui, at, "Distance, scene units", &marks, &sequential);
         }
-        Layer::Visibility => {
+        Layer::Visibility | Layer::Roughness => {
             let marks = ["0", "0.5", "1"].map(str::to_owned);
             let grey = |t: f32| [(t * 255.0) as u8; 3];
-            color_bar(ui, at, "Share of the sky seen", &marks, &grey);
+            let legend = match state.layer {
+                Layer::Roughness => "Roughness",
+                _ => "Share of the sky seen",
+            };
+            color_bar(ui, at, legend, &marks, &grey);
         }
         Layer::Samples => {
             let [low, high] = SAMPLES_RANGE;

@@ -31,11 +31,14 @@ pub mod panels;
 pub mod preferences;
 pub mod preview_driver;
 pub mod recent;
+pub mod sections;
 pub mod session;
 pub mod session_file;
 pub mod shell;
 mod slice_view;
 pub mod state;
+pub mod stored_look;
+mod texture;
 pub mod theme;
 pub mod training_log;
 pub mod training_state;
@@ -70,10 +73,12 @@ pub struct AppOptions {
 /// # Errors
 /// When there is no display or no way to draw.
 pub fn run(options: AppOptions) -> anyhow::Result<()> {
+    // The rest of the preferences is taken up by the window, which can say what is wrong with them.
+    let kept = preferences::file().and_then(|file| preferences::load(&file).0.window);
     let viewport = egui::ViewportBuilder::default()
         .with_title("neif")
         .with_app_id("neif")
-        .with_inner_size(SIZE)
+        .with_inner_size(kept.unwrap_or(SIZE))
         .with_min_inner_size(MIN_SIZE)
         .with_drag_and_drop(true);
     // Dithering costs time on every pixel and the preview is noisy enough without.

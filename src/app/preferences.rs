@@ -1,4 +1,5 @@
-//! What a person has set once and finds again: theme, size of the text, panels, automatic start.
+//! What a person has set once and finds again: theme, size of the text, size of the window, panels and what of them is
+//! folded, automatic start.
 //!
 //! Kept in a small TOML file in the system's folder for settings.
 
@@ -7,6 +8,7 @@ use std::path::{Path, PathBuf};
 use directories::ProjectDirs;
 use serde::{Deserialize, Serialize};
 
+use crate::app::sections::{Folded, Section};
 use crate::app::state::AppState;
 
 /// Smallest and largest size of the text, times the system's.
@@ -15,6 +17,8 @@ const ZOOM_RANGE: [f32; 2] = [0.5, 3.0];
 const ZOOM_STEP: f32 = 0.1;
 /// Smallest and largest width of a side panel, in points.
 const WIDTH_RANGE: [f32; 2] = [200.0, 600.0];
+/// Smallest and largest side of the window, in points.
+const WINDOW_RANGE: [f32; 2] = [400.0, 16_384.0];
 
 /// Dark or light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -68,6 +72,12 @@ pub struct Preferences {
     pub zoom: f32,
     /// Whether opening a capture starts training.
     pub is_auto_start: bool,
+    /// Which parts of the side panels are folded.
+    pub folded: Folded,
+    /// Whether the list of messages is open.
+    pub is_log_open: bool,
+    /// Width and height of the window, in points; none is the usual size.
+    pub window: Option<[f32; 2]>,
     /// The side panels.
     pub panels: Panels,
 }
@@ -78,6 +88,9 @@ impl Default for Preferences {
             theme: ThemeChoice::default(),
             zoom: 1.0,
             is_auto_start: true,
+            folded: Folded::default(),
+            is_log_open: false,
+            window: None,
             panels: Panels::default(),
         }
     }
@@ -98,6 +111,10 @@ pub enum PreferencesCommand {
     TogglePanel(Side),
     /// A panel has another width, in points.
     Resize(Side, f32),
+    /// Fold a part of a panel, or unfold it.
+    Fold(Section),
+    /// The window has another width and height, in points.
+    ResizeWindow([f32; 2]),
 }
 
 impl Panels {
@@ -136,6 +153,10 @@ pub(super) fn apply(state: &mut AppState, command: PreferencesCommand) {
         PreferencesCommand::Resize(side, width) => {
             preferences.panels.side(side).width = Some(width.round());
         }
+        PreferencesCommand::Fold(section) => preferences.folded.toggle(section),
+        PreferencesCommand::ResizeWindow(size) => {
+            preferences.window = Some(size.map(f32::round));
+        }
     }
     preferences.limit();
 }
@@ -154,6 +175,11 @@ impl Preferences {
             let width = panel.width.filter(|width| width.is_finite());
             panel.width = width.map(|width| width.clamp(least, most));
         }
+        let [least, most] = WINDOW_RANGE;
+        let size = self
+            .window
+            .filter(|size| size.iter().all(|side| side.is_finite()));
+        self.window = size.map(|size| size.map(|side| side.clamp(least, most)));
     }
 
     /// As the file holds it.
@@ -198,10 +224,14 @@ mod tests {
             PreferencesCommand::Zoom(100.0),
             PreferencesCommand::TogglePanel(Side::Left),
             PreferencesCommand::Resize(Side::Right, f32::NAN),
+            PreferencesCommand::Fold(Section::Material),
+            PreferencesCommand::ResizeWindow([1e9, 700.4]),
         ] {
             apply(&mut state, command);
         }
         assert_eq!(state.preferences.zoom, 3.0);
+        assert!(state.preferences.folded.has(Section::Material));
+        assert_eq!(state.preferences.window, Some([16_384.0, 700.0]));
         std::fs::write(&file, state.preferences.to_text()).unwrap();
         assert_eq!(load(&file), (state.preferences, None));
     }

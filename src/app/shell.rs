@@ -5,6 +5,7 @@ use egui::{CentralPanel, Frame, Margin, Panel, ScrollArea, Ui};
 use crate::app::command::Command;
 use crate::app::panels;
 use crate::app::preferences::{PreferencesCommand, Side};
+use crate::app::sections::Section;
 use crate::app::state::AppState;
 use crate::app::viewport::{Pictures, viewport_ui};
 
@@ -12,6 +13,8 @@ use crate::app::viewport::{Pictures, viewport_ui};
 const LEFT_WIDTH: f32 = 262.0;
 /// Room that the list of photos keeps under the training panel.
 const PHOTOS_HEIGHT: f32 = 130.0;
+/// The same where it is folded.
+const FOLDED_HEIGHT: f32 = 36.0;
 /// Width of the panel at the right.
 const RIGHT_WIDTH: f32 = 306.0;
 
@@ -32,6 +35,7 @@ pub fn draw(
         .frame(bar)
         .show(ui, |ui| panels::status_ui(ui, state, commands));
     let shown = state.preferences.panels;
+    let shown_photos = !state.preferences.folded.has(Section::Photos);
     if !shown.left.is_hidden {
         let width = shown.left.width.unwrap_or(LEFT_WIDTH);
         let panel = Panel::left("left")
@@ -39,12 +43,18 @@ pub fn draw(
             .default_size(width)
             .size_range(220.0..=420.0)
             .show(ui, |ui| {
-                let room = (ui.available_height() - PHOTOS_HEIGHT).max(0.0);
+                let photos = if shown_photos {
+                    PHOTOS_HEIGHT
+                } else {
+                    FOLDED_HEIGHT
+                };
+                let room = (ui.available_height() - photos).max(0.0);
                 ScrollArea::vertical()
                     .id_salt("training")
                     .max_height(room)
                     .show(ui, |ui| {
                         panels::training_ui(ui, state, commands);
+                        panels::skips_ui(ui, state, commands);
                         panels::slice_ui(ui, state, pictures.slice, commands);
                         panels::plots_ui(ui, state, commands);
                     });
@@ -78,6 +88,9 @@ pub fn draw(
             commands,
         );
     }
+    Panel::top("view")
+        .frame(bar)
+        .show(ui, |ui| panels::view_bar_ui(ui, state, commands));
     let size = CentralPanel::default().frame(Frame::NONE).show(ui, |ui| {
         let size = viewport_ui(ui, state, pictures, commands);
         panels::toasts_ui(ui, state, commands);

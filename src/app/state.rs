@@ -262,8 +262,6 @@ pub struct Overlays {
     pub path_dialog: Option<PathDialog>,
     /// The table of keys.
     pub is_help_open: bool,
-    /// All messages.
-    pub is_log_open: bool,
     /// "Stop without saving?"
     pub is_stop_asked: bool,
     /// The field in which a command is looked for.

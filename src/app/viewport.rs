@@ -1,6 +1,7 @@
 //! The viewport: the preview picture, the photo over it, and what the mouse does there.
 
-use std::path::PathBuf;
+use std::path::Path;
+use std::sync::Arc;
 
 use egui::{
     Align2, Color32, CursorIcon, FontId, PointerButton, Pos2, Rect, Response, Sense, TextureId, Ui,
@@ -16,7 +17,7 @@ use crate::app::frustums::frustums_ui;
 use crate::app::inspect::marker::{marker_ui, pick_ui};
 use crate::app::layer_bar::layer_bar_ui;
 use crate::app::lighting::{gizmo_ui, lines_ui, split_ui};
-use crate::app::panels::widgets::weak;
+use crate::app::panels::widgets::{tell_place, weak};
 use crate::app::state::{AppState, Compare, PathPurpose, Source};
 use crate::app::training_state::Phase;
 use crate::neif::distant::is_environment_file;
@@ -49,7 +50,7 @@ pub struct Pictures {
     /// The surroundings as the picked point sees them.
     pub panorama: Option<TextureId>,
     /// Small pictures of environments, with their files.
-    pub thumbnails: Vec<(PathBuf, TextureId)>,
+    pub thumbnails: Vec<(Arc<Path>, TextureId)>,
 }
 
 /// Draws the viewport into all of `ui`; returns the size of the preview in it, in physical pixels.
@@ -75,6 +76,7 @@ pub fn viewport_ui(
                 Sense::click_and_drag(),
             );
             describe(&response);
+            tell_place(ui, "viewport", rect);
             mouse_ui(ui, &response, state, window, commands);
             split_ui::pictures_ui(ui, rect, state, preview, pictures.preview_b);
             // A click on a camera goes there instead of looking into what is behind it.

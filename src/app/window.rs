@@ -1,11 +1,11 @@
 //! The window's side of eframe: textures, keys, dropped files, and one frame after the other.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use eframe::{CreationContext, Frame};
-use egui::{ColorImage, Context, TextureHandle, TextureOptions, Ui};
+use egui::{Context, TextureHandle, TextureOptions, Ui};
 
 use crate::app::AppOptions;
 use crate::app::autosave::Autosave;
@@ -21,11 +21,12 @@ use crate::app::lighting::own_file;
 use crate::app::lighting::preview_side::PreviewSide;
 use crate::app::lighting::thumbnails::{Thumbnails, cache_folder};
 use crate::app::opener::ScreenPhoto;
-use crate::app::preferences::{self, Preferences};
+use crate::app::preferences::{self, Preferences, PreferencesCommand};
 use crate::app::preview_driver::Situation;
 use crate::app::shell;
 use crate::app::slice_view::SliceView;
 use crate::app::state::{Adapter, AppState};
+use crate::app::texture;
 use crate::app::theme;
 use crate::app::training_state::{Level, Phase};
 use crate::app::viewport::Pictures;
@@ -54,7 +55,7 @@ pub(super) struct Window {
     /// The other look, once it was compared with.
     preview_b: Option<PreviewSide>,
     thumbnails: Thumbnails,
-    thumbnail_textures: Vec<(PathBuf, TextureHandle)>,
+    thumbnail_textures: Vec<(Arc<Path>, TextureHandle)>,
     textures: Textures,
     errors: ErrorMaps,
     slice: SliceView,
@@ -71,6 +72,8 @@ struct Keeping {
     file: Option<PathBuf>,
     applied: Option<Preferences>,
     kept: Preferences,
+    /// The window's size in the last frame.
+    seen_size: Option<egui::Vec2>,
 }
 
 impl Window {
@@ -106,6 +109,7 @@ impl Window {
                 file: preferences::file(),
                 applied: None,
                 kept: Preferences::default(),
+                seen_size: None,
             },
         };
         window.recall(ctx);
@@ -133,6 +137,31 @@ impl Window {
         self.prefer(ctx);
         if let Some(file) = self.autosave.left_behind() {
             self.work.opener().left_behind(file);
+        }
+    }
+
+    /// Notes the size of the window once it stays; full screen and the like are not kept.
+    fn note_size(&mut self, ctx: &Context) {
+        let (size, is_usual) = ctx.input(|input| {
+            let viewport = input.viewport();
+            let is_usual = viewport.maximized != Some(true) && viewport.fullscreen != Some(true);
+            (viewport.inner_rect.map(|rect| rect.size()), is_usual)
+        });
+        // In points of the system, whatever the size of the text.
+        let size = size.map(|size| size * ctx.zoom_factor());
+        let is_still = self.keeping.seen_size == size;
+        self.keeping.seen_size = size;
+        let Some(size) = size.filter(|_| is_usual && is_still) else {
+            return;
+        };
+        let known = self.state.preferences.window.unwrap_or(super::SIZE);
+        if (size.x - known[0]).abs() > 2.0 || (size.y - known[1]).abs() > 2.0 {
+            let resize = PreferencesCommand::ResizeWindow([size.x, size.y]);
+            apply(
+                &mut self.state,
+                Command::Preferences(resize),
+                &mut Vec::new(),
+            );
         }
     }
 
@@ -204,7 +233,7 @@ impl Window {
         }
         while let Some((path, photo)) = self.thumbnails.next() {
             let texture = upload(ctx, "thumbnail", &photo);
-            self.thumbnail_textures.push((path, texture));
+            self.thumbnail_textures.push((path.into(), texture));
         }
     }
 
@@ -347,7 +376,7 @@ impl Window {
             thumbnails: self
                 .thumbnail_textures
                 .iter()
-                .map(|(path, texture)| (path.clone(), texture.id()))
+                .map(|(path, texture)| (Arc::clone(path), texture.id()))
                 .collect(),
             photo: photo.map(|(_, texture)| texture.id()),
             error: self.errors.texture(&self.state),
@@ -384,9 +413,11 @@ impl eframe::App for Window {
         let mut effects = Vec::new();
         let has_commands = !commands.is_empty();
         for command in commands {
+            tracing::debug!(?command, "command");
             apply(&mut self.state, command, &mut effects);
         }
         self.carry_out(effects);
+        self.note_size(&ctx);
         self.prefer(&ctx);
         self.guard(&ctx);
         self.ask(&ctx);
@@ -421,8 +452,8 @@ fn dropped(ctx: &Context) -> Vec<Command> {
 }
 
 fn upload(ctx: &Context, name: &str, photo: &ScreenPhoto) -> TextureHandle {
-    let image = ColorImage::from_rgba_premultiplied(photo.size, photo.pixels.as_flattened());
-    ctx.load_texture(name, image, TextureOptions::LINEAR)
+    let pixels = (photo.size, photo.pixels.as_slice());
+    texture::upload(ctx, name, pixels, TextureOptions::LINEAR)
 }
 
 fn adapter(creation: &CreationContext<'_>) -> Adapter {

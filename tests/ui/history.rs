@@ -189,7 +189,7 @@ fn the_messages_tell_causes_and_can_be_copied() {
     state.adapter.name = "llvmpipe".to_owned();
     let text = "/runs/mug: cannot be read\ndisk gone";
     state.messages.say(Level::Error, text);
-    state.overlays.is_log_open = true;
+    state.preferences.is_log_open = true;
     let mut harness = harness(state);
     harness.get_by_label("because disk gone");
     let copied = |harness: &Harness<'_, Shown>| {

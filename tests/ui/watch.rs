@@ -139,7 +139,7 @@ fn shortcuts_are_listed_with_what_they_leave_out() {
 #[test]
 fn diagnostic_layers_are_reached_by_menu_and_key() {
     let mut harness = harness(training_state());
-    click(&mut harness, "Lit…");
+    click(&mut harness, "Layers…");
     click(&mut harness, "Depth");
     assert_eq!(harness.state().state.layer, Layer::Depth);
     harness.key_press(egui::Key::Num0);

@@ -6,7 +6,9 @@ use glam::Vec3;
 use crate::app::command::Command;
 use crate::app::lighting::LightingCommand;
 use crate::app::panels::gallery::gallery_ui;
-use crate::app::panels::widgets::{Setting, gain_row, heading, slider_row, vector_row, weak};
+use crate::app::panels::section::section_heading;
+use crate::app::panels::widgets::{Setting, gain_row, slider_row, vector_row, weak};
+use crate::app::sections::Section;
 use crate::app::state::{AppState, Look};
 use crate::app::viewport::Pictures;
 use crate::neif::environment::EnvironmentField;
@@ -32,8 +34,9 @@ pub fn environment_ui(
     pictures: &Pictures,
     commands: &mut Vec<Command>,
 ) {
+    let mut is_open = true;
     ui.horizontal(|ui| {
-        heading(ui, "Environment");
+        is_open = section_heading(ui, state, Section::Environment, commands);
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
             let is_moved = state.look.transform != EnvironmentTransform::default();
             let reset = ui.add_enabled(is_moved, Button::new("Reset environment"));
@@ -45,6 +48,9 @@ pub fn environment_ui(
             }
         });
     });
+    if !is_open {
+        return;
+    }
     gallery_ui(ui, state, pictures, commands);
     facts_ui(ui, state);
     transform_ui(ui, state, commands);
@@ -71,11 +77,11 @@ fn facts_ui(ui: &mut Ui, state: &AppState) {
         let [x, y, z] = motion.world_point(bounds.center()).to_array();
         format!("inner box {side:.2} at {x:.2}, {y:.2}, {z:.2}")
     };
-    let (name, kind, up) = (
-        environment.name(),
-        kind(environment),
-        axis_name(environment.up()),
-    );
+    // The name under its picture, where it is chosen there.
+    let chosen = state.chosen_environment().and(state.look.environment);
+    let listed = chosen.and_then(|index| state.environments.get(index));
+    let name = listed.map_or(environment.name(), |entry| &entry.name);
+    let (kind, up) = (kind(environment), axis_name(environment.up()));
     let (scale, ev) = (transform.scale, transform.exposure_ev);
     let facts = format!("{name} · {kind}\nUp {up} · {place}\nScale {scale:.2} · {ev:+.1} EV");
     let facts = weak(ui, facts);

@@ -7,7 +7,7 @@ use crate::app::export::{
     ExportCommand, ExportSettings, ExportState, MAX_FPS, MAX_FRAMES, MAX_SIDE_PX, Subject,
     default_path, key_text, n_path_frames,
 };
-use crate::app::panels::top_bar::layer_name;
+use crate::app::panels::view_bar::layer_name;
 use crate::app::panels::widgets::{describe_number, duration, weak};
 use crate::app::state::{AppState, file_name};
 use crate::app::theme;
@@ -283,12 +283,13 @@ fn run_ui(ui: &mut Ui, state: &AppState, asked: &mut Vec<ExportCommand>) {
         let bar = ProgressBar::new(running.fraction).desired_width(150.0);
         ui.add(bar.desired_height(10.0));
         ui.label(format!("{:.0} %", 100.0 * fraction));
+        // Before the time, which comes later, so that it stays where it is.
+        if ui.button("Cancel export").clicked() {
+            asked.push(ExportCommand::Cancel);
+        }
         if fraction > 0.01 {
             let left = elapsed * (1.0 - fraction) / fraction;
             ui.label(weak(ui, format!("{} left", duration(left))));
-        }
-        if ui.button("Cancel export").clicked() {
-            asked.push(ExportCommand::Cancel);
         }
     });
     ui.label(weak(ui, file_name(&running.path)));

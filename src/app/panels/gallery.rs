@@ -9,6 +9,7 @@ use egui::{TextureId, WidgetInfo, pos2, vec2};
 
 use crate::app::command::Command;
 use crate::app::lighting::{LightingCommand, own_file};
+use crate::app::panels::widgets::tell_place;
 use crate::app::state::{AppState, EnvironmentContent, EnvironmentEntry, PathPurpose};
 use crate::app::theme;
 use crate::app::viewport::Pictures;
@@ -58,7 +59,7 @@ pub fn gallery_ui(ui: &mut Ui, state: &AppState, pictures: &Pictures, commands: 
 fn tiles<'a>(state: &'a AppState, pictures: &Pictures) -> Vec<Tile<'a>> {
     let picture = |path: &Path| {
         let mut known = pictures.thumbnails.iter();
-        known.find(|(file, _)| file == path).map(|(_, id)| *id)
+        known.find(|(file, _)| **file == *path).map(|(_, id)| *id)
     };
     let name = match &state.snapshot {
         Some(snapshot) if snapshot.object.is_none() => {
@@ -100,6 +101,7 @@ fn tile_ui(
     let (rect, response) = ui.allocate_exact_size(size, Sense::click());
     let is_chosen = state.look.environment == tile.environment;
     response.widget_info(|| WidgetInfo::selected(Role::RadioButton, true, is_chosen, &tile.name));
+    tell_place(ui, &tile.name, rect);
     draw(ui, rect, tile, is_chosen, &response);
     if let (Some(index), Some(entry)) = (tile.environment, tile.entry) {
         remove_ui(ui, rect, index, &entry.name, commands);

@@ -1,6 +1,6 @@
 //! The help: what has a key or a gesture in the table of commands.
 
-use egui::{Grid, RichText, ScrollArea, Ui};
+use egui::{RichText, ScrollArea, Ui};
 
 use crate::app::binding::Binding;
 use crate::app::command::Command;
@@ -8,11 +8,19 @@ use crate::app::keys::BINDINGS;
 use crate::app::panels::widgets::{modal, weak};
 use crate::app::state::AppState;
 
-/// Groups in the left column; the others stand in the right one.
-const LEFT_GROUPS: [&str; 5] = ["File", "Edit", "Camera", "Environment", "Photos"];
+/// Groups of each column.
+const COLUMNS: [&[&str]; 3] = [
+    &["File", "Edit", "Camera", "Object", "Training"],
+    &["Environment", "Photos"],
+    &["Layers", "Window"],
+];
+/// Width of a column and, within it, of the keys; between columns, points.
+const WIDTHS: [f32; 3] = [366.0, 132.0, 18.0];
 
 /// Height of heading, button, margins and the rim that is left around the window, points.
 const REST_HEIGHT: f32 = 140.0;
+/// Width of the margins, the scroll bar and that rim.
+const MARGINS: f32 = 72.0;
 
 /// Draws the help over everything, while it is open.
 pub fn help_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
@@ -30,13 +38,14 @@ pub fn help_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
             .min_scrolled_height(room);
         scroll.show(ui, |ui| {
             ui.horizontal_top(|ui| {
-                let listed = || BINDINGS.iter().filter(|binding| !binding.keys.is_empty());
-                let is_left = |binding: &&Binding| LEFT_GROUPS.contains(&binding.group);
-                column(ui, "help left", listed().filter(is_left));
-                ui.add_space(16.0);
-                let is_right = |binding: &&Binding| !is_left(binding);
-                column(ui, "help right", listed().filter(is_right));
-            })
+                // Less on a small window.
+                let [width, keys, gap] = WIDTHS;
+                let most = (ui.ctx().content_rect().width() - MARGINS) / COLUMNS.len() as f32 - gap;
+                ui.spacing_mut().item_spacing.x = gap;
+                for groups in COLUMNS {
+                    ui.vertical(|ui| column(ui, groups, [width.min(most), keys]));
+                }
+            });
         });
         ui.add_space(6.0);
         ui.button("Close").clicked()
@@ -46,21 +55,40 @@ pub fn help_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     }
 }
 
-fn column<'a>(ui: &mut Ui, id: &str, bindings: impl Iterator<Item = &'a Binding>) {
-    Grid::new(id)
-        .num_columns(2)
-        .spacing([14.0, 4.0])
-        .show(ui, |ui| {
-            let mut group = "";
-            for binding in bindings {
-                if binding.group != group {
-                    group = binding.group;
-                    ui.label(RichText::new(group).strong());
-                    ui.end_row();
+fn column(ui: &mut Ui, groups: &[&str], [width, keys]: [f32; 2]) {
+    ui.set_width(width);
+    ui.spacing_mut().item_spacing = egui::vec2(8.0, 3.0);
+    for group in groups {
+        ui.label(RichText::new(*group).strong());
+        let is_listed = |binding: &&Binding| binding.group == *group && !binding.keys.is_empty();
+        for binding in BINDINGS.iter().filter(is_listed) {
+            ui.horizontal_top(|ui| {
+                for (text, width) in [
+                    (RichText::new(binding.keys).monospace().size(12.0), keys),
+                    (weak(ui, binding.what), width - keys - 8.0),
+                ] {
+                    ui.vertical(|ui| {
+                        ui.set_width(width);
+                        ui.add(egui::Label::new(text).wrap());
+                    });
                 }
-                ui.label(RichText::new(binding.keys).monospace());
-                ui.label(weak(ui, binding.what));
-                ui.end_row();
-            }
-        });
+            });
+        }
+        ui.add_space(4.0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_group_of_keys_has_its_column() {
+        for binding in BINDINGS.iter().filter(|binding| !binding.keys.is_empty()) {
+            let columns = COLUMNS
+                .iter()
+                .filter(|groups| groups.contains(&binding.group));
+            assert_eq!(columns.count(), 1, "{}", binding.group);
+        }
+    }
 }

@@ -12,13 +12,16 @@ use crate::app::theme;
 
 /// Draws the list, while it is open.
 pub fn log_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
-    if !state.overlays.is_log_open {
+    if !state.preferences.is_log_open {
         return;
     }
     let mut is_open = true;
     egui::Window::new("Messages")
         .open(&mut is_open)
         .default_size([560.0, 320.0])
+        // Out of the way of menus and panels, above the button that opens it.
+        .pivot(egui::Align2::RIGHT_BOTTOM)
+        .default_pos(ui.ctx().content_rect().right_bottom() - egui::vec2(12.0, 44.0))
         .show(ui.ctx(), |ui| {
             ui.horizontal(|ui| {
                 if ui.button("Copy all").clicked() {

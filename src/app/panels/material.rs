@@ -5,7 +5,9 @@ use egui::Ui;
 use crate::app::command::Command;
 use crate::app::inspect::InspectCommand;
 use crate::app::panels::scope_ui;
-use crate::app::panels::widgets::{Setting, color_row, heading, slider_row, weak};
+use crate::app::panels::section::section_heading;
+use crate::app::panels::widgets::{Setting, color_row, slider_row, weak};
+use crate::app::sections::Section;
 use crate::app::state::AppState;
 use crate::neif::{MaterialEdit, RoughnessEdit};
 
@@ -48,8 +50,9 @@ pub fn material_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
         Some((index, _)) => Command::Inspect(InspectCommand::Edit(index, edit)),
         None => Command::Edit(edit),
     };
+    let mut is_open = true;
     ui.horizontal(|ui| {
-        heading(ui, "Material");
+        is_open = section_heading(ui, state, Section::Material, commands);
         let has_edits = before != MaterialEdit::default();
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
             let reset = ui.add_enabled(has_edits, egui::Button::new("Reset material"));
@@ -61,6 +64,9 @@ pub fn material_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
             }
         });
     });
+    if !is_open {
+        return;
+    }
     if state
         .snapshot
         .as_ref()
@@ -90,10 +96,7 @@ fn roughness_ui(ui: &mut Ui, roughness: &mut RoughnessEdit) {
             .radio(is_map, "Learned map")
             .on_hover_text("Keeps differences between places");
         if map.clicked() && !is_map {
-            *roughness = RoughnessEdit::Map {
-                scale: 1.0,
-                offset: 0.0,
-            };
+            *roughness = RoughnessEdit::default();
         }
         let one = ui
             .radio(!is_map, "One value")

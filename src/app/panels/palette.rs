@@ -56,10 +56,15 @@ fn field_ui(ui: &mut Ui, palette: &Palette, commands: &mut Vec<Command>) {
 
 fn answers_ui(ui: &mut Ui, state: &AppState, palette: &Palette, commands: &mut Vec<Command>) {
     let answers = found(state, &palette.typed);
-    if answers.is_empty() {
-        ui.label(weak(ui, "No command of that name is possible now."));
-    }
-    ScrollArea::vertical().max_height(HEIGHT).show(ui, |ui| {
+    // Always of the same height, so that the field stays where it is.
+    let scroll = ScrollArea::vertical()
+        .auto_shrink([false, false])
+        .min_scrolled_height(HEIGHT)
+        .max_height(HEIGHT);
+    scroll.show(ui, |ui| {
+        if answers.is_empty() {
+            ui.label(weak(ui, "No command of that name is possible now."));
+        }
         for (i, (binding, _)) in answers.iter().enumerate() {
             let is_chosen = i == palette.chosen;
             let text = format!("{}: {}", binding.group, binding.what);

@@ -52,7 +52,13 @@ fn path_ui(ui: &mut Ui, dialog: &PathDialog, commands: &mut Vec<Command>) {
         let label = ui.label("Path");
         let edit = TextEdit::singleline(&mut typed)
             .desired_width(WIDTH - 140.0)
-            .hint_text("/path/to/capture");
+            .hint_text(match dialog.purpose {
+                PathPurpose::Open => "/path/to/capture",
+                PathPurpose::AddEnvironment => "/path/to/environment.hdr",
+                PathPurpose::Save => "/path/to/run",
+                PathPurpose::Log => "/path/to/figures.csv",
+                PathPurpose::SaveSession => "/path/to/session",
+            });
         let edit = ui.add(edit).labelled_by(label.id);
         if edit.changed() {
             commands.push(Command::TypePath(typed.clone()));

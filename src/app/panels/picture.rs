@@ -4,7 +4,9 @@ use egui::{Button, Ui};
 
 use crate::app::command::Command;
 use crate::app::lighting::{LARGEST_DISPLAY_EV, LightingCommand};
-use crate::app::panels::widgets::{Setting, heading, name_label, slider_row};
+use crate::app::panels::section::section_heading;
+use crate::app::panels::widgets::{Setting, name_label, slider_row};
+use crate::app::sections::Section;
 use crate::app::state::AppState;
 use crate::render::Background;
 
@@ -17,7 +19,9 @@ const DISPLAY_EV: Setting = Setting {
 
 /// Draws the panel.
 pub fn picture_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
-    heading(ui, "Picture");
+    if !section_heading(ui, state, Section::Picture, commands) {
+        return;
+    }
     let mut send = |command| commands.push(Command::Lighting(command));
     ui.horizontal(|ui| {
         name_label(ui, "Background").on_hover_text("What stands behind the object (H)");

@@ -4,14 +4,18 @@ use egui::Ui;
 use egui_plot::{GridInput, GridMark, Line, Plot, PlotPoints, Points};
 
 use crate::app::command::Command;
+use crate::app::panels::section::section_heading;
 use crate::app::panels::widgets::{count, duration, weak};
+use crate::app::sections::Section;
 use crate::app::state::{AppState, PathPurpose};
 use crate::app::theme;
-use crate::app::training_state::Curve;
+use crate::app::training_state::{Curve, Phase};
 use crate::app::watch::{PlotAxis, WatchCommand};
 
 /// Height of a plot.
-const PLOT_HEIGHT: f32 = 96.0;
+const PLOT_HEIGHT: f32 = 80.0;
+/// Right of a plot, for the last number below it.
+const MARGIN: f32 = 12.0;
 /// Share of a new value in the smoothed loss.
 const SMOOTHING: f64 = 0.2;
 
@@ -20,7 +24,17 @@ type Named<'a> = (&'a str, &'a Curve, egui::Color32);
 
 /// Draws both plots.
 pub fn plots_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
+    if !section_heading(ui, state, Section::Curves, commands) {
+        return;
+    }
     let training = &state.training;
+    if training.log.is_empty() && training.phase == Phase::Idle {
+        ui.label(weak(
+            ui,
+            "Loss and PSNR on held-out photos, once it trains.",
+        ));
+        return;
+    }
     let visuals = ui.visuals();
     let accents = [theme::accent(visuals), theme::accent_2(visuals)];
     let faint = theme::weak(visuals);
@@ -70,6 +84,7 @@ fn plot_ui(ui: &mut Ui, title: &str, curves: &[Named<'_>], (scale, over): (Scale
     };
     let plot = Plot::new(title)
         .height(PLOT_HEIGHT)
+        .width(ui.available_width() - MARGIN)
         .show_background(false)
         .show_grid([false, true])
         .show_x(false)

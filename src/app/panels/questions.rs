@@ -4,7 +4,7 @@ use egui::{Align2, Area, Frame, Ui, vec2};
 
 use crate::app::command::{Command, Train};
 use crate::app::leaving::{Goal, LeavingCommand};
-use crate::app::panels::widgets::modal;
+use crate::app::panels::widgets::{modal, tell_place};
 use crate::app::session::SessionCommand;
 use crate::app::state::{AppState, PathPurpose, file_name};
 
@@ -78,7 +78,9 @@ pub fn leaving_question_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Com
             } else if ui.button("Save the run").clicked() {
                 commands.push(Command::Leaving(LeavingCommand::Save));
             }
-            if ui.button(discard).clicked() {
+            let button = ui.button(discard);
+            tell_place(ui, discard, button.rect);
+            if button.clicked() {
                 commands.push(Command::Leaving(LeavingCommand::Discard));
             }
             ui.button("Cancel").clicked()

@@ -1,8 +1,11 @@
 //! What the shortcuts of training and preview leave out now.
 
-use egui::{CollapsingHeader, Grid, ProgressBar, Ui};
+use egui::{Grid, ProgressBar, Ui};
 
+use crate::app::command::Command;
+use crate::app::panels::section::section_heading;
 use crate::app::panels::widgets::weak;
+use crate::app::sections::Section;
 use crate::app::state::AppState;
 
 /// Width of a bar.
@@ -15,26 +18,27 @@ struct Row {
     hint: &'static str,
 }
 
-/// Draws the table, folded at first.
-pub fn skips_ui(ui: &mut Ui, state: &AppState) {
-    CollapsingHeader::new("What skipping saves now").show(ui, |ui| {
-        let rows = rows(state);
-        if rows.is_empty() {
-            ui.label(weak(ui, "Nothing was counted yet."));
-            return;
+/// Draws the table.
+pub fn skips_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
+    if !section_heading(ui, state, Section::Skips, commands) {
+        return;
+    }
+    let rows = rows(state);
+    if rows.is_empty() {
+        ui.label(weak(ui, "Nothing was counted yet."));
+        return;
+    }
+    Grid::new("skips").num_columns(2).show(ui, |ui| {
+        for row in rows {
+            ui.label(row.name).on_hover_text(row.hint);
+            let bar = ProgressBar::new(row.share)
+                .desired_width(BAR_WIDTH)
+                .text(format!("{:.0} %", 100.0 * row.share));
+            ui.add(bar).on_hover_text(row.hint);
+            ui.end_row();
         }
-        Grid::new("skips").num_columns(2).show(ui, |ui| {
-            for row in rows {
-                ui.label(row.name).on_hover_text(row.hint);
-                let bar = ProgressBar::new(row.share)
-                    .desired_width(BAR_WIDTH)
-                    .text(format!("{:.0} %", 100.0 * row.share));
-                ui.add(bar).on_hover_text(row.hint);
-                ui.end_row();
-            }
-        });
-        ui.label(weak(ui, "Shares of the last step and of the last picture."));
     });
+    ui.label(weak(ui, "Shares of the last step and of the last picture."));
 }
 
 fn rows(state: &AppState) -> Vec<Row> {

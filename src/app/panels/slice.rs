@@ -1,10 +1,12 @@
 //! The density slice: a plane through the surroundings, its place and its colour bar.
 
-use egui::{CollapsingHeader, Color32, Rect, Sense, Stroke, TextureId, Ui, pos2, vec2};
+use egui::{Color32, Rect, Sense, Stroke, TextureId, Ui, pos2, vec2};
 
 use crate::app::command::Command;
 use crate::app::compare_view::color_bar;
+use crate::app::panels::section::section_heading;
 use crate::app::panels::widgets::{describe_number, weak};
+use crate::app::sections::Section;
 use crate::app::state::AppState;
 use crate::app::theme;
 use crate::app::watch::WatchCommand;
@@ -17,18 +19,18 @@ const SIDE: f32 = 200.0;
 /// Room for the colour bar under it.
 const BAR_HEIGHT: f32 = 56.0;
 
-/// Draws the slice, folded at first; `picture` is its newest picture.
+/// Draws the slice; `picture` is its newest picture.
 pub fn slice_ui(
     ui: &mut Ui,
     state: &AppState,
     picture: Option<TextureId>,
     commands: &mut Vec<Command>,
 ) {
-    let header = CollapsingHeader::new("Density slice").show(ui, |ui| {
+    let is_open = section_heading(ui, state, Section::Slice, commands);
+    if is_open {
         plane_ui(ui, state, commands);
         picture_ui(ui, state, picture);
-    });
-    let is_open = header.openness > 0.0;
+    }
     if is_open != state.watch.is_slice_shown {
         commands.push(Command::Watch(WatchCommand::ShowSlice(is_open)));
     }

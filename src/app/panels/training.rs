@@ -4,9 +4,10 @@ use egui::{Button, DragValue, Grid, Ui};
 
 use crate::app::command::{Command, Train};
 use crate::app::pace::pace_ui;
-use crate::app::panels::skips::skips_ui;
+use crate::app::panels::section::section_heading;
 use crate::app::panels::status::chip;
-use crate::app::panels::widgets::{count, describe_number, duration, heading, weak};
+use crate::app::panels::widgets::{count, describe_number, duration, weak};
+use crate::app::sections::Section;
 use crate::app::state::{AppState, PathPurpose, Source};
 use crate::app::theme;
 use crate::app::training_state::{Phase, headline};
@@ -14,19 +15,22 @@ use crate::app::watch::WatchCommand;
 
 /// Draws the panel.
 pub fn training_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
+    let mut is_open = true;
     ui.horizontal(|ui| {
-        heading(ui, "Training");
+        is_open = section_heading(ui, state, Section::Training, commands);
         let phase = &state.training.phase;
         // While it trains, the heading says it already.
         if *phase != Phase::Training {
             chip(ui, phase.name(), theme::of_phase(ui.visuals(), phase));
         }
     });
+    if !is_open {
+        return;
+    }
     capture_ui(ui, state);
     controls_ui(ui, state, commands);
     figures_ui(ui, state);
     best_ui(ui, state);
-    skips_ui(ui, state);
 }
 
 fn capture_ui(ui: &mut Ui, state: &AppState) {
@@ -180,6 +184,9 @@ fn start_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
 fn figures_ui(ui: &mut Ui, state: &AppState) {
     let p = &state.training.progress;
     let has_figures = p.step > 0;
+    if !has_figures && state.training.phase == Phase::Idle {
+        return;
+    }
     let dash = || "–".to_owned();
     let show = |text: String| if has_figures { text } else { dash() };
     let rows = [

@@ -24,6 +24,21 @@ pub struct Setting {
     pub hint: &'static str,
 }
 
+/// Says in the log, at its finest level, where a control is: its middle in physical pixels. The window is driven by it from
+/// outside, by mouse, in its test.
+pub fn tell_place(ui: &Ui, name: &str, rect: egui::Rect) {
+    let per_point = ui.ctx().pixels_per_point();
+    let (center, size) = (rect.center() * per_point, rect.size() * per_point);
+    tracing::trace!(
+        name,
+        x = center.x,
+        y = center.y,
+        width = size.x,
+        height = size.y,
+        "place"
+    );
+}
+
 /// A slider row; true when the value was changed.
 pub fn slider_row(ui: &mut Ui, setting: &Setting, value: &mut f32) -> bool {
     ui.horizontal(|ui| {
@@ -33,6 +48,7 @@ pub fn slider_row(ui: &mut Ui, setting: &Setting, value: &mut f32) -> bool {
             .add(slider)
             .labelled_by(name.id)
             .on_hover_text(setting.hint);
+        tell_place(ui, setting.name, slider.rect);
         let mut is_changed = slider.changed();
         let wants_default =
             name.double_clicked() | reset_button(ui, setting.name, *value != setting.default);
