@@ -16,7 +16,7 @@ use neif::train::Snapshot;
 use super::{Shown, click, harness};
 
 /// A large square that faces the camera, under a grey sky.
-fn snapshot() -> Arc<Snapshot> {
+pub(super) fn snapshot() -> Arc<Snapshot> {
     let positions = vec![
         Vec3::new(0.0, -1.0, -1.0),
         Vec3::new(0.0, 1.0, -1.0),

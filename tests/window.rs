@@ -1,0 +1,156 @@
+//! The real window on a display of its own: what a person does in the first minutes, by mouse and keys.
+//!
+//! Needs Xvfb, xdotool and a graphics adapter (lavapipe will do), and says so where one is missing; with
+//! `NEIF_TEST_WINDOW=1` that is a failure. It waits for lines of the program's log, never for a time.
+#![cfg(all(feature = "gui", target_os = "linux"))]
+#![expect(
+    clippy::print_stdout,
+    clippy::panic,
+    reason = "tests report what they skip and stop at the first surprise"
+)]
+
+#[path = "window/display.rs"]
+mod display;
+#[path = "window/program.rs"]
+mod program;
+
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use display::{Display, Shot};
+use program::Program;
+
+/// Training before anything is edited, seconds.
+const TRAINED_SECS: f64 = 20.0;
+/// Share of the viewport's pixels that an edit changes at least.
+const LEAST_CHANGE: f64 = 0.01;
+/// The same after an edit was taken back.
+const MOST_LEFT: f64 = 0.005;
+
+#[test]
+fn a_person_trains_edits_undoes_takes_a_picture_and_leaves() {
+    let Some(display) = display() else { return };
+    let home = tempfile::tempdir().expect("a folder");
+    let mut window = open(&display, home.path());
+    window.wait(|line| elapsed_secs(line) >= Some(TRAINED_SECS));
+    display.focus("neif");
+
+    let mark = window.mark();
+    display.key("space");
+    window.wait_after(mark, |line| line.contains("PauseOrResume"));
+    let trained = settled(&display, &window, mark);
+    assert!(trained.n_colors() > 100, "the viewport is empty");
+
+    let slider = window.place("Scale");
+    let edited = after(&display, &window, "Edit(", || {
+        let (from, to) = (slider.at(1.0 / 3.0, 0.5), slider.at(0.9, 0.5));
+        display.drag(None, from, to);
+    });
+    changed("roughness", &trained, &edited);
+
+    let viewport = window.place("viewport");
+    let turned = after(&display, &window, "MoveEnvironment(", || {
+        display.drag(Some("shift"), viewport.at(0.3, 0.2), viewport.at(0.6, 0.2));
+    });
+    changed("the turned environment", &edited, &turned);
+
+    let tile = window.place("gallery");
+    let swapped = after(&display, &window, "ChooseEnvironment(", || {
+        display.click(tile.at(0.5, 0.3));
+    });
+    changed("other surroundings", &turned, &swapped);
+
+    let undone = after(&display, &window, "History(Undo)", || display.key("ctrl+z"));
+    let left = undone.difference(&turned);
+    assert!(left < MOST_LEFT, "undone, {left} of the pixels differ");
+
+    let mark = window.mark();
+    display.key("F12");
+    let written = window.wait_after(mark, |line| line.contains(".png"));
+    assert!(!written.contains("ERROR"), "{written}");
+
+    display.key("ctrl+q");
+    let discard = window.place("Close without saving");
+    display.click(discard.at(0.5, 0.5));
+    window.ends_well();
+    let picture = png_below(home.path()).expect("a screenshot");
+    assert!(image::open(&picture).is_ok(), "{}", picture.display());
+}
+
+/// A display; none, with a line, where something that is needed is missing.
+fn display() -> Option<Display> {
+    let must = std::env::var_os("NEIF_TEST_WINDOW").is_some();
+    let missing = ["Xvfb", "xdotool"].into_iter().find(|program| {
+        let mut try_it = Command::new(program);
+        let quiet = try_it.stdout(Stdio::null()).stderr(Stdio::null());
+        quiet.arg("-version").status().is_err()
+    });
+    if let Some(program) = missing {
+        assert!(!must, "{program} is missing");
+        println!("skipped: there is no {program} to open a window and drive it");
+        return None;
+    }
+    Some(Display::new())
+}
+
+/// Starts the program without arguments: it trains on the bundled demo.
+fn open(display: &Display, home: &Path) -> Program {
+    let settings = home.join(".config/neif");
+    std::fs::create_dir_all(&settings).expect("a folder");
+    let (width, height) = display::SIZE;
+    let text = format!("window = [{width}.0, {height}.0]\n");
+    std::fs::write(settings.join("settings.toml"), text).expect("a file");
+    Program::start(display.name(), home)
+}
+
+/// What the window shows after `act`: once it was understood, and the picture of the viewport is the last.
+fn after(display: &Display, window: &Program, command: &str, act: impl Fn()) -> Shot {
+    let mark = window.mark();
+    act();
+    window.wait_after(mark, |line| {
+        line.contains("command=") && line.contains(command)
+    });
+    settled(display, window, mark)
+}
+
+/// The viewport once nothing better follows, and has been drawn.
+fn settled(display: &Display, window: &Program, mark: usize) -> Shot {
+    window.wait_quiet(mark, |line| {
+        line.contains("preview name=") && line.contains("is_last=true")
+    });
+    let drawn = window.mark();
+    window.nudge(display);
+    window.wait_after(drawn, |line| line.contains(" drawing "));
+    display.shot(window.place("viewport"))
+}
+
+fn changed(what: &str, before: &Shot, after: &Shot) {
+    let share = after.difference(before);
+    assert!(
+        share > LEAST_CHANGE,
+        "{what} changes {share} of the viewport's pixels"
+    );
+}
+
+/// Training time in a line about its progress.
+fn elapsed_secs(line: &str) -> Option<f64> {
+    let (_, rest) = line
+        .split_once("Progress(")?
+        .1
+        .split_once("elapsed_secs: ")?;
+    rest.split(',').next()?.parse().ok()
+}
+
+fn png_below(folder: &Path) -> Option<std::path::PathBuf> {
+    let entries = std::fs::read_dir(folder).ok()?.flatten();
+    entries.into_iter().find_map(|entry| {
+        let path = entry.path();
+        if path.is_dir() && !path.ends_with(".cache") {
+            png_below(&path)
+        } else {
+            path.extension()
+                .is_some_and(|extension| extension == "png")
+                .then_some(path)
+        }
+    })
+}
