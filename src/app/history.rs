@@ -207,10 +207,10 @@ fn restore(state: &mut AppState, moment: &Moment, effects: &mut Vec<Effect>) {
     if look.environment != chosen_before {
         choose_environment(state, look.environment, effects);
     }
-    // That there was no B yet is no reason to take it away.
-    if let Some(kept) = &moment.kept {
-        let kept = kept.to_look(state, effects);
-        state.lighting.kept = Some(kept);
+    let kept = moment.kept.as_ref();
+    state.lighting.kept = kept.map(|kept| kept.to_look(state, effects));
+    if state.lighting.kept.is_none() {
+        state.lighting.split = None;
     }
     state.lighting.background = moment.background;
     state.lighting.display_ev = moment.display_ev;
@@ -316,12 +316,13 @@ mod tests {
         run(&mut state, 17.0, UNDO);
         assert_eq!(state.look.edit.tint_scale, 1.0);
         run(&mut state, 19.0, UNDO);
-        assert_eq!(
-            (state.lighting.display_ev, tint_of_b(&state)),
-            (0.0, Some(1.0))
-        );
+        assert_eq!((tint_of_b(&state), state.lighting.split), (None, None));
         run(&mut state, 21.0, UNDO);
+        assert_eq!(state.lighting.display_ev, 0.0);
+        run(&mut state, 23.0, UNDO);
         assert_eq!(state.lighting.background, Background::Shown);
+        run(&mut state, 25.0, Command::History(HistoryCommand::Redo));
+        assert_eq!(state.lighting.background, Background::Hidden);
     }
 
     #[test]
