@@ -3,11 +3,7 @@
 //! Needs Xvfb, xdotool and a graphics adapter (lavapipe will do), and says so where one is missing; with
 //! `NEIF_TEST_WINDOW=1` that is a failure. It waits for lines of the program's log, never for a time.
 #![cfg(all(feature = "gui", target_os = "linux"))]
-#![expect(
-    clippy::print_stdout,
-    clippy::panic,
-    reason = "tests report what they skip and stop at the first surprise"
-)]
+#![expect(clippy::print_stdout, reason = "tests report what they skip")]
 
 #[path = "window/display.rs"]
 mod display;
