@@ -115,7 +115,7 @@ fn settled(display: &Display, window: &Program, mark: usize) -> Shot {
         line.contains("preview name=") && line.contains("is_last=true")
     });
     let drawn = window.mark();
-    window.nudge(display);
+    display.nudge();
     window.wait_after(drawn, |line| line.contains(" drawing "));
     display.shot(window.place("viewport"))
 }

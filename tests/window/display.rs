@@ -117,6 +117,13 @@ impl Display {
         self.tool(&["click", "1"]);
     }
 
+    /// Has the window under the mouse draw once more.
+    pub(crate) fn nudge(&self) {
+        for x in [4.0, 6.0] {
+            self.move_to((x, 4.0));
+        }
+    }
+
     /// With the left button, while a key is held if one is named.
     pub(crate) fn drag(&self, key: Option<&str>, from: (f64, f64), to: (f64, f64)) {
         let hold = |what| key.map(|key| self.tool(&[what, key]));

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{JoinHandle, sleep};
 use std::time::{Duration, Instant};
 
-use super::display::{Display, Place};
+use super::display::Place;
 
 /// How long anything may take.
 const PATIENCE: Duration = Duration::from_secs(90);
@@ -134,13 +134,6 @@ impl Program {
             self.check();
             assert!(Instant::now() < end, "{name} is nowhere; {}", self.end());
             sleep(TICK);
-        }
-    }
-
-    /// Has the window draw once more.
-    pub(crate) fn nudge(&self, display: &Display) {
-        for x in [4.0, 6.0] {
-            display.move_to((x, 4.0));
         }
     }
 
