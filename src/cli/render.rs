@@ -162,6 +162,10 @@ fn write(film: &Film, destination: &Destination) -> Result<(), Failure> {
         1
     };
     let (Destination::Folder(path) | Destination::File(path)) = destination;
-    output::line(&format!("{}: {} pictures", path.display(), n * per_shot))?;
+    let written = match n * per_shot {
+        1 => "1 picture".to_owned(),
+        n => format!("{n} pictures"),
+    };
+    output::line(&format!("{}: {written}", path.display()))?;
     Ok(())
 }
