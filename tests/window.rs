@@ -37,10 +37,10 @@ fn a_person_trains_edits_undoes_takes_a_picture_and_leaves() {
     let trained = settled(&display, &window, mark);
     assert!(trained.n_colors() > 100, "the viewport is empty");
 
-    let slider = window.place("Scale");
+    // That of roughness; there is more than one named “Scale”.
+    let slider = window.place("Offset");
     let edited = after(&display, &window, "Edit(", || {
-        let (from, to) = (slider.at(1.0 / 3.0, 0.5), slider.at(0.9, 0.5));
-        display.drag(None, from, to);
+        display.drag(None, slider.at(0.3, 0.5), slider.at(0.5, 0.5));
     });
     changed("roughness", &trained, &edited);
 

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use super::display::Place;
 
 /// How long anything may take.
-const PATIENCE: Duration = Duration::from_secs(90);
+const PATIENCE: Duration = Duration::from_mins(4);
 /// Between two looks at the log.
 const TICK: Duration = Duration::from_millis(20);
 /// Without another picture for so long, the one that is shown stays.
