@@ -306,7 +306,8 @@ mod tests {
 
     #[test]
     fn a_region_without_effect_changes_no_picture() {
-        let (plain, mut with_region) = (request(), request());
+        let plain = request();
+        let mut with_region = plain.clone();
         let mut region = Region {
             seed: Vec3::ZERO,
             extent: crate::neif::Extent::Part,
