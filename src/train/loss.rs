@@ -7,6 +7,8 @@ use crate::neif::display::Display;
 
 /// Target from which a pixel counts as clipped: brighter predictions are not wrong.
 pub(super) const CLIPPED: f32 = 0.998;
+/// Radiance of a clipped colour beside one that is not.
+const PARTLY_CLIPPED: f32 = 1.2;
 /// Lower end of the logarithm in the exponent's gradient: `ln 0`.
 const TINY: f32 = 1e-6;
 
@@ -43,6 +45,16 @@ pub(super) fn pixel_loss(display: Display, linear: Vec3, target: [f32; 3]) -> Pi
     loss
 }
 
+/// Radiance that a clipped colour is taken for: `lamp` where all three are clipped. A saturated light that clips in one
+/// or two is hardly brighter than white, as otherwise the rest of its colour would be bright too.
+pub(super) fn unclipped(srgb: [f32; 3], lamp: f32) -> f32 {
+    if srgb.iter().all(|v| *v >= CLIPPED) {
+        lamp
+    } else {
+        lamp.min(PARTLY_CLIPPED)
+    }
+}
+
 /// `ln(radiance / light)²` in the colours whose target is clipped, and its gradient by the light. What shines on an object may
 /// tell that a lamp is brighter: then it is pulled up only.
 pub(super) fn clipped_pull(
@@ -52,6 +64,7 @@ pub(super) fn clipped_pull(
     is_up_only: bool,
 ) -> (f32, Vec3) {
     let (mut value, mut d_light) = (0.0, Vec3::ZERO);
+    let radiance = unclipped(target, radiance);
     for c in 0..3 {
         // Below white the pixel's own error is at work.
         let is_free = is_up_only && light[c] > radiance;
@@ -114,6 +127,14 @@ mod tests {
         assert!(d.x < 0.0 && d.y == 0.0, "{d}");
         let (value, d) = clipped_pull(Vec3::splat(6.0), [1.0; 3], 5.0, true);
         assert_eq!((value, d), (0.0, Vec3::ZERO), "brighter than that");
+    }
+
+    #[test]
+    fn a_lamp_is_what_clips_in_all_colours() {
+        let pull = |light: f32, target| clipped_pull(Vec3::splat(light), target, 5.0, false).1;
+        let (lamp, neon) = (pull(2.0, [1.0; 3]), pull(2.0, [1.0, 0.5, 0.7]));
+        assert!(lamp.max_element() < 0.0, "brighter: {lamp}");
+        assert!(neon.x > 0.0 && neon.y == 0.0, "darker: {neon}");
     }
 
     #[test]

@@ -4,7 +4,7 @@
 //! pixels. The paper prints a cone of `3 sigma r0`; matching the blurred pixel needs `r0 sqrt(1 + 12 sigma²)`, i.e. a
 //! variance of `sigma² + 1/12` pixels². Levels from 4 pixels on are stored at half the resolution each.
 
-use super::loss::CLIPPED;
+use super::loss::{CLIPPED, unclipped};
 use super::pixel_set::PixelSet;
 use super::srgb_codes::SrgbCodes;
 use crate::color::{linear_from_srgb, srgb_from_linear};
@@ -31,9 +31,8 @@ pub(super) struct BlurredImage {
 #[derive(Clone, Copy, Default)]
 struct Weighted([f32; 4]);
 
-/// The pixels of `photo` that are background, sharp and at up to `n_blurred` levels of blur, in which clipped pixels count as
-/// `clipped_radiance`. `keep(level)` is asked
-/// for each sample that holds background, in order.
+/// The pixels of `photo` that are background, sharp and at up to `n_blurred` levels of blur, in which clipped colours count as
+/// [`unclipped`] has them. `keep(level)` is asked for each sample that holds background, in order.
 pub(super) fn blurred_images(
     photo: &Photo,
     is_background: &[bool],
@@ -54,9 +53,13 @@ pub(super) fn blurred_images(
     if n_blurred == 0 {
         return levels;
     }
-    let linear = linear_by_code(clipped_radiance);
+    let linear = linear_by_code();
     let mut weighted: Vec<Weighted> = (0..is_background.len())
-        .map(|i| sharp(i).map_or_else(Weighted::default, |srgb| weigh(encode(srgb), &linear)))
+        .map(|i| {
+            sharp(i).map_or_else(Weighted::default, |srgb| {
+                weigh(srgb, unclipped(srgb, clipped_radiance), &linear)
+            })
+        })
         .collect();
     for level in 1..=n_blurred {
         let next = (1 << (level - 1)) as f32;
@@ -127,22 +130,22 @@ fn encode(srgb: [f32; 3]) -> [u16; 3] {
     srgb.map(|v| (v.clamp(0.0, 1.0) * CODE_MAX + 0.5) as u16)
 }
 
-/// Linear value of every 16th code: the photos have 8 bits, and 4096 steps are finer. Clipped ones are `clipped_radiance`.
-fn linear_by_code(clipped_radiance: f32) -> Vec<f32> {
+/// Linear value of every 16th code: the photos have 8 bits, and 4096 steps are finer.
+fn linear_by_code() -> Vec<f32> {
     (0..=4096)
-        .map(|i| i as f32 * 16.0 / CODE_MAX)
-        .map(|srgb| {
-            if srgb >= CLIPPED {
-                clipped_radiance
-            } else {
-                linear_from_srgb(srgb)
-            }
-        })
+        .map(|i| linear_from_srgb(i as f32 * 16.0 / CODE_MAX))
         .collect()
 }
 
-fn weigh(code: [u16; 3], linear: &[f32]) -> Weighted {
-    let [r, g, b] = code.map(|c| linear[usize::from(c).div_ceil(16)]);
+fn weigh(srgb: [f32; 3], clipped: f32, linear: &[f32]) -> Weighted {
+    let code = encode(srgb);
+    let [r, g, b] = std::array::from_fn(|c| {
+        if srgb[c] >= CLIPPED {
+            clipped
+        } else {
+            linear[usize::from(code[c]).div_ceil(16)]
+        }
+    });
     Weighted([r, g, b, 1.0])
 }
 
