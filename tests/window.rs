@@ -66,8 +66,7 @@ fn a_person_trains_edits_undoes_takes_a_picture_and_leaves() {
     assert!(!written.contains("ERROR"), "{written}");
 
     display.key("ctrl+q");
-    let discard = window.place("Close without saving");
-    display.click(discard.at(0.5, 0.5));
+    // The bundled demo is nobody's work: nothing is asked.
     window.ends_well();
     let picture = png_below(home.path()).expect("a screenshot");
     assert!(image::open(&picture).is_ok(), "{}", picture.display());
