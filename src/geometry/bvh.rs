@@ -41,6 +41,18 @@ pub struct Hit {
     pub geometric_normal: Vec3,
 }
 
+/// What [`SurfaceTracer::rows`] gives.
+#[derive(Clone, Debug)]
+pub struct TracerRows {
+    /// Sixteen rows a node, two a child: lower corner (bits of floats) and first leaf or node; upper corner and number of
+    /// leaves, 0 for a node and `u32::MAX` for no child. In the coordinates of [`SurfaceTracer::bounding_ball`].
+    pub nodes: Vec<[u32; 4]>,
+    /// Number of leaves, a triangle each.
+    pub n_leaves: usize,
+    /// Three rows a leaf, its corners in the ball; then six a leaf, its corners and their unit normals in the world.
+    pub triangles: Vec<[f32; 4]>,
+}
+
 /// Traces rays against one mesh. Built once; shared between threads by reference.
 pub struct SurfaceTracer {
     mesh: Arc<Mesh>,
@@ -150,6 +162,23 @@ impl SurfaceTracer {
                 None => Walk::On,
             }
         })
+    }
+
+    /// Hierarchy and triangles as rows of four, for a graphics card.
+    pub fn rows(&self) -> TracerRows {
+        let row = |v: Vec3| [v.x, v.y, v.z, 0.0];
+        let in_ball = self.leaves.iter().flatten().map(|p| row(Vec3::from(*p)));
+        let in_world = self.triangle_of_leaf.iter().flat_map(|&triangle| {
+            let corners = self.mesh.triangles[triangle as usize];
+            let positions = corners.map(|i| row(self.mesh.positions[i as usize]));
+            let normals = corners.map(|i| row(self.mesh.normals[i as usize]));
+            positions.into_iter().chain(normals)
+        });
+        TracerRows {
+            nodes: self.bvh.rows(),
+            n_leaves: self.leaves.len(),
+            triangles: in_ball.chain(in_world).collect(),
+        }
     }
 
     pub(super) fn bvh(&self) -> &WideBvh {

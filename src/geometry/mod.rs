@@ -24,7 +24,7 @@ mod wide_bvh;
 
 pub use aabb::Aabb;
 pub use atlas::{Atlas, Texel};
-pub use bvh::{Hit, SurfaceTracer};
+pub use bvh::{Hit, SurfaceTracer, TracerRows};
 pub use camera::{Camera, Projector};
 pub use distortion::{Distortion, LensModel};
 pub use fan::Fan;

@@ -147,6 +147,30 @@ impl WideBvh {
         }
     }
 
+    /// The nodes as rows of words, two a child and sixteen a node: lower corner (bits of floats) and first leaf or node;
+    /// upper corner and number of leaves, `u32::MAX` for a child that is none.
+    pub(super) fn rows(&self) -> Vec<[u32; 4]> {
+        let row = |corner: Vec3A, last: u32| {
+            let [x, y, z] = corner.to_array().map(f32::to_bits);
+            [x, y, z, last]
+        };
+        let children = self
+            .nodes
+            .iter()
+            .flat_map(|node| (0..WIDTH).map(move |child| (node, child)));
+        children
+            .flat_map(|(node, child)| {
+                let (lower, upper) = node.boxes[child / 4].get(child % 4);
+                let n_leaves = if lower.x > upper.x {
+                    u32::MAX
+                } else {
+                    u32::from(node.n_leaves[child])
+                };
+                [row(lower, node.first[child]), row(upper, n_leaves)]
+            })
+            .collect()
+    }
+
     /// What a part holds.
     #[inline(always)]
     pub(super) fn content(&self, part: Part) -> Content {

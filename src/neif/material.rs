@@ -143,6 +143,11 @@ impl Material {
         self.net().n_params()
     }
 
+    /// The network with its parameters.
+    pub fn network(&self) -> (Mlp, &[f32]) {
+        (self.net(), &self.params[..self.n_network_params()])
+    }
+
     fn n_grid_params(&self) -> usize {
         self.levels.iter().map(|l| l.n_entries * FEATURES).sum()
     }

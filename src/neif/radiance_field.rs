@@ -114,6 +114,16 @@ impl RadianceField {
         self.density_net().n_params() + self.color_net().n_params()
     }
 
+    /// The density network and the colour network, each with its parameters.
+    pub fn networks(&self) -> [(Mlp, &[f32]); 2] {
+        let (density, color) = (self.density_net(), self.color_net());
+        let (density_params, rest) = self.params.split_at(density.n_params());
+        [
+            (density, density_params),
+            (color, &rest[..color.n_params()]),
+        ]
+    }
+
     fn density_net(&self) -> Mlp {
         Mlp {
             n_in: self.config.grid.n_features(),
