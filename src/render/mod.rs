@@ -1,5 +1,6 @@
 //! Pictures from a scene: the same shading for full images, panoramas and the progressive preview.
 
+mod accelerator;
 mod aim;
 mod background;
 pub mod bake;
@@ -8,8 +9,11 @@ pub mod blocked_cones;
 mod camera_path;
 mod causes;
 pub mod diagnostic;
+pub mod drawn_by;
 pub mod film;
 pub mod gbuffer;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 pub mod ground;
 mod highlight;
 pub mod inbox;
@@ -39,6 +43,7 @@ pub mod turntable;
 pub use background::{BLUR_STD, Background};
 pub use bake::{BakedSurface, bake, radiance_as_albedo};
 pub use camera_path::CameraPath;
+pub use drawn_by::{DrawnBy, GpuChoice};
 pub use film::{Destination, FileKind, Film, FilmError, Shot};
 pub use gbuffer::{GBuffer, PathOptions};
 pub use irradiance::{DiffuseLights, trained_light};
