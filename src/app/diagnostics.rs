@@ -20,6 +20,7 @@ pub fn diagnostics(state: &AppState) -> String {
             std::env::consts::ARCH
         ),
         format!("adapter: {} ({kind}; {})", adapter.name, adapter.details),
+        format!("preview drawn by: {:?}", state.drawn_by),
         format!(
             "cores: {}",
             std::thread::available_parallelism().map_or(1, usize::from)

@@ -50,6 +50,7 @@ mod work;
 use std::path::PathBuf;
 
 use crate::data::CaptureChoices;
+use crate::render::GpuChoice;
 
 pub use command::{Command, Effect, apply};
 pub use state::AppState;
@@ -66,6 +67,8 @@ pub struct AppOptions {
     pub open: Vec<PathBuf>,
     /// How the captures among them are read.
     pub choices: CaptureChoices,
+    /// Whether a graphics card draws the preview.
+    pub gpu: GpuChoice,
 }
 
 /// Opens the window and returns when it is closed.

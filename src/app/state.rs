@@ -16,13 +16,13 @@ use crate::app::pace::Pace;
 use crate::app::palette::Palette;
 use crate::app::preferences::Preferences;
 use crate::app::session::SessionState;
-use crate::app::training_state::TrainingState;
+use crate::app::training_state::{Level, TrainingState};
 use crate::app::watch::{Comparison, WatchState};
 use crate::data::{Dataset, View};
 use crate::geometry::Aabb;
 use crate::neif::{Environment, EnvironmentTransform, MaterialEdit, Regions};
 use crate::render::progressive::Recomputed;
-use crate::render::{Layer, Scene};
+use crate::render::{DrawnBy, Layer, Scene};
 use crate::train::Snapshot;
 
 /// Training time that is asked for at first, in seconds.
@@ -311,6 +311,8 @@ pub struct AppState {
     pub recent: Vec<PathBuf>,
     /// The graphics adapter.
     pub adapter: Adapter,
+    /// What draws the preview.
+    pub drawn_by: DrawnBy,
     /// The picture on screen.
     pub shown: Option<ShownPicture>,
     /// What is set once and found again.
@@ -348,6 +350,7 @@ impl Default for AppState {
             export: ExportState::default(),
             recent: Vec::new(),
             adapter: Adapter::default(),
+            drawn_by: DrawnBy::default(),
             shown: None,
             preferences: Preferences::default(),
             history: History::default(),
@@ -362,6 +365,14 @@ impl AppState {
     /// Whether a window over the main one wants an answer.
     pub fn is_asking(&self) -> bool {
         self.leaving.is_some() || self.overlays != Overlays::default()
+    }
+
+    /// Takes in what draws the preview; says so where a graphics card has failed.
+    pub fn tell_who_draws(&mut self, drawn_by: DrawnBy) {
+        if let Some(news) = drawn_by.news_after(&self.drawn_by) {
+            self.messages.say(Level::Warning, news);
+        }
+        self.drawn_by = drawn_by;
     }
 
     /// What the preview shows, with edits unless the original is asked for; none before the first

@@ -33,7 +33,7 @@ use crate::app::viewport::Pictures;
 use crate::app::work::{News, Work};
 use crate::app::{assets, recent};
 use crate::geometry::Camera;
-use crate::render::PreviewScene;
+use crate::render::{GpuChoice, PreviewScene};
 use crate::train::Snapshot;
 
 /// Pictures on the graphics card.
@@ -62,6 +62,7 @@ pub(super) struct Window {
     viewport: (u32, u32),
     started: Instant,
     n_cores: usize,
+    gpu: GpuChoice,
     title: String,
     autosave: Autosave,
     keeping: Keeping,
@@ -93,7 +94,7 @@ impl Window {
             },
             work: Work::new(ctx)?,
             inspector: Inspector::new(ctx)?,
-            preview: PreviewSide::new(ctx, "preview", 0)?,
+            preview: PreviewSide::new(ctx, "preview", 0, options.gpu)?,
             preview_b: None,
             thumbnails,
             thumbnail_textures: Vec::new(),
@@ -103,6 +104,7 @@ impl Window {
             viewport: (0, 0),
             started: Instant::now(),
             n_cores: std::thread::available_parallelism().map_or(1, usize::from),
+            gpu: options.gpu,
             title: String::new(),
             autosave: Autosave::new(),
             keeping: Keeping {
@@ -227,6 +229,7 @@ impl Window {
         if let Some(shown) = self.preview.take_frame(ctx) {
             self.textures.first_photo = None;
             self.state.shown = Some(shown);
+            self.state.tell_who_draws(self.preview.drawn_by());
         }
         if let Some(b) = &mut self.preview_b {
             b.take_frame(ctx);
@@ -307,7 +310,7 @@ impl Window {
     ) {
         if self.preview_b.is_none() {
             let n_threads = self.n_cores.div_ceil(2);
-            self.preview_b = PreviewSide::new(ctx, "preview of B", n_threads)
+            self.preview_b = PreviewSide::new(ctx, "preview of B", n_threads, self.gpu)
                 .inspect_err(|error| tracing::error!("no threads to compare with: {error}"))
                 .ok();
         }
@@ -465,7 +468,7 @@ fn adapter(creation: &CreationContext<'_>) -> Adapter {
             Adapter {
                 details: format!("{}, {} {}", info.backend, info.driver, info.driver_info),
                 name: info.name,
-                is_software: info.device_type == eframe::wgpu::DeviceType::Cpu,
+                is_software: info.device_type == wgpu::DeviceType::Cpu,
             }
         })
 }

@@ -41,7 +41,21 @@ pub(crate) fn window_or_demo(started: Instant) -> Result<(), Failure> {
 
 #[cfg(feature = "gui")]
 fn open_window(open: Vec<PathBuf>, choices: CaptureChoices) -> Result<(), Failure> {
-    Ok(neif::app::run(neif::app::AppOptions { open, choices })?)
+    let gpu = gpu_choice().map_err(Failure::unusable)?;
+    Ok(neif::app::run(neif::app::AppOptions {
+        open,
+        choices,
+        gpu,
+    })?)
+}
+
+/// Whether a graphics card draws the preview, as the environment says.
+#[cfg(feature = "gui")]
+fn gpu_choice() -> anyhow::Result<neif::render::GpuChoice> {
+    let name = neif::render::GpuChoice::VARIABLE;
+    let text = std::env::var(name).unwrap_or_default();
+    text.parse()
+        .map_err(|error| anyhow::anyhow!("{name}: {error}"))
 }
 
 #[cfg(not(feature = "gui"))]

@@ -13,6 +13,8 @@ use std::time::Duration;
 
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
+use super::accelerator::{Accelerator, Attempt, CardPass};
+use super::drawn_by::{DrawnBy, GpuChoice};
 use super::inbox::Inbox;
 use super::irradiance::DiffuseLights;
 use super::priority::lower_thread_priority;
@@ -48,6 +50,14 @@ impl Passes {
             Self::Only(_) => vec![sketch(2, Purpose::Refresh)],
         }
     }
+
+    /// The same by a graphics card, which needs no sketches.
+    fn card_steps(self) -> Vec<Step> {
+        match self {
+            Self::Refine => vec![Step::Card(CardPass::Plain), Step::Card(CardPass::Fine)],
+            Self::Glance | Self::Only(_) => vec![Step::Card(CardPass::Plain)],
+        }
+    }
 }
 
 /// One picture of a request.
@@ -59,6 +69,8 @@ enum Step {
     },
     /// What [`super::render`] makes.
     Fine,
+    /// By the graphics card.
+    Card(CardPass),
 }
 
 impl Step {
@@ -70,8 +82,13 @@ impl Step {
                 purpose: Purpose::Refresh,
             } => 2 * scale,
             Self::Sketch { scale, .. } => scale,
-            Self::Fine => 1,
+            Self::Fine | Self::Card(_) => 1,
         }
+    }
+
+    /// Whether the object has several paths a pixel.
+    fn is_fine(self) -> bool {
+        matches!(self, Self::Fine | Self::Card(CardPass::Fine))
     }
 }
 
@@ -115,6 +132,7 @@ struct Request {
 struct Shared {
     inbox: Inbox<Request>,
     frame: Mutex<Option<Arc<PreviewFrame>>>,
+    drawn_by: Mutex<DrawnBy>,
     n_frames: AtomicU64,
 }
 
@@ -132,6 +150,18 @@ impl Preview {
     /// # Errors
     /// When the system gives no threads.
     pub fn new(n_threads: usize, wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
+        Self::with_card(n_threads, GpuChoice::Off, wake)
+    }
+
+    /// The same, with pictures by a graphics card where there is one.
+    ///
+    /// # Errors
+    /// As [`Self::new`]; without a card the processor draws.
+    pub fn with_card(
+        n_threads: usize,
+        choice: GpuChoice,
+        wake: impl Fn() + Send + 'static,
+    ) -> std::io::Result<Self> {
         let shared = Arc::new(Shared::default());
         let pool = ThreadPoolBuilder::new()
             .num_threads(n_threads)
@@ -150,6 +180,7 @@ impl Preview {
                     sketch: Sketch::default(),
                     progressive: Progressive::default(),
                     lights: DiffuseLights::default(),
+                    accelerator: Accelerator::new(choice),
                 }
                 .run(&wake);
             })?;
@@ -169,6 +200,12 @@ impl Preview {
         let frame = self.shared.frame.lock();
         // A panic elsewhere cannot leave a half-written pointer.
         frame.unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// What draws, as of the newest request that was begun.
+    pub fn drawn_by(&self) -> DrawnBy {
+        let drawn_by = self.shared.drawn_by.lock();
+        drawn_by.unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// How many pictures there have been: a change means news.
@@ -196,6 +233,7 @@ struct Worker {
     sketch: Sketch,
     progressive: Progressive,
     lights: DiffuseLights,
+    accelerator: Accelerator,
 }
 
 impl Worker {
@@ -212,14 +250,33 @@ impl Worker {
         if is_lit {
             picture.scene = self.pool.install(|| self.lights.quick(&picture.scene));
         }
+        if self.accelerator.takes(&picture) {
+            let steps = request.passes.card_steps();
+            let is_done = self.serve_steps((number, request), &mut picture, &steps, wake);
+            if is_done {
+                return;
+            }
+        }
+        self.tell_who_draws();
         let motion = self.pool.install(|| self.sketch.motion_scale());
         let steps = request.passes.steps(motion);
+        self.serve_steps((number, request), &mut picture, &steps, wake);
+    }
+
+    /// Makes the pictures one after the other until something newer comes; false where the graphics card failed.
+    fn serve_steps(
+        &mut self,
+        (number, request): (u64, &Request),
+        picture: &mut PreviewScene,
+        steps: &[Step],
+        wake: &(impl Fn() + Send),
+    ) -> bool {
         // The first picture of a change is always finished; what is only a refresh may be dropped.
         let never = AtomicBool::new(false);
         let is_change = !matches!(request.passes, Passes::Only(_));
         for (i, &step) in steps.iter().enumerate() {
             if i == 1 && !self.shared.inbox.stays_quiet(REST) {
-                return;
+                return true;
             }
             let shared = Arc::clone(&self.shared);
             let cancel = if i == 0 && is_change {
@@ -227,18 +284,33 @@ impl Worker {
             } else {
                 shared.inbox.superseded()
             };
-            let output = self.make(&mut picture, step, cancel);
+            let output = match step {
+                Step::Card(pass) => match self.accelerator.draw(picture, pass, cancel) {
+                    Attempt::Drawn(output) => Some(output),
+                    Attempt::Cancelled => None,
+                    Attempt::Failed => return false,
+                },
+                _ => self.make(picture, step, cancel),
+            };
             tracing::trace!(number, ?step, is_done = output.is_some(), "pass");
-            let Some(output) = output else { return };
+            let Some(output) = output else { return true };
+            self.tell_who_draws();
             self.publish(number, step, i + 1 == steps.len(), output);
             wake();
             if self.shared.inbox.is_superseded() {
-                return;
+                return true;
             }
         }
+        true
     }
 
-    /// One picture; `None` when cancelled.
+    fn tell_who_draws(&self) {
+        let told = self.shared.drawn_by.lock();
+        told.unwrap_or_else(PoisonError::into_inner)
+            .clone_from(self.accelerator.drawn_by());
+    }
+
+    /// One picture by the processor; `None` when cancelled.
     fn make(
         &mut self,
         picture: &mut PreviewScene,
@@ -260,6 +332,7 @@ impl Worker {
                 }
                 progressive.pass(picture, PassKind::FINE, cancel)
             }
+            Step::Card(_) => None,
         })
     }
 
@@ -274,7 +347,7 @@ impl Worker {
         let frame = PreviewFrame {
             request,
             scale: step.scale(),
-            is_fine: step == Step::Fine,
+            is_fine: step.is_fine(),
             is_last,
             width,
             height,

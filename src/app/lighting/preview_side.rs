@@ -9,7 +9,7 @@ use egui::{Context, TextureHandle, TextureId};
 use crate::app::preview_driver::{PreviewDriver, Situation};
 use crate::app::state::ShownPicture;
 use crate::app::texture;
-use crate::render::{Preview, PreviewScene};
+use crate::render::{DrawnBy, GpuChoice, Preview, PreviewScene};
 use crate::train::Snapshot;
 
 /// A preview that keeps a texture up to date.
@@ -31,19 +31,30 @@ impl fmt::Debug for PreviewSide {
 }
 
 impl PreviewSide {
-    /// Starts the threads (0: one per core); `ctx` is woken after each picture.
+    /// Starts the threads (0: one per core); `ctx` is woken after each picture. Pictures come from a graphics card where
+    /// `choice` finds one.
     ///
     /// # Errors
     /// When the system gives no threads.
-    pub fn new(ctx: &Context, name: &'static str, n_threads: usize) -> std::io::Result<Self> {
+    pub fn new(
+        ctx: &Context,
+        name: &'static str,
+        n_threads: usize,
+        choice: GpuChoice,
+    ) -> std::io::Result<Self> {
         let wake = ctx.clone();
         Ok(Self {
             name,
-            preview: Preview::new(n_threads, move || wake.request_repaint())?,
+            preview: Preview::with_card(n_threads, choice, move || wake.request_repaint())?,
             driver: PreviewDriver::default(),
             n_frames_seen: 0,
             texture: None,
         })
+    }
+
+    /// What draws its pictures.
+    pub fn drawn_by(&self) -> DrawnBy {
+        self.preview.drawn_by()
     }
 
     /// The newest picture; none before the first.

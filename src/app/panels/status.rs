@@ -7,6 +7,7 @@ use crate::app::panels::widgets::{count, duration, weak};
 use crate::app::state::AppState;
 use crate::app::theme;
 use crate::app::training_state::Phase;
+use crate::render::DrawnBy;
 
 /// Draws the bar.
 pub fn status_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
@@ -78,17 +79,7 @@ fn right_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     if button.on_hover_text("Everything that was said").clicked() {
         commands.push(Command::ToggleLog);
     }
-    if state.adapter.is_software {
-        let [_, amber] = [
-            Color32::TRANSPARENT,
-            theme::of_phase(ui.visuals(), &Phase::Paused),
-        ];
-        let hint = format!(
-            "No GPU in use ({}). Everything works; the window itself costs some processor time.",
-            state.adapter.name
-        );
-        chip(ui, "software rendering", amber).on_hover_text(hint);
-    }
+    drawing_ui(ui, state);
     if let Some(shown) = state.shown {
         let scale = match shown.scale {
             1 => "full resolution",
@@ -100,6 +91,33 @@ fn right_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
         ui.label(weak(ui, format!("{scale}{more}")))
             .on_hover_text(format!("Preview of {width} × {height} pixels"));
     }
+}
+
+/// Says where no graphics card draws the preview, and why.
+fn drawing_ui(ui: &mut Ui, state: &AppState) {
+    let adapter = &state.adapter;
+    let window = if adapter.is_software {
+        format!(
+            "No GPU in use ({}). Everything works; the window itself costs some processor time.",
+            adapter.name
+        )
+    } else {
+        format!("The window is drawn by {}.", adapter.name)
+    };
+    let (text, hint) = match &state.drawn_by {
+        DrawnBy::Processor { why, .. } => (
+            "software rendering",
+            format!("{window}\nThe processor draws the preview: {why}."),
+        ),
+        DrawnBy::ProcessorFor { card, what } => (
+            "drawn by the processor",
+            format!("{card} draws the preview, but not {what}: that is left to the processor."),
+        ),
+        _ if adapter.is_software => ("software rendering", window),
+        DrawnBy::Undecided | DrawnBy::Card(_) => return,
+    };
+    let amber = theme::of_phase(ui.visuals(), &Phase::Paused);
+    chip(ui, text, amber).on_hover_text(hint);
 }
 
 /// A word on a tinted ground.
