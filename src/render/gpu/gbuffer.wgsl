@@ -117,7 +117,7 @@ fn edge_paths(place: vec2<u32>, n: u32) -> Pixel {
         var n_here = 0.0;
         for (var k = 0u; k < n_inside * n_inside; k++) {
             let at = subsample_at(place, corner_of_square, k, n_inside);
-            if intersect(camera_ray(at), 0.0).is_hit {
+            if intersect(camera_ray(at)).is_hit {
                 hits |= 1u << k;
                 mean += at;
                 n_here += 1.0;

@@ -37,15 +37,21 @@ fn face_normal(leaf: u32) -> vec3<f32> {
     return normalize_or(cross(ab * scale, ac * scale), vec3(0.0));
 }
 
-fn intersect(ray: Ray, t_min: f32) -> Hit {
-    var hit: Hit;
+// The nearest hit of a camera's ray.
+fn intersect(ray: Ray) -> Hit {
     if frame.flags.x == 0u {
-        return hit;
+        return Hit();
     }
-    let found = walk(ball_ray(ray, t_min, FAR_AWAY), false);
+    let found = walk(ball_ray(ray, 0.0, FAR_AWAY), false);
     if found.leaf == NONE {
-        return hit;
+        return Hit();
     }
+    return hit_on_leaf(ray, found);
+}
+
+// The hit of a ray on the triangle of a leaf.
+fn hit_on_leaf(ray: Ray, found: LeafHit) -> Hit {
+    var hit: Hit;
     let p0 = corner(found.leaf, 0u);
     let n0 = corner_normal(found.leaf, 0u);
     let n1 = corner_normal(found.leaf, 1u);
@@ -67,10 +73,6 @@ fn intersect(ray: Ray, t_min: f32) -> Hit {
     hit.position = p0 + (found.u * (corner(found.leaf, 1u) - p0) + found.v * (corner(found.leaf, 2u) - p0));
     hit.normal = normal;
     return hit;
-}
-
-fn is_occluded(ray: Ray, t_min: f32) -> bool {
-    return walk(ball_ray(ray, t_min, FAR_AWAY), true).leaf != NONE;
 }
 
 // Where `neighbour` meets the plane of the triangle, relative to the hit.

@@ -217,7 +217,7 @@ fn a_preview_says_who_draws() {
         layer: Layer::Final,
         highlight: None,
     };
-    let patience = Duration::from_mins(2);
+    let patience = Duration::from_mins(5);
     let last_of = |picture: &PreviewScene| {
         let number = preview.request(picture.clone(), Passes::Refine);
         loop {

@@ -40,7 +40,7 @@ fn seen(hit: Hit, ray: Ray, ray_dx: Ray, ray_dy: Ray) -> SurfacePoint {
 // The first point met by the ray through `at` (pixels); `size` is the side of the square whose beam is meant.
 fn trace_pixel(at: vec2<f32>, size: f32) -> SurfacePoint {
     let ray = camera_ray(at);
-    let hit = intersect(ray, 0.0);
+    let hit = intersect(ray);
     if !hit.is_hit {
         return SurfacePoint();
     }
@@ -60,50 +60,42 @@ fn next_vertex(at: SurfacePoint, direction: vec3<f32>, hit: Hit) -> PathVertex {
 }
 
 // The lobe's rays: how many meet the object, and the first point met (the mirror ray's if it does). `turn` (radians)
-// turns the rings.
+// turns the rings. One loop for mirror ray and rings: compilers copy the walk to every place that calls it.
 fn trace_lobe(at: SurfacePoint, turn: f32) -> BlockedLobe {
     let axis = reflected(at);
-    let start = frame.start.x;
-    var lobe: BlockedLobe;
-    let mirror = intersect(Ray(at.position, axis), start);
-    if mirror.is_hit {
-        lobe.shares.x = 1.0;
-        lobe.has_next = true;
-        lobe.next = next_vertex(at, axis, mirror);
-    }
     let sides = orthonormal_basis(axis);
-    for (var ring = 0u; ring < 2u; ring++) {
-        let angle = select(0.19, 0.6, ring == 1u);
-        var n = 0.0;
-        var n_blocked = 0.0;
-        for (var k = 0u; k < RING_RAYS; k++) {
-            let phi = turn + TAU * (f32(k) + 0.5 * f32(ring)) / f32(RING_RAYS);
+    var lobe: BlockedLobe;
+    var n = vec3(0.0);
+    for (var k = 0u; k < 1u + 2u * RING_RAYS; k++) {
+        var direction = axis;
+        var group = vec3(1.0, 0.0, 0.0);
+        if k > 0u {
+            let ring = (k - 1u) / RING_RAYS;
+            let angle = select(0.19, 0.6, ring == 1u);
+            let phi = turn + TAU * (f32((k - 1u) % RING_RAYS) + 0.5 * f32(ring)) / f32(RING_RAYS);
             let side = sides[0] * cos(phi) + sides[1] * sin(phi);
-            let direction = normalize(axis * cos(angle) + side * sin(angle));
+            direction = normalize(axis * cos(angle) + side * sin(angle));
+            group = select(vec3(0.0, 1.0, 0.0), vec3(0.0, 0.0, 1.0), ring == 1u);
             // Directions below the horizon are no part of the reflected lobe.
             if dot(direction, at.normal) <= 0.0 {
                 continue;
             }
-            n += 1.0;
-            let ray = Ray(at.position, direction);
-            // Where it meets matters only if nothing was met before.
-            if lobe.has_next {
-                n_blocked += select(0.0, 1.0, is_occluded(ray, start));
-            } else {
-                let hit = intersect(ray, start);
-                if hit.is_hit {
-                    n_blocked += 1.0;
-                    lobe.has_next = true;
-                    lobe.next = next_vertex(at, direction, hit);
-                }
-            }
         }
-        let share = select(lobe.shares.x, n_blocked / max(n, 1.0), n > 0.0);
-        if ring == 0u {
-            lobe.shares.y = share;
-        } else {
-            lobe.shares.z = share;
+        n += group;
+        let ray = Ray(at.position, direction);
+        // Where it meets matters only if nothing was met before.
+        let found = walk(ball_ray(ray, frame.start.x, FAR_AWAY), lobe.has_next);
+        if found.leaf == NONE {
+            continue;
+        }
+        lobe.shares += group;
+        if !lobe.has_next {
+            lobe.has_next = true;
+            lobe.next = next_vertex(at, direction, hit_on_leaf(ray, found));
         }
     }
+    let shares = lobe.shares / max(n, vec3(1.0));
+    // A ring that is all below the horizon is as the mirror ray.
+    lobe.shares = select(vec3(shares.x), shares, n > vec3(0.0));
     return lobe;
 }
