@@ -139,16 +139,18 @@ impl Accelerator {
     }
 }
 
+/// Why such a build draws by the processor.
+#[cfg(not(feature = "gpu"))]
+const NO_CARD: &str = "this build uses no graphics card";
+
 #[cfg(not(feature = "gpu"))]
 impl Accelerator {
     /// Never: this build has no such path.
     pub(super) fn takes(&mut self, _picture: &PreviewScene) -> bool {
         if self.drawn_by.may_use_card() {
-            self.fail(&format!(
-                "this build uses no graphics card (choice {:?})",
-                self.choice
-            ));
+            self.fail(&NO_CARD);
         }
+        tracing::trace!(choice = ?self.choice, NO_CARD);
         false
     }
 
@@ -159,6 +161,7 @@ impl Accelerator {
         _pass: CardPass,
         _cancel: &AtomicBool,
     ) -> Attempt {
+        self.fail(&NO_CARD);
         Attempt::Failed
     }
 }

@@ -19,7 +19,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use wgpu::{Buffer, BufferUsages, CommandEncoder, MapMode, PollType};
+use wgpu::{Buffer, BufferUsages, CommandEncoderDescriptor, MapMode, PollType};
 
 use band::{BandSize, BandTables};
 use device::Gpu;
@@ -36,7 +36,7 @@ use crate::neif::{Environment, ObjectModel, SurfaceField};
 use crate::render::{GpuChoice, PathOptions, PreviewScene};
 
 /// A card that says nothing for so long is lost; software needs long for a large picture.
-const PATIENCE: Duration = Duration::from_secs(120);
+const PATIENCE: Duration = Duration::from_mins(2);
 /// Concentration that stands for none, `NO_LOBE` in WGSL.
 const NO_LOBE: f32 = 1e30;
 
@@ -248,7 +248,9 @@ fn wait(gpu: &Gpu) -> Result<(), GpuError> {
 fn read_back(gpu: &Gpu, from: &Buffer, n_bytes: u64) -> Result<Vec<u8>, GpuError> {
     let usage = BufferUsages::MAP_READ | BufferUsages::COPY_DST;
     let staging = table(gpu, "read-back", n_bytes, usage)?;
-    let mut copy: CommandEncoder = gpu.device.create_command_encoder(&Default::default());
+    let mut copy = gpu
+        .device
+        .create_command_encoder(&CommandEncoderDescriptor::default());
     copy.copy_buffer_to_buffer(from, 0, &staging, 0, n_bytes);
     gpu.queue.submit([copy.finish()]);
     // Whether it worked is told by asking for the bytes.

@@ -37,7 +37,11 @@ pub(super) mod binding {
     pub(in super::super) const COLOR_WEIGHTS: usize = 16;
     pub(in super::super) const GROUPS: usize = 17;
 }
-use binding::*;
+use binding::{
+    CENTERS, COLOR_WEIGHTS, COUNTERS, DENSITY_CELLS, DENSITY_WEIGHTS, ENVIRONMENT_GRID, FRAME,
+    GROUPS, LIT, MATERIAL_GRID, MATERIAL_WEIGHTS, NODES, PICTURE, PIXELS, RADIANCE, RAYS, STARTS,
+    TRIANGLES,
+};
 
 /// A pass of a band: its entry point and what it is bound to, at most eight tables.
 #[derive(Clone, Copy, Debug)]
@@ -208,7 +212,11 @@ impl Programs {
 
 impl Program {
     fn new(gpu: &Gpu, module: &ShaderModule, kind: PassKind) -> Self {
-        let entries: Vec<BindGroupLayoutEntry> = kind.bindings.iter().map(layout_entry).collect();
+        let entries: Vec<BindGroupLayoutEntry> = kind
+            .bindings
+            .iter()
+            .map(|place| layout_entry(*place))
+            .collect();
         let label = Some(kind.name);
         let device = &gpu.device;
         let layout = device.create_bind_group_layout(&BindGroupLayoutDescriptor {
@@ -251,9 +259,9 @@ impl Program {
     }
 }
 
-fn layout_entry(place: &usize) -> BindGroupLayoutEntry {
+fn layout_entry(place: usize) -> BindGroupLayoutEntry {
     let read_only = matches!(
-        *place,
+        place,
         DENSITY_WEIGHTS
             | ENVIRONMENT_GRID
             | DENSITY_CELLS
@@ -263,13 +271,13 @@ fn layout_entry(place: &usize) -> BindGroupLayoutEntry {
             | TRIANGLES
             | COLOR_WEIGHTS
     );
-    let ty = if *place == FRAME {
+    let ty = if place == FRAME {
         BufferBindingType::Uniform
     } else {
         BufferBindingType::Storage { read_only }
     };
     BindGroupLayoutEntry {
-        binding: *place as u32,
+        binding: place as u32,
         visibility: ShaderStages::COMPUTE,
         ty: BindingType::Buffer {
             ty,
