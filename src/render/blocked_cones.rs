@@ -6,7 +6,7 @@
 use glam::Vec3;
 
 use super::scene::Scene;
-use super::shade::ShadeScratch;
+use super::shade::{ShadeScratch, light_surfaces};
 use super::trace::MAX_VERTICES;
 use crate::geometry::Ray;
 use crate::neif::light_path;
@@ -74,11 +74,16 @@ pub(super) fn follow(scene: &Scene, object: &ObjectModel, scratch: &mut ShadeScr
     let motion = scene.transform.environment_from_world();
     let frame = scene.environment.frame();
     let mut cones = std::mem::take(&mut scratch.blocked);
+    let mut beyond = std::mem::take(&mut scratch.beyond);
     for bounce in 1..MAX_VERTICES as u32 {
         if cones.is_empty() {
             break;
         }
-        let surfaces = scratch.surfaces_beyond(scene, object, &cones);
+        let points = cones
+            .iter()
+            .map(|cone| (cone.point.position, cone.point.normal));
+        light_surfaces(&mut beyond, scene, object, points);
+        let surfaces = beyond.surfaces().iter().zip(beyond.specular_gain());
         let is_last = bounce as usize + 1 == MAX_VERTICES;
         let mut next = Vec::new();
         for (cone, (surface, gain)) in cones.iter().zip(surfaces) {
@@ -87,7 +92,7 @@ pub(super) fn follow(scene: &Scene, object: &ObjectModel, scratch: &mut ShadeScr
             scratch.lit[cone.owner].add_from_object(cone.throughput * diffuse);
             let LobeCone { axis, lobe } = draw(cone, surface.roughness, bounce);
             let variance = cone.variance + lobe.variance;
-            let throughput = cone.throughput * fresnel * gain;
+            let throughput = cone.throughput * fresnel * *gain;
             let met = arrive(object, &cone.point, axis, variance);
             if let Some(point) = met.filter(|_| !is_last) {
                 next.push(BlockedCone {
@@ -112,6 +117,7 @@ pub(super) fn follow(scene: &Scene, object: &ObjectModel, scratch: &mut ShadeScr
     }
     cones.clear();
     scratch.blocked = cones;
+    scratch.beyond = beyond;
 }
 
 /// One cone of the lobe at the point where the cone is.

@@ -33,7 +33,7 @@ pub struct ShadeScratch {
     pub(super) lit: Vec<LitVertex>,
     /// Cones of split lobes that meet the object, the surfaces there, and the rays that go on.
     pub(super) blocked: Vec<BlockedCone>,
-    beyond: EditedSurfaces,
+    pub(super) beyond: EditedSurfaces,
     pub(super) contributions: Vec<Contribution>,
     /// Most samples a ray; none leaves the number to the surroundings.
     most_samples: Option<usize>,
@@ -350,42 +350,8 @@ impl ShadeScratch {
         object: &ObjectModel,
         points: impl Iterator<Item = (Vec3, Vec3)> + Clone,
     ) -> &EditedSurfaces {
-        self.edited
-            .evaluate(object, &scene.edit, &scene.regions, points.clone());
-        let gain = scene.transform.environment_from_world().gain;
-        let surfaces = self.edited.surfaces_mut().iter_mut();
-        for (surface, (position, normal)) in surfaces.zip(points) {
-            surface.diffuse *= scene.diffuse_response(position, normal, gain);
-        }
+        light_surfaces(&mut self.edited, scene, object, points);
         &self.edited
-    }
-
-    /// The edited surfaces where blocked cones are, with the edits' specular gains.
-    pub(super) fn surfaces_beyond(
-        &mut self,
-        scene: &Scene,
-        object: &ObjectModel,
-        cones: &[BlockedCone],
-    ) -> Vec<(Surface, Vec3)> {
-        let points = cones
-            .iter()
-            .map(|cone| (cone.point.position, cone.point.normal));
-        let gain = scene.transform.environment_from_world().gain;
-        self.beyond
-            .evaluate(object, &scene.edit, &scene.regions, points.clone());
-        let surfaces = self
-            .beyond
-            .surfaces()
-            .iter()
-            .zip(self.beyond.specular_gain());
-        surfaces
-            .zip(points)
-            .map(|((surface, specular), (position, normal))| {
-                let mut surface = *surface;
-                surface.diffuse *= scene.diffuse_response(position, normal, gain);
-                (surface, *specular)
-            })
-            .collect()
     }
 
     /// The surfaces that were last evaluated.
@@ -396,6 +362,21 @@ impl ShadeScratch {
     /// Rays to evaluate, and after [`Self::light`] their radiance.
     pub(super) fn batch(&mut self) -> &mut FieldBatch {
         &mut self.batch
+    }
+}
+
+/// Evaluates the edited surfaces at world points with unit normals, their diffuse part in the light of the scene.
+pub(super) fn light_surfaces(
+    edited: &mut EditedSurfaces,
+    scene: &Scene,
+    object: &ObjectModel,
+    points: impl Iterator<Item = (Vec3, Vec3)> + Clone,
+) {
+    edited.evaluate(object, &scene.edit, &scene.regions, points.clone());
+    let gain = scene.transform.environment_from_world().gain;
+    let surfaces = edited.surfaces_mut().iter_mut();
+    for (surface, (position, normal)) in surfaces.zip(points) {
+        surface.diffuse *= scene.diffuse_response(position, normal, gain);
     }
 }
 

@@ -327,6 +327,9 @@ impl Chunk {
         let scale = config.background_weight * config.planarity_weight
             / config.unseen_triples_alone.max(1) as f32;
         self.batch.d_weights.clear();
+        if self.triples.is_empty() {
+            return;
+        }
         let bend = unseen::bend(&self.triples, scale, &mut self.batch);
         self.loss.planarity = f64::from(scale) * bend;
     }

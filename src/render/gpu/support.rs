@@ -69,11 +69,8 @@ pub fn carries(picture: &PreviewScene) -> Result<(), NotCarried> {
         let has_parts =
             scene.regions.effective().iter().next().is_some() || picture.highlight.is_some();
         refuse(has_parts, NotCarried::Regions)?;
-        let as_learned = RoughnessEdit::Map {
-            scale: 1.0,
-            offset: 0.0,
-        };
-        refuse(scene.edit.roughness != as_learned, NotCarried::Roughness)?;
+        let is_edited = scene.edit.roughness != RoughnessEdit::default();
+        refuse(is_edited, NotCarried::Roughness)?;
         refuse(LightKey::of(scene).is_some(), NotCarried::Light)?;
         refuse(!scene.has_own_light(), NotCarried::Light)?;
     }

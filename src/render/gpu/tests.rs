@@ -143,12 +143,7 @@ fn pictures_are_those_of_the_processor() {
 #[test]
 fn what_is_not_carried_is_named() {
     let picture = |change: &dyn Fn(&mut PreviewScene)| {
-        let mut picture = PreviewScene {
-            scene: scene(),
-            camera: camera(8, 8),
-            layer: Layer::Final,
-            highlight: None,
-        };
+        let mut picture = small_picture();
         change(&mut picture);
         carries(&picture)
     };
@@ -164,17 +159,22 @@ fn what_is_not_carried_is_named() {
     assert_eq!(edited, Err(NotCarried::Roughness));
 }
 
+/// The object in its surroundings, 16 x 16.
+fn small_picture() -> PreviewScene {
+    PreviewScene {
+        scene: scene(),
+        camera: camera(16, 16),
+        layer: Layer::Final,
+        highlight: None,
+    }
+}
+
 #[test]
 fn a_picture_that_is_not_wanted_any_more_is_given_up() {
     let Some(mut renderer) = renderer() else {
         return;
     };
-    let picture = PreviewScene {
-        scene: scene(),
-        camera: camera(16, 16),
-        layer: Layer::Final,
-        highlight: None,
-    };
+    let picture = small_picture();
     let cancelled = AtomicBool::new(true);
     let drawn = renderer.picture(&picture, PathOptions::PLAIN, &cancelled);
     assert_eq!(drawn, Ok(None));
@@ -185,12 +185,7 @@ fn a_lost_card_is_an_error_and_no_panic() {
     let Some(mut renderer) = renderer() else {
         return;
     };
-    let picture = PreviewScene {
-        scene: scene(),
-        camera: camera(16, 16),
-        layer: Layer::Final,
-        highlight: None,
-    };
+    let picture = small_picture();
     let never = AtomicBool::new(false);
     renderer
         .picture(&picture, PathOptions::PLAIN, &never)
