@@ -4,6 +4,7 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use super::composite::{CompositeBuffers, WIDTH, density};
+use super::kernels::math::all_finite;
 use super::lobe::mean_length;
 use super::mlp::{Mlp, MlpBuffers, keep_rows};
 use super::proposal::ConeRay;
@@ -143,9 +144,9 @@ impl FieldBatch {
         }
     }
 
-    /// Sum of all feature gradients: non-finite as soon as one of them is.
-    pub fn gradient_probe(&self) -> f32 {
-        self.density.d_input.iter().map(|v| v * 0.0).sum()
+    /// Whether all feature gradients are finite.
+    pub fn has_finite_gradients(&self) -> bool {
+        all_finite(&self.density.d_input)
     }
 
     /// `[n_rays * n_samples]` compositing weights of the last forward pass.

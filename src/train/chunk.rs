@@ -16,6 +16,7 @@ use crate::geometry::orthonormal_basis;
 use crate::neif::EnvironmentTransform;
 use crate::neif::contraction::FieldFrame;
 use crate::neif::display::Display;
+use crate::neif::kernels::math::all_finite;
 use crate::neif::light_path::{self, LitVertex, PathVertex};
 use crate::neif::material::{Material, MaterialBatch, Surface};
 use crate::neif::mlp::Transposed;
@@ -37,6 +38,25 @@ const DIELECTRIC: f32 = 0.08;
 const INITIAL_ROUGHNESS: f32 = 0.1;
 const HOLD_STRENGTH: f32 = 1.0;
 
+/// Pixels of a step with an object.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct BatchSize {
+    pub(super) objects: usize,
+    pub(super) backgrounds: usize,
+}
+
+impl BatchSize {
+    /// At `progress` of the plan, 0 to 1.
+    pub(super) fn of(config: &TrainConfig, progress: f32) -> Self {
+        let grown = 1.0 + config.batch_growth * progress.clamp(0.0, 1.0);
+        let size = |n: usize| (n as f32 * grown).round() as usize;
+        Self {
+            objects: size(config.object_pixels),
+            backgrounds: size(config.background_pixels),
+        }
+    }
+}
+
 /// What all chunks of a step read.
 #[derive(Clone, Copy)]
 pub(super) struct StepContext<'a> {
@@ -46,6 +66,7 @@ pub(super) struct StepContext<'a> {
     pub(super) field: &'a RadianceField,
     pub(super) field_transposed: &'a FieldTransposed,
     pub(super) density: &'a DensityGrid,
+    pub(super) batch_size: BatchSize,
     pub(super) material: Option<&'a Material>,
     pub(super) material_transposed: &'a Transposed,
     pub(super) display: Display,
@@ -294,7 +315,7 @@ impl Chunk {
 
     fn background_losses(&mut self, context: &StepContext<'_>) {
         let config = context.config;
-        let scale = config.background_weight / config.background_pixels as f32;
+        let scale = config.background_weight / context.batch_size.backgrounds as f32;
         let clipped_weight = match context.material {
             Some(_) => config.clipped_weight,
             None => config.clipped_weight_alone,
@@ -351,7 +372,7 @@ impl Chunk {
         let gain = context.gain(slot.view);
         let exposed = out * share * gain;
         let loss = pixel_loss(context.display, exposed, slot.target);
-        let scale = 1.0 / context.config.object_pixels as f32;
+        let scale = 1.0 / context.batch_size.objects as f32;
         self.loss.object += f64::from(loss.value);
         self.loss.d_gamma += f64::from(loss.d_gamma * scale);
         if !context.gains.is_empty() {
@@ -420,7 +441,7 @@ impl Chunk {
 
     /// What reflects like a metal is not diffuse.
     fn metal_gradients(&mut self, context: &StepContext<'_>) {
-        let weight = context.config.metal_weight / context.config.object_pixels as f32;
+        let weight = context.config.metal_weight / context.batch_size.objects as f32;
         for slot in &self.slots {
             let share = weight / slot.paths.len() as f32;
             for path in &self.paths[slot.paths.clone()] {
@@ -433,11 +454,9 @@ impl Chunk {
     }
 
     fn check_finite(&self) -> bool {
-        let probe = |values: &[f32]| values.iter().map(|v| v * 0.0).sum::<f32>();
-        let sum = probe(&self.d_field_networks)
-            + probe(&self.d_material_network)
-            + self.batch.gradient_probe();
-        sum == 0.0
+        all_finite(&self.d_field_networks)
+            && all_finite(&self.d_material_network)
+            && self.batch.has_finite_gradients()
             && (self.loss.object
                 + self.loss.background
                 + self.loss.smoothness

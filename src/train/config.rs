@@ -27,6 +27,9 @@ pub struct TrainConfig {
     pub object_pixels: usize,
     /// Background pixels a step.
     pub background_pixels: usize,
+    /// By how many times these the batch has grown at the end of the plan. Small steps find the scene quickly; later the
+    /// noise of a small batch is what limits, and what a step costs whatever its size is shared by more rays.
+    pub batch_growth: f32,
     /// Field samples a ray while training.
     pub samples_per_ray: usize,
     /// The same without an object, with as many fewer rays a step: photos that look around see each place from few
@@ -103,6 +106,7 @@ impl Default for TrainConfig {
             threads: 0,
             object_pixels: 512,
             background_pixels: 512,
+            batch_growth: 1.0,
             samples_per_ray: 12,
             samples_per_ray_alone: 24,
             render_samples: 24,
@@ -174,6 +178,7 @@ impl TrainConfig {
             paper: Some(PaperConfig::default()),
             object_pixels: 32,
             background_pixels: 32,
+            batch_growth: 0.0,
             samples_per_ray: 128,
             samples_per_ray_alone: 128,
             render_samples: 128,
@@ -251,13 +256,14 @@ impl TrainConfig {
     /// Naming the first field that is out of range.
     pub fn validate(&self) -> Result<(), TrainError> {
         let positive = |v: f32| v.is_finite() && v > 0.0;
-        let checks: [(&'static str, bool); 21] = [
+        let checks: [(&'static str, bool); 22] = [
             ("threads", self.threads <= 1024),
             ("object_pixels", (1..=1 << 16).contains(&self.object_pixels)),
             (
                 "background_pixels",
                 (1..=1 << 16).contains(&self.background_pixels),
             ),
+            ("batch_growth", (0.0..=100.0).contains(&self.batch_growth)),
             ("samples_per_ray", (2..=256).contains(&self.samples_per_ray)),
             (
                 "samples_per_ray_alone",

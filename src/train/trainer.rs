@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::TrainError;
 use super::adam::{Adam, Rates, store_bf16};
-use super::chunk::{Chunk, N_CHUNKS, StepContext};
+use super::chunk::{BatchSize, Chunk, N_CHUNKS, StepContext};
 use super::config::TrainConfig;
 use super::exposures::Exposures;
 use super::pixels::PixelStore;
@@ -56,6 +56,8 @@ pub struct Trainer {
     /// Optimiser updates done: steps less the skipped ones.
     pub(super) updates: u64,
     pub(super) skipped: u64,
+    /// Of the step at hand.
+    batch_size: BatchSize,
     chunks: Vec<Chunk>,
     /// Features of each level, `[n][4]` of all chunks.
     encoded: Vec<Vec<f32>>,
@@ -162,6 +164,7 @@ impl Trainer {
             step: 0,
             updates: 0,
             skipped: 0,
+            batch_size: BatchSize::default(),
             chunks: (0..N_CHUNKS).map(Chunk::new).collect(),
             probes: vec![FieldBatch::default(); N_CHUNKS],
         };
@@ -176,7 +179,7 @@ impl Trainer {
 
     /// [`Self::step`], telling after each stage that it is done: for benchmarks, since the trainer has no clock.
     pub fn step_by_stage(&mut self, progress: f32, on_done: &mut dyn FnMut(Stage)) -> StepStats {
-        self.prepare();
+        self.prepare(progress);
         on_done(Stage::Prepare);
         self.encode();
         on_done(Stage::Encode);
@@ -281,6 +284,7 @@ impl Trainer {
             field: &self.field.value,
             field_transposed: &self.field.transposed,
             density: &self.density,
+            batch_size: self.batch_size,
             material: self.material.as_ref().map(|m| &m.value),
             material_transposed: self.material.as_ref().map_or(&EMPTY, |m| &m.transposed),
             display: Display { gamma: self.gamma },
@@ -292,22 +296,16 @@ impl Trainer {
     }
 
     /// Draws and places every chunk's rays.
-    fn prepare(&mut self) {
+    fn prepare(&mut self, progress: f32) {
         let mut chunks = std::mem::take(&mut self.chunks);
+        self.batch_size = BatchSize::of(&self.config, progress);
+        let size = self.batch_size;
         let context = self.context();
-        let backgrounds = if self.pixels.n_backgrounds() == 0 {
-            0
-        } else {
-            self.config.background_pixels
-        };
-        let objects = if context.material.is_some() {
-            self.config.object_pixels
-        } else {
-            0
-        };
+        let backgrounds = size.backgrounds * usize::from(self.pixels.n_backgrounds() > 0);
+        let objects = context.material.map_or(0, |_| size.objects);
         // Without an object its share of the work goes to the background.
         let backgrounds = if objects == 0 {
-            let n = (backgrounds + self.config.object_pixels) * self.config.samples_per_ray;
+            let n = (backgrounds + size.objects) * self.config.samples_per_ray;
             n.div_ceil(self.n_samples())
         } else {
             backgrounds
@@ -386,8 +384,8 @@ impl Trainer {
 
     fn stats(&self) -> StepStats {
         let sum = |f: fn(&Chunk) -> f64| self.chunks.iter().map(f).sum::<f64>();
-        let object = sum(|c| c.loss.object) / self.config.object_pixels as f64;
-        let background = sum(|c| c.loss.background) / self.config.background_pixels as f64;
+        let object = sum(|c| c.loss.object) / self.batch_size.objects as f64;
+        let background = sum(|c| c.loss.background) / self.batch_size.backgrounds as f64;
         StepStats {
             loss: (object
                 + f64::from(self.config.background_weight) * background
@@ -569,13 +567,13 @@ impl Trainer {
     /// Weighted loss of the next step and the gradients of both fields, without taking the step.
     pub(super) fn loss_and_gradients(&mut self) -> (f64, Vec<f32>, Vec<f32>) {
         let density = self.density.clone();
-        self.prepare();
+        self.prepare(0.0);
         // In single precision: the differences are smaller than the steps of bf16.
         self.encode_by_level(RadianceField::encode_level);
         self.run_chunks();
         let sum = |f: fn(&Chunk) -> f64| self.chunks.iter().map(f).sum::<f64>();
-        let background = sum(|c| c.loss.background) / self.config.background_pixels as f64;
-        let loss = sum(|c| c.loss.object) / self.config.object_pixels as f64
+        let background = sum(|c| c.loss.background) / self.batch_size.backgrounds as f64;
+        let loss = sum(|c| c.loss.object) / self.batch_size.objects as f64
             + f64::from(self.config.background_weight) * background
             + sum(|c| c.loss.smoothness)
             + sum(|c| c.loss.planarity);

@@ -137,6 +137,9 @@ pub(super) fn run(args: &TrainBenchArgs) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Where in the plan steps are timed: in its middle, where the batch has its mean size.
+const STEADY: f32 = 0.5;
+
 fn time_steps(trainer: &mut Trainer, threads: usize, steps: u64) -> Result<StepTimes, Failure> {
     const STAGES: [Stage; 6] = [
         Stage::Prepare,
@@ -147,7 +150,7 @@ fn time_steps(trainer: &mut Trainer, threads: usize, steps: u64) -> Result<StepT
         Stage::Probe,
     ];
     for _ in 0..steps {
-        trainer.step(0.0);
+        trainer.step(STEADY);
     }
     let mut stage_secs = STAGES.map(|stage| (stage, 0.0)).to_vec();
     let start = Instant::now();
@@ -164,7 +167,7 @@ fn time_steps(trainer: &mut Trainer, threads: usize, steps: u64) -> Result<StepT
             }
             last = now;
         };
-        rays += u64::from(trainer.step_by_stage(0.0, &mut on_done).rays);
+        rays += u64::from(trainer.step_by_stage(STEADY, &mut on_done).rays);
     }
     Ok(StepTimes {
         threads,

@@ -72,6 +72,18 @@ pub fn cbrt(x: f32) -> f32 {
     y
 }
 
+/// Whether no value is infinite or NaN. Sixteen at a time: a sum one after another waits for each addition.
+pub fn all_finite(values: &[f32]) -> bool {
+    let (blocks, rest) = values.as_chunks::<16>();
+    let mut sums = [0.0; 16];
+    for block in blocks {
+        for (sum, value) in sums.iter_mut().zip(block) {
+            *sum += value * 0.0;
+        }
+    }
+    sums.iter().chain(rest).all(|v| v.is_finite())
+}
+
 /// `1 / (1 + e^-x)`, in `[0, 1]`; NaN stays NaN.
 pub fn sigmoid(x: f32) -> f32 {
     let y = 1.0 / (1.0 + exp::<false>(-x));
@@ -97,6 +109,19 @@ mod tests {
                 assert!(relative < 3e-7, "exp({x}) = {y}, off by {relative}");
             }
         }
+    }
+
+    #[test]
+    fn what_is_not_finite_is_found_wherever_it_is() {
+        for at in 0..37 {
+            let mut values = [f32::MAX; 37];
+            assert!(all_finite(&values), "of finite ones");
+            for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+                values[at] = bad;
+                assert!(!all_finite(&values), "{bad} at {at}");
+            }
+        }
+        assert!(all_finite(&[]), "of none");
     }
 
     #[test]

@@ -7,6 +7,7 @@ use glam::Vec3;
 use super::NeilfConfig;
 use crate::geometry::orthonormal_basis;
 use crate::neif::display::Display;
+use crate::neif::kernels::math::all_finite;
 use crate::neif::light_path::PathVertex;
 use crate::neif::material::{Material, MaterialBatch, Surface};
 use crate::neif::mlp::Transposed;
@@ -257,8 +258,8 @@ impl Chunk {
     }
 
     fn check_finite(&self) -> bool {
-        let probe = |values: &[f32]| values.iter().map(|v| v * 0.0).sum::<f32>();
-        let sum = probe(&self.d_light_network) + probe(&self.d_material_network);
-        sum == 0.0 && (self.loss.object + self.loss.smoothness).is_finite()
+        all_finite(&self.d_light_network)
+            && all_finite(&self.d_material_network)
+            && (self.loss.object + self.loss.smoothness).is_finite()
     }
 }

@@ -9,6 +9,7 @@ use crate::geometry::orthonormal_basis;
 use crate::neif::EnvironmentTransform;
 use crate::neif::contraction::FieldFrame;
 use crate::neif::display::Display;
+use crate::neif::kernels::math::all_finite;
 use crate::neif::light_path::{self, LitVertex, PathVertex};
 use crate::neif::material::Surface;
 use crate::neif::paper::material::PaperMaterialBatch;
@@ -314,8 +315,6 @@ impl Chunk {
     }
 
     fn check_finite(&self) -> bool {
-        let probe = |values: &[f32]| values.iter().map(|v| v * 0.0).sum::<f32>();
-        let sum = probe(&self.d_field) + probe(&self.d_material);
-        sum == 0.0 && self.loss.weighted.is_finite()
+        all_finite(&self.d_field) && all_finite(&self.d_material) && self.loss.weighted.is_finite()
     }
 }
