@@ -4,7 +4,7 @@
 //! captures are often linked together from other disks; [`leads_out`] tells, so that it can be said.
 
 use std::ffi::OsStr;
-use std::io::Read as _;
+use std::io::{ErrorKind, Read as _};
 use std::path::{Component, Path, PathBuf};
 
 use super::DataError;
@@ -86,14 +86,20 @@ pub(super) fn leads_out(root: &Path, path: &Path) -> bool {
 
 /// Reads a text file of at most `max_bytes`.
 pub(super) fn read_text(path: &Path, max_bytes: u64) -> Result<String, DataError> {
+    let text = String::from_utf8(read_bytes(path, max_bytes)?);
+    text.map_err(|e| DataError::io(path, std::io::Error::new(ErrorKind::InvalidData, e)))
+}
+
+/// Reads a file of at most `max_bytes`.
+pub(super) fn read_bytes(path: &Path, max_bytes: u64) -> Result<Vec<u8>, DataError> {
     let io = |e| DataError::io(path, e);
     let file = std::fs::File::open(path).map_err(io)?;
-    let mut text = String::new();
+    let mut bytes = Vec::new();
     // Files can grow while they are read; what arrives counts, not the size that was said.
     file.take(max_bytes + 1)
-        .read_to_string(&mut text)
+        .read_to_end(&mut bytes)
         .map_err(io)?;
-    if text.len() as u64 > max_bytes {
+    if bytes.len() as u64 > max_bytes {
         return Err(DataError::Field {
             path: path.to_owned(),
             frame: None,
@@ -101,7 +107,7 @@ pub(super) fn read_text(path: &Path, max_bytes: u64) -> Result<String, DataError
             problem: format!("larger than {} MiB", max_bytes >> 20),
         });
     }
-    Ok(text)
+    Ok(bytes)
 }
 
 /// Whether a file's extension is that of a picture.

@@ -2,11 +2,11 @@
 //!
 //! Depth is measured along the camera's axis, as depth cameras and renderers give it. What is not known is 0.
 
-use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use image::DynamicImage;
 
+use super::capture_path::read_bytes;
 use super::exr_image::read_exr_depth;
 use super::image::{check_size, open};
 use super::npy::read_npy;
@@ -185,11 +185,7 @@ fn read_array(path: &Path) -> Result<(u32, u32, Vec<f32>), DataError> {
 fn read_pfm(path: &Path) -> Result<(u32, u32, Vec<f32>), DataError> {
     /// The largest picture that is read has as many bytes, and a header.
     const MAX_BYTES: u64 = (128 << 20) * 4 + 1024;
-    let mut bytes = Vec::new();
-    std::fs::File::open(path)
-        .and_then(|file| file.take(MAX_BYTES).read_to_end(&mut bytes))
-        .map_err(|e| DataError::io(path, e))?;
-    parse_pfm(path, &bytes)
+    parse_pfm(path, &read_bytes(path, MAX_BYTES)?)
 }
 
 fn parse_pfm(path: &Path, bytes: &[u8]) -> Result<(u32, u32, Vec<f32>), DataError> {

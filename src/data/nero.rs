@@ -4,9 +4,9 @@
 //! centres at whole numbers. Depth maps count 15 units in 65535 steps; from 14.5 on there is nothing, which is the mask
 //! (`dataset/database.py` of liuyuan-pal/NeRO). Its real captures hold a COLMAP model.
 
-use std::io::Read as _;
 use std::path::Path;
 
+use super::capture_path::read_bytes;
 use super::frame::{rotation_and_translation, world_from_opencv};
 use super::listing::{Found, Listed};
 use super::npy::Array;
@@ -51,10 +51,7 @@ fn read_frame(root: &Path, index: usize, file: &Path) -> Result<Frame, DataError
         field: field.to_owned(),
         problem,
     };
-    let mut bytes = Vec::new();
-    std::fs::File::open(file)
-        .and_then(|file| file.take(pickle::MAX_BYTES).read_to_end(&mut bytes))
-        .map_err(|e| DataError::io(file, e))?;
+    let bytes = read_bytes(file, pickle::MAX_BYTES)?;
     let arrays = pickle::arrays(&bytes).map_err(|problem| fail("pickle", problem))?;
     let of_shape = |shape: &[usize]| arrays.iter().find(|array| array.shape == shape);
     let (Some(pose), Some(lens)) = (of_shape(&[3, 4]), of_shape(&[3, 3])) else {

@@ -11,6 +11,7 @@ use std::path::Path;
 use zip::ZipArchive;
 
 use super::DataError;
+use super::capture_path::read_bytes;
 
 /// The largest file read whole: 10,000 poses take 1.4 MB.
 const MAX_BYTES: u64 = 64 << 20;
@@ -34,16 +35,7 @@ pub(super) struct Kind {
 
 /// Reads an `.npy` file; errors name it and the field of its header.
 pub(super) fn read_npy(path: &Path) -> Result<Array, DataError> {
-    let io = |e| DataError::io(path, e);
-    let mut bytes = Vec::new();
-    let file = File::open(path).map_err(io)?;
-    file.take(MAX_BYTES + 1)
-        .read_to_end(&mut bytes)
-        .map_err(io)?;
-    if bytes.len() as u64 > MAX_BYTES {
-        let problem = format!("larger than {} MiB", MAX_BYTES >> 20);
-        return Err(fault(path, "size", problem));
-    }
+    let bytes = read_bytes(path, MAX_BYTES)?;
     parse(&bytes).map_err(|(field, problem)| fault(path, field, problem))
 }
 
