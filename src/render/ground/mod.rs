@@ -91,13 +91,21 @@ struct Reach<'a> {
 }
 
 impl Reach<'_> {
-    /// Share of what is seen that lies at least `distance` away, `[0, 1]`.
+    /// Share of what is seen that lies at least `distance` away, `[0, 1]`: each sample stands for the ray from halfway
+    /// to the one before up to halfway to the next.
     fn beyond(&self, distance: f32) -> f32 {
-        let samples = self.distances.iter().zip(self.weights);
-        let before: f32 = samples
-            .filter(|(t, _)| **t < distance)
-            .map(|(_, weight)| weight)
-            .sum();
+        let n = self.distances.len();
+        let middle = |i: usize| 0.5 * (self.distances[i] + self.distances[(i + 1).min(n - 1)]);
+        let (mut near, mut before) = (0.0, 0.0);
+        for (i, weight) in self.weights.iter().enumerate() {
+            let far = middle(i);
+            if distance <= near {
+                break;
+            }
+            let length = (far - near).max(f32::MIN_POSITIVE);
+            before += weight * ((distance - near) / length).min(1.0);
+            near = far;
+        }
         (1.0 - before).clamp(0.0, 1.0)
     }
 }
