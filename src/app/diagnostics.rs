@@ -1,7 +1,7 @@
 //! Facts about program and machine, to be sent along with a report of a fault.
 
 use crate::app::state::AppState;
-use crate::neif::kernels::has_fma;
+use crate::neif::kernels;
 
 /// Version, system, adapter, processor, what is open, how training goes, and all messages.
 pub fn diagnostics(state: &AppState) -> String {
@@ -25,10 +25,7 @@ pub fn diagnostics(state: &AppState) -> String {
             "cores: {}",
             std::thread::available_parallelism().map_or(1, usize::from)
         ),
-        format!(
-            "fused 256-bit kernels: {}",
-            if has_fma() { "yes" } else { "no" }
-        ),
+        format!("kernels: {}", kernels::instructions()),
         format!(
             "debug build: {}",
             if cfg!(debug_assertions) { "yes" } else { "no" }

@@ -1,7 +1,7 @@
 //! Volume rendering of deferred features: one composited feature vector a ray (Eq. 1 and 3 of the paper, with the
 //! interval lengths that Eq. 1 omits).
 
-use super::kernels::{dispatch, fma, math};
+use super::kernels::{Baseline, Isa, dispatch, fma, math};
 
 /// Width of a density network's output row: the density's logarithm, then the features.
 pub const WIDTH: usize = 16;
@@ -64,7 +64,7 @@ impl CompositeBuffers {
 /// Density per field unit of a row's first entry.
 #[inline(always)]
 pub fn density(log_density: f32) -> f32 {
-    math::exp::<false>(log_density.min(LOG_DENSITY_MAX))
+    math::exp::<Baseline>(log_density.min(LOG_DENSITY_MAX))
 }
 
 #[derive(Clone, Copy)]
@@ -81,7 +81,7 @@ dispatch! {
 }
 
 #[inline(always)]
-fn optical_depths_body<const FMA: bool>(rows: &[f32], deltas: &[f32], depths: &mut [f32]) {
+fn optical_depths_body<I: Isa>(rows: &[f32], deltas: &[f32], depths: &mut [f32]) {
     let (rows, _) = rows.as_chunks::<WIDTH>();
     for (depth, row) in depths.iter_mut().zip(rows) {
         *depth = row[0];
@@ -94,7 +94,7 @@ fn optical_depths_body<const FMA: bool>(rows: &[f32], deltas: &[f32], depths: &m
             *depth
         };
         let nan = log * 0.0;
-        *depth = math::exp::<FMA>(log) * delta + nan;
+        *depth = math::exp::<I>(log) * delta + nan;
     }
 }
 
@@ -103,9 +103,9 @@ dispatch! {
 }
 
 #[inline(always)]
-fn weigh_body<const FMA: bool>(depths: &[f32], n_samples: usize, weights: &mut [f32]) {
+fn weigh_body<I: Isa>(depths: &[f32], n_samples: usize, weights: &mut [f32]) {
     for (weight, depth) in weights.iter_mut().zip(depths) {
-        *weight = 1.0 - math::exp::<FMA>(-*depth) + *depth * 0.0;
+        *weight = 1.0 - math::exp::<I>(-*depth) + *depth * 0.0;
     }
     for ray in weights.chunks_exact_mut(n_samples) {
         let mut transmittance = 1.0_f32;
@@ -122,7 +122,7 @@ dispatch! {
 }
 
 #[inline(always)]
-fn sum_features_body<const FMA: bool>(
+fn sum_features_body<I: Isa>(
     rows: &[f32],
     weights: &[f32],
     n_samples: usize,
@@ -138,7 +138,7 @@ fn sum_features_body<const FMA: bool>(
         for (row, &weight) in ray_rows.iter().zip(ray_weights) {
             // Column 0 holds the log density: summed along for speed, then replaced.
             for c in 0..WIDTH {
-                sum[c] = fma::<FMA>(weight, row[c], sum[c]);
+                sum[c] = fma::<I>(weight, row[c], sum[c]);
             }
         }
         let opacity: f32 = ray_weights.iter().sum();
@@ -155,7 +155,7 @@ dispatch! {
 
 /// `d depth_i = d w_i T_(i+1) - Σ_(k>i) d w_k w_k`, as every later weight scales with `e^-depth_i`.
 #[inline(always)]
-fn backward_body<const FMA: bool>(kept: Kept<'_>, d_features: &[f32], d_rows: &mut [f32]) {
+fn backward_body<I: Isa>(kept: Kept<'_>, d_features: &[f32], d_rows: &mut [f32]) {
     let n_samples = kept.n_samples;
     let n_rays = kept.weights.len() / n_samples;
     let stride = d_features.len() / n_rays.max(1);
@@ -175,10 +175,10 @@ fn backward_body<const FMA: bool>(kept: Kept<'_>, d_features: &[f32], d_rows: &m
             let weight = kept.weights[i];
             let mut d_weight = d_opacity + kept.d_weights.get(i).copied().unwrap_or(0.0);
             for c in 0..WIDTH {
-                d_weight = fma::<FMA>(d[c], rows[i][c], d_weight);
+                d_weight = fma::<I>(d[c], rows[i][c], d_weight);
             }
             let d_depth = d_weight * transmittance_after - behind;
-            behind = fma::<FMA>(d_weight, weight, behind);
+            behind = fma::<I>(d_weight, weight, behind);
             transmittance_after += weight;
             let mut d_row = d.map(|v| v * weight);
             // The clamp is flat beyond its end, and an opaque sample's own density is no longer seen: there the rounding

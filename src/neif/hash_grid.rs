@@ -8,7 +8,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::kernels::math::{f32_from_bf16, floor_small};
-use super::kernels::{dispatch, fma};
+use super::kernels::{Isa, dispatch, fma};
 
 /// Features a level contributes: one 16-byte load a corner.
 pub const FEATURES: usize = 4;
@@ -139,27 +139,17 @@ pub struct FeatureColumns {
 }
 
 #[inline(always)]
-fn encode_single<const FMA: bool>(
-    level: &Level,
-    table: &[f32],
-    points: SamplePoints<'_>,
-    out: &mut [f32],
-) {
-    encode_body::<FMA, f32>(level, table, |v| v, points, out);
+fn encode_single<I: Isa>(level: &Level, table: &[f32], points: SamplePoints<'_>, out: &mut [f32]) {
+    encode_body::<I, f32>(level, table, |v| v, points, out);
 }
 
 #[inline(always)]
-fn encode_half<const FMA: bool>(
-    level: &Level,
-    table: &[u16],
-    points: SamplePoints<'_>,
-    out: &mut [f32],
-) {
-    encode_body::<FMA, u16>(level, table, f32_from_bf16, points, out);
+fn encode_half<I: Isa>(level: &Level, table: &[u16], points: SamplePoints<'_>, out: &mut [f32]) {
+    encode_body::<I, u16>(level, table, f32_from_bf16, points, out);
 }
 
 #[inline(always)]
-fn encode_body<const FMA: bool, V: Copy>(
+fn encode_body<I: Isa, V: Copy>(
     level: &Level,
     table: &[V],
     single: impl Fn(V) -> f32,
@@ -174,7 +164,7 @@ fn encode_body<const FMA: bool, V: Copy>(
     );
     let mut corners = Corners::default();
     for (block, out) in out.chunks_mut(BLOCK).enumerate() {
-        corners.fill::<FMA>(level, points, block * BLOCK, out.len());
+        corners.fill::<I>(level, points, block * BLOCK, out.len());
         for (s, out) in out.iter_mut().enumerate() {
             let mut sum = [0.0; FEATURES];
             if corners.is_skipped(s) {
@@ -184,7 +174,7 @@ fn encode_body<const FMA: bool, V: Copy>(
             for corner in 0..8 {
                 let row = rows[corners.indices[corner][s] as usize].map(&single);
                 for f in 0..FEATURES {
-                    sum[f] = fma::<FMA>(corners.weights[corner][s], row[f], sum[f]);
+                    sum[f] = fma::<I>(corners.weights[corner][s], row[f], sum[f]);
                 }
             }
             *out = sum;
@@ -193,7 +183,7 @@ fn encode_body<const FMA: bool, V: Copy>(
 }
 
 #[inline(always)]
-fn scatter_body<const FMA: bool>(
+fn scatter_body<I: Isa>(
     level: &Level,
     points: SamplePoints<'_>,
     d_features: &[f32],
@@ -208,7 +198,7 @@ fn scatter_body<const FMA: bool>(
     let mut corners = Corners::default();
     for (block, d_rows) in d_features.chunks(BLOCK * layout.stride).enumerate() {
         let n = d_rows.len() / layout.stride;
-        corners.fill::<FMA>(level, points, block * BLOCK, n);
+        corners.fill::<I>(level, points, block * BLOCK, n);
         for (s, d_row) in d_rows.chunks_exact(layout.stride).enumerate() {
             if corners.is_skipped(s) {
                 continue;
@@ -218,7 +208,7 @@ fn scatter_body<const FMA: bool>(
             for corner in 0..8 {
                 let row = &mut rows[corners.indices[corner][s] as usize];
                 for f in 0..FEATURES {
-                    row[f] = fma::<FMA>(corners.weights[corner][s], d[f], row[f]);
+                    row[f] = fma::<I>(corners.weights[corner][s], d[f], row[f]);
                 }
             }
         }
@@ -246,13 +236,7 @@ impl Corners {
 
     /// Fills the first `n` samples from `points[start..]`; the rest repeats the last one.
     #[inline(always)]
-    fn fill<const FMA: bool>(
-        &mut self,
-        level: &Level,
-        points: SamplePoints<'_>,
-        start: usize,
-        n: usize,
-    ) {
+    fn fill<I: Isa>(&mut self, level: &Level, points: SamplePoints<'_>, start: usize, n: usize) {
         let mut position = [[0.0_f32; BLOCK]; 3];
         let mut level_weights = [0.0_f32; BLOCK];
         for s in 0..BLOCK {

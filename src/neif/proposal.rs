@@ -6,7 +6,7 @@
 
 use super::contraction::{expand, unit_cube};
 use super::kernels::math::{bf16_from_f32, f32_from_bf16};
-use super::kernels::{dispatch, fma, math};
+use super::kernels::{Baseline, Isa, dispatch, fma, math};
 
 /// Cells per axis of the grid over all contracted space.
 const OUTER_SIDE: usize = 96;
@@ -219,7 +219,7 @@ dispatch! {
 }
 
 #[inline(always)]
-fn place_samples_body<const FMA: bool>(
+fn place_samples_body<I: Isa>(
     grid: &DensityGrid,
     ray: &ConeRay,
     placement: Placement,
@@ -227,7 +227,7 @@ fn place_samples_body<const FMA: bool>(
 ) {
     let mut weights = [0.0; N_STEPS];
     let split = split_distance(ray);
-    march::<FMA>(grid, ray, split, &mut weights);
+    march::<I>(grid, ray, split, &mut weights);
     invert_cdf(
         &spread_weights(&weights, placement.uniform_share),
         split,
@@ -253,7 +253,7 @@ const NEXT_TO_NOTHING: f32 = 1e-3;
 /// Counts the look-ups of a ray by what the cached density says of them.
 pub fn steps_of_ray(grid: &DensityGrid, ray: &ConeRay) -> RaySteps {
     let mut weights = [0.0; N_STEPS];
-    march::<false>(grid, ray, split_distance(ray), &mut weights);
+    march::<Baseline>(grid, ray, split_distance(ray), &mut weights);
     let mut left = 1.0;
     let mut steps = RaySteps {
         n: N_STEPS,
@@ -273,12 +273,7 @@ pub fn steps_of_ray(grid: &DensityGrid, ray: &ConeRay) -> RaySteps {
 
 /// Weights of all steps, composited front to back from the cached density.
 #[inline(always)]
-fn march<const FMA: bool>(
-    grid: &DensityGrid,
-    ray: &ConeRay,
-    split: f32,
-    weights: &mut [f32; N_STEPS],
-) {
+fn march<I: Isa>(grid: &DensityGrid, ray: &ConeRay, split: f32, weights: &mut [f32; N_STEPS]) {
     // Index arithmetic first, in loops without branches or loads, so that it vectorises.
     let mut cells = [0_u32; N_STEPS];
     let mut lengths = [split / INNER_STEPS as f32; N_STEPS];
@@ -303,12 +298,12 @@ fn march<const FMA: bool>(
         alpha[step] = f32_from_bf16(grid.cells[cells[step] as usize]);
     }
     for step in 0..N_STEPS {
-        alpha[step] = 1.0 - math::exp::<FMA>(-alpha[step] * lengths[step]);
+        alpha[step] = 1.0 - math::exp::<I>(-alpha[step] * lengths[step]);
     }
     let mut transmittance = 1.0;
     for step in 0..N_STEPS {
         weights[step] = alpha[step] * transmittance;
-        transmittance = fma::<FMA>(-alpha[step], transmittance, transmittance);
+        transmittance = fma::<I>(-alpha[step], transmittance, transmittance);
     }
 }
 

@@ -11,7 +11,7 @@ use super::hash_grid::{
     FEATURES, FeatureColumns, GridConfig, Level, SamplePoints, encode_level, encode_level_bf16,
     footprint_gradient, scatter_level,
 };
-use super::kernels::math;
+use super::kernels::{Baseline, math};
 use super::mlp::{Mlp, Transposed, is_sane_width};
 use super::proposal::{ConeRay, DensityGrid};
 use super::samples::SampledRay;
@@ -418,7 +418,7 @@ pub struct FieldTransposed {
 
 fn radiance(log_radiance: f32) -> f32 {
     let nan = log_radiance * 0.0;
-    math::exp::<false>(log_radiance.clamp(-LOG_RADIANCE_MAX, LOG_RADIANCE_MAX)) + nan
+    math::exp::<Baseline>(log_radiance.clamp(-LOG_RADIANCE_MAX, LOG_RADIANCE_MAX)) + nan
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use super::contraction::{contract, unit_cube};
 use super::hash_grid::SamplePoints;
-use super::kernels::dispatch;
+use super::kernels::{Isa, dispatch};
 use super::proposal::{ConeRay, DensityGrid, Placement, cell_index, place_samples};
 
 /// Samples located together, in loops that vectorise.
@@ -130,7 +130,7 @@ dispatch! {
 }
 
 #[inline(always)]
-fn locate_body<const FMA: bool>(
+fn locate_body<I: Isa>(
     ray: &ConeRay,
     distances: &[f32],
     positions: &mut [[f32; 3]],

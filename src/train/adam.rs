@@ -2,8 +2,8 @@
 
 use rayon::prelude::*;
 
-use crate::neif::kernels::dispatch;
 use crate::neif::kernels::math::bf16_from_f32;
+use crate::neif::kernels::{Isa, dispatch};
 
 const BETA1: f32 = 0.9;
 const BETA2: f32 = 0.99;
@@ -108,7 +108,7 @@ dispatch! {
 }
 
 #[inline(always)]
-fn store_bf16_body<const FMA: bool>(values: &[f32], out: &mut [u16]) {
+fn store_bf16_body<I: Isa>(values: &[f32], out: &mut [u16]) {
     for (out, value) in out.iter_mut().zip(values) {
         *out = bf16_from_f32(*value);
     }
@@ -119,7 +119,7 @@ dispatch! {
 }
 
 #[inline(always)]
-fn adam_body<const FMA: bool>(
+fn adam_body<I: Isa>(
     params: &mut [f32],
     first: &mut [f32],
     second: &mut [f32],

@@ -8,7 +8,7 @@
 use rayon::prelude::*;
 
 use super::equirect::Equirect;
-use crate::neif::kernels::{dispatch, fma};
+use crate::neif::kernels::{Isa, dispatch, fma};
 
 /// Widest picture that is convolved.
 pub(super) const MAX_WIDTH: usize = 1024;
@@ -191,9 +191,9 @@ dispatch! {
 }
 
 #[inline(always)]
-fn add_scaled_body<const FMA: bool>(sum: &mut [f32], weight: f32, values: &[f32]) {
+fn add_scaled_body<I: Isa>(sum: &mut [f32], weight: f32, values: &[f32]) {
     for (sum, value) in sum.iter_mut().zip(values) {
-        *sum = fma::<FMA>(weight, *value, *sum);
+        *sum = fma::<I>(weight, *value, *sum);
     }
 }
 

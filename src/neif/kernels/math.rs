@@ -1,6 +1,6 @@
 //! Branch-free elementary functions that vectorise inside a kernel.
 
-use super::fma;
+use super::{Baseline, Isa, fma};
 
 /// Largest argument of [`exp`]: `exp(88.0)` is still finite in `f32`.
 const EXP_MAX: f32 = 88.0;
@@ -15,23 +15,23 @@ const EXP_MIN: f32 = -87.0;
     clippy::manual_clamp,
     reason = "`clamp` keeps NaN, these map it to the lower end"
 )]
-pub fn exp<const FMA: bool>(x: f32) -> f32 {
+pub fn exp<I: Isa>(x: f32) -> f32 {
     const LOG2_E: f32 = std::f32::consts::LOG2_E;
     const LN2_HIGH: f32 = 0.693_359_4;
     const LN2_LOW: f32 = -2.121_944_4e-4;
     // Adding and subtracting 1.5·2^23 rounds to the nearest integer without a library call.
     const ROUND: f32 = 12_582_912.0;
     let x = x.max(EXP_MIN).min(EXP_MAX);
-    let n = fma::<FMA>(x, LOG2_E, ROUND) - ROUND;
-    let r = fma::<FMA>(n, -LN2_HIGH, x);
-    let r = fma::<FMA>(n, -LN2_LOW, r);
+    let n = fma::<I>(x, LOG2_E, ROUND) - ROUND;
+    let r = fma::<I>(n, -LN2_HIGH, x);
+    let r = fma::<I>(n, -LN2_LOW, r);
     let mut p = 1.987_569_1e-4;
-    p = fma::<FMA>(p, r, 1.398_199_9e-3);
-    p = fma::<FMA>(p, r, 8.333_452e-3);
-    p = fma::<FMA>(p, r, 4.166_579_6e-2);
-    p = fma::<FMA>(p, r, 1.666_666_5e-1);
-    p = fma::<FMA>(p, r, 5e-1);
-    let y = fma::<FMA>(p, r * r, r) + 1.0;
+    p = fma::<I>(p, r, 1.398_199_9e-3);
+    p = fma::<I>(p, r, 8.333_452e-3);
+    p = fma::<I>(p, r, 4.166_579_6e-2);
+    p = fma::<I>(p, r, 1.666_666_5e-1);
+    p = fma::<I>(p, r, 5e-1);
+    let y = fma::<I>(p, r * r, r) + 1.0;
     // n is in [-126, 127], so the biased exponent stays in range; `to_int_unchecked` is not needed
     // because the value is read off the mantissa of n + ROUND.
     let bits = (n + ROUND).to_bits() << 23;
@@ -86,7 +86,7 @@ pub fn all_finite(values: &[f32]) -> bool {
 
 /// `1 / (1 + e^-x)`, in `[0, 1]`; NaN stays NaN.
 pub fn sigmoid(x: f32) -> f32 {
-    let y = 1.0 / (1.0 + exp::<false>(-x));
+    let y = 1.0 / (1.0 + exp::<Baseline>(-x));
     // `exp` maps NaN to its lower end: a broken network would look like a white, rough surface.
     if x.is_nan() { x } else { y }
 }
@@ -98,13 +98,14 @@ pub fn softplus(x: f32) -> f32 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::Avx2;
     use super::*;
 
     #[test]
     fn exp_agrees_with_the_library_over_its_range() {
         for i in -8700..=8800 {
             let x = i as f32 * 0.01;
-            for y in [exp::<false>(x), exp::<true>(x)] {
+            for y in [exp::<Baseline>(x), exp::<Avx2>(x)] {
                 let relative = (y as f64 / (x as f64).exp() - 1.0).abs();
                 assert!(relative < 3e-7, "exp({x}) = {y}, off by {relative}");
             }
@@ -155,7 +156,7 @@ mod tests {
             f32::INFINITY,
             f32::NAN,
         ] {
-            let y = exp::<false>(x);
+            let y = exp::<Baseline>(x);
             assert!(y.is_finite() && y > 0.0, "exp({x}) = {y}");
         }
     }

@@ -4,7 +4,7 @@
 //! transposed copy of `w`, the weight gradient is an outer product summed over the samples. Rows of the
 //! right-hand matrix are [`LANES`] wide, so every width is padded to a multiple of it.
 
-use super::{dispatch, fma};
+use super::{Isa, dispatch, fma};
 
 /// Width of a column block; layer widths are multiples of it.
 pub const LANES: usize = 16;
@@ -46,13 +46,7 @@ pub fn transpose(w: &[f32], m: usize, w_t: &mut [f32]) {
 }
 
 #[inline(always)]
-fn linear_body<const FMA: bool>(
-    x: &[f32],
-    w: &[f32],
-    bias: &[f32],
-    epilogue: Epilogue<'_>,
-    y: &mut [f32],
-) {
+fn linear_body<I: Isa>(x: &[f32], w: &[f32], bias: &[f32], epilogue: Epilogue<'_>, y: &mut [f32]) {
     let m = bias.len();
     let n = y.len() / m;
     let k = w.len() / m;
@@ -60,43 +54,108 @@ fn linear_body<const FMA: bool>(
         m.is_multiple_of(LANES) && w.len() == k * m && x.len() == n * k && y.len() == n * m,
         "linear: shapes disagree"
     );
-    let full = n / ROWS * ROWS;
-    for j in (0..m).step_by(LANES) {
+    let mut j = 0;
+    while j < m {
+        let columns = if I::WIDE && j + 2 * LANES <= m { 2 } else { 1 };
         let init = first_lanes(&bias[j..]);
-        for i in (0..full).step_by(ROWS) {
-            let rows: [&[f32]; ROWS] = std::array::from_fn(|r| &x[(i + r) * k..][..k]);
-            let sums = linear_block::<FMA, ROWS>(rows, w, m, j, init);
-            for (r, sum) in sums.into_iter().enumerate() {
-                store((i + r) * m + j, sum, epilogue, y);
+        let mut i = 0;
+        while i < n {
+            let x = &x[i * k..];
+            let at = i * m + j;
+            if i + ROWS > n {
+                let end = j + columns * LANES;
+                for j in (j..end).step_by(LANES) {
+                    let sums = linear_block::<I, 1>(x, w, m, j, first_lanes(&bias[j..]));
+                    store_block(sums, i * m + j, m, epilogue, y);
+                }
+                i += 1;
+            } else if columns == 2 {
+                let init = [init, first_lanes(&bias[j + LANES..])];
+                let [left, right] = linear_pair::<I>(x, w, m, j, init);
+                store_block(left, at, m, epilogue, y);
+                store_block(right, at + LANES, m, epilogue, y);
+                i += ROWS;
+            } else {
+                store_block(
+                    linear_block::<I, ROWS>(x, w, m, j, init),
+                    at,
+                    m,
+                    epilogue,
+                    y,
+                );
+                i += ROWS;
             }
         }
-        for i in full..n {
-            let [sum] = linear_block::<FMA, 1>([&x[i * k..][..k]], w, m, j, init);
-            store(i * m + j, sum, epilogue, y);
-        }
+        j += columns * LANES;
     }
 }
 
-/// Sums of `R` samples times columns `j..j + 16`.
+/// Sums of the first `R` samples of `x` times columns `j..j + 16`.
 #[inline(always)]
-fn linear_block<const FMA: bool, const R: usize>(
-    rows: [&[f32]; R],
+fn linear_block<I: Isa, const R: usize>(
+    x: &[f32],
     w: &[f32],
     m: usize,
     j: usize,
     init: [f32; LANES],
 ) -> [[f32; LANES]; R] {
+    let k = w.len() / m;
+    let rows: [&[f32]; R] = std::array::from_fn(|r| &x[r * k..][..k]);
     let mut sums = [init; R];
     for (p, w_row) in w.chunks_exact(m).enumerate() {
-        let w_block = first_lanes(&w_row[j..]);
-        for r in 0..R {
-            let a = rows[r][p];
-            for c in 0..LANES {
-                sums[r][c] = fma::<FMA>(a, w_block[c], sums[r][c]);
-            }
-        }
+        let scalars = std::array::from_fn(|r| rows[r][p]);
+        add_scaled::<I, R>(&mut sums, scalars, first_lanes(&w_row[j..]));
     }
     sums
+}
+
+/// [`linear_block`] of [`ROWS`] samples for columns `j..j + 16` and the next sixteen: two short loops, since a long one
+/// would not be unrolled and its sums would leave the registers.
+#[inline(always)]
+fn linear_pair<I: Isa>(
+    x: &[f32],
+    w: &[f32],
+    m: usize,
+    j: usize,
+    init: [[f32; LANES]; 2],
+) -> [[[f32; LANES]; ROWS]; 2] {
+    let k = w.len() / m;
+    let rows: [&[f32]; ROWS] = std::array::from_fn(|r| &x[r * k..][..k]);
+    let (mut left, mut right) = ([init[0]; ROWS], [init[1]; ROWS]);
+    for (p, w_row) in w.chunks_exact(m).enumerate() {
+        let scalars = std::array::from_fn(|r| rows[r][p]);
+        add_scaled::<I, ROWS>(&mut left, scalars, first_lanes(&w_row[j..]));
+        add_scaled::<I, ROWS>(&mut right, scalars, first_lanes(&w_row[j + LANES..]));
+    }
+    [left, right]
+}
+
+/// `sums[r] += scalars[r] row`.
+#[inline(always)]
+fn add_scaled<I: Isa, const R: usize>(
+    sums: &mut [[f32; LANES]; R],
+    scalars: [f32; R],
+    row: [f32; LANES],
+) {
+    for r in 0..R {
+        for c in 0..LANES {
+            sums[r][c] = fma::<I>(scalars[r], row[c], sums[r][c]);
+        }
+    }
+}
+
+/// Stores rows `m` apart, the first at `y[at..]`.
+#[inline(always)]
+fn store_block<const R: usize>(
+    sums: [[f32; LANES]; R],
+    at: usize,
+    m: usize,
+    epilogue: Epilogue<'_>,
+    y: &mut [f32],
+) {
+    for (r, sum) in sums.into_iter().enumerate() {
+        store(at + r * m, sum, epilogue, y);
+    }
 }
 
 #[inline(always)]
@@ -120,7 +179,7 @@ fn store(at: usize, mut sum: [f32; LANES], epilogue: Epilogue<'_>, y: &mut [f32]
 }
 
 #[inline(always)]
-fn outer_body<const FMA: bool>(x: &[f32], d_y: &[f32], d_w: &mut [f32], d_bias: &mut [f32]) {
+fn outer_body<I: Isa>(x: &[f32], d_y: &[f32], d_w: &mut [f32], d_bias: &mut [f32]) {
     let m = d_bias.len();
     let k = d_w.len() / m;
     let n = d_y.len() / m;
@@ -131,32 +190,36 @@ fn outer_body<const FMA: bool>(x: &[f32], d_y: &[f32], d_w: &mut [f32], d_bias: 
             && d_y.len() == n * m,
         "linear_backward_weights: shapes disagree"
     );
-    for j in (0..m).step_by(LANES) {
+    let mut j = 0;
+    while j < m {
+        let columns = if I::WIDE && j + 2 * LANES <= m { 2 } else { 1 };
         let mut i = 0;
         while i < k {
-            // Twelve sums hide the latency of the fused units; what sixes do not fill, fours do.
-            if (k - i).is_multiple_of(OUTER_ROWS) && k - i < 3 * OUTER_ROWS {
-                outer_block::<FMA, OUTER_ROWS>(x, d_y, d_w, k, m, i, j);
-                i += OUTER_ROWS;
-            } else {
-                outer_block::<FMA, ROWS>(x, d_y, d_w, k, m, i, j);
-                i += ROWS;
+            // Twelve registers of sums hide the latency of the fused units; what sixes do not fill, fours do.
+            let fours = (k - i).is_multiple_of(OUTER_ROWS) && k - i < 3 * OUTER_ROWS;
+            match (fours, columns) {
+                (true, 1) => outer_block::<I, OUTER_ROWS>(x, d_y, d_w, k, m, i, j),
+                (true, _) => outer_pair::<I, OUTER_ROWS>(x, d_y, d_w, k, m, i, j),
+                (false, 1) => outer_block::<I, ROWS>(x, d_y, d_w, k, m, i, j),
+                (false, _) => outer_pair::<I, ROWS>(x, d_y, d_w, k, m, i, j),
             }
+            i += if fours { OUTER_ROWS } else { ROWS };
         }
-        let mut sum = first_lanes(&d_bias[j..]);
+        j += columns * LANES;
+    }
+    for (j, sum) in d_bias.as_chunks_mut::<LANES>().0.iter_mut().enumerate() {
         for d_row in d_y.chunks_exact(m) {
-            let d = first_lanes(&d_row[j..]);
+            let d = first_lanes(&d_row[j * LANES..]);
             for c in 0..LANES {
                 sum[c] += d[c];
             }
         }
-        d_bias[j..j + LANES].copy_from_slice(&sum);
     }
 }
 
 /// Adds rows `i..i + R` and columns `j..j + 16` of `xᵀ·d_y` to `d_w`.
 #[inline(always)]
-fn outer_block<const FMA: bool, const R: usize>(
+fn outer_block<I: Isa, const R: usize>(
     x: &[f32],
     d_y: &[f32],
     d_w: &mut [f32],
@@ -165,16 +228,49 @@ fn outer_block<const FMA: bool, const R: usize>(
     i: usize,
     j: usize,
 ) {
-    let mut sums: [[f32; LANES]; R] = std::array::from_fn(|r| first_lanes(&d_w[(i + r) * m + j..]));
+    let mut sums = load_rows::<R>(d_w, m, i, j);
     for (x_row, d_row) in x.chunks_exact(k).zip(d_y.chunks_exact(m)) {
-        let a = &x_row[i..i + R];
         let d = first_lanes(&d_row[j..]);
-        for r in 0..R {
-            for c in 0..LANES {
-                sums[r][c] = fma::<FMA>(a[r], d[c], sums[r][c]);
-            }
-        }
+        add_scaled::<I, R>(&mut sums, first_values(&x_row[i..]), d);
     }
+    store_rows(sums, d_w, m, i, j);
+}
+
+/// [`outer_block`] for columns `j..j + 16` and the next sixteen, as [`linear_pair`].
+#[inline(always)]
+fn outer_pair<I: Isa, const R: usize>(
+    x: &[f32],
+    d_y: &[f32],
+    d_w: &mut [f32],
+    k: usize,
+    m: usize,
+    i: usize,
+    j: usize,
+) {
+    let mut left = load_rows::<R>(d_w, m, i, j);
+    let mut right = load_rows::<R>(d_w, m, i, j + LANES);
+    for (x_row, d_row) in x.chunks_exact(k).zip(d_y.chunks_exact(m)) {
+        let scalars = first_values(&x_row[i..]);
+        add_scaled::<I, R>(&mut left, scalars, first_lanes(&d_row[j..]));
+        add_scaled::<I, R>(&mut right, scalars, first_lanes(&d_row[j + LANES..]));
+    }
+    store_rows(left, d_w, m, i, j);
+    store_rows(right, d_w, m, i, j + LANES);
+}
+
+#[inline(always)]
+fn load_rows<const R: usize>(d_w: &[f32], m: usize, i: usize, j: usize) -> [[f32; LANES]; R] {
+    std::array::from_fn(|r| first_lanes(&d_w[(i + r) * m + j..]))
+}
+
+#[inline(always)]
+fn store_rows<const R: usize>(
+    sums: [[f32; LANES]; R],
+    d_w: &mut [f32],
+    m: usize,
+    i: usize,
+    j: usize,
+) {
     for (r, sum) in sums.into_iter().enumerate() {
         d_w[(i + r) * m + j..][..LANES].copy_from_slice(&sum);
     }
@@ -182,13 +278,19 @@ fn outer_block<const FMA: bool, const R: usize>(
 
 #[inline(always)]
 fn first_lanes(values: &[f32]) -> [f32; LANES] {
-    let mut block = [0.0; LANES];
-    block.copy_from_slice(&values[..LANES]);
+    first_values(values)
+}
+
+#[inline(always)]
+fn first_values<const N: usize>(values: &[f32]) -> [f32; N] {
+    let mut block = [0.0; N];
+    block.copy_from_slice(&values[..N]);
     block
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::{Avx2, Avx512};
     use super::*;
 
     fn wave(n: usize, phase: f32) -> Vec<f32> {
@@ -233,6 +335,22 @@ mod tests {
                 let clipped: Vec<f32> = expected.iter().map(|v| v.max(0.0)).collect();
                 assert_close(&y, &clipped, 1e-4);
             }
+        }
+    }
+
+    #[test]
+    fn wide_registers_give_the_same_bits() {
+        for (n, k, m) in [(13, 48, 64), (24, 32, 16), (7, 20, 48)] {
+            let (x, w, bias) = (wave(n * k, 0.1), wave(k * m, 0.2), wave(m, 0.3));
+            let (mut narrow, mut wide) = (vec![0.0; n * m], vec![1.0; n * m]);
+            linear_body::<Avx2>(&x, &w, &bias, Epilogue::Relu, &mut narrow);
+            linear_body::<Avx512>(&x, &w, &bias, Epilogue::Relu, &mut wide);
+            assert_eq!(narrow, wide, "linear, {n} x {k} x {m}");
+            let mut gradients = [(w.clone(), bias.clone()), (w, bias)];
+            let [narrow, wide] = &mut gradients;
+            outer_body::<Avx2>(&x, &wave(n * m, 0.4), &mut narrow.0, &mut narrow.1);
+            outer_body::<Avx512>(&x, &wave(n * m, 0.4), &mut wide.0, &mut wide.1);
+            assert_eq!(narrow, wide, "linear_backward_weights, {n} x {k} x {m}");
         }
     }
 

@@ -3,41 +3,49 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use super::{dispatch, fma};
+use super::{Isa, dispatch, fma};
 
-/// Independent sums: enough to hide the latency of two fused units of eight lanes.
+/// Independent sums, twelve registers of eight lanes: enough to hide the latency of two fused units.
 const SUMS: usize = 12 * 8;
+/// The same of sixteen lanes.
+const WIDE_SUMS: usize = 12 * 16;
 /// Fused steps in one call.
 const STEPS: usize = 1 << 14;
 
 dispatch! {
-    fn fused_steps(x: f32, sums: &mut [f32; SUMS]) = fused_body
+    /// Operations done.
+    fn fused_steps(x: f32) -> usize = fused_body
 }
 
 #[inline(always)]
-fn fused_body<const FMA: bool>(x: f32, sums: &mut [f32; SUMS]) {
-    let mut local = *sums;
+fn fused_body<I: Isa>(x: f32) -> usize {
+    if I::WIDE {
+        fused_block::<I, WIDE_SUMS>(x)
+    } else {
+        fused_block::<I, SUMS>(x)
+    }
+}
+
+#[inline(always)]
+fn fused_block<I: Isa, const N: usize>(x: f32) -> usize {
+    let mut sums = [0.5; N];
     for _ in 0..STEPS {
-        for sum in &mut local {
-            *sum = fma::<FMA>(*sum, x, 1e-7);
+        for sum in &mut sums {
+            *sum = fma::<I>(*sum, x, 1e-7);
         }
     }
-    *sums = local;
+    black_box(sums);
+    2 * STEPS * N
 }
 
 /// Multiply-adds in registers of one thread, in GFLOP/s (two operations each): the best of ten tries.
 pub fn gflops() -> f64 {
-    let mut best = f64::INFINITY;
-    for _ in 0..10 {
-        let mut sums = [0.5; SUMS];
+    let tries = (0..10).map(|_| {
         let start = Instant::now();
-        for _ in 0..16 {
-            fused_steps(black_box(0.999), &mut sums);
-        }
-        best = best.min(start.elapsed().as_secs_f64());
-        black_box(sums);
-    }
-    (16 * STEPS * SUMS * 2) as f64 / best * 1e-9
+        let operations: usize = (0..16).map(|_| fused_steps(black_box(0.999))).sum();
+        operations as f64 / start.elapsed().as_secs_f64() * 1e-9
+    });
+    tries.fold(0.0, f64::max)
 }
 
 /// Sequential reading of one thread far beyond the caches, in GB/s: the best of three tries.

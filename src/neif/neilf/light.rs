@@ -11,8 +11,8 @@ use glam::Vec3;
 use crate::neif::hash_grid::{
     FEATURES, FeatureColumns, GridConfig, Level, SamplePoints, encode_level, scatter_level,
 };
-use crate::neif::kernels::math;
 use crate::neif::kernels::matmul::Epilogue;
+use crate::neif::kernels::{Baseline, math};
 use crate::neif::paper::network::{Activation, Dense, Stack, StackBuffers};
 
 /// Width of the padded output: three colours are used.
@@ -358,7 +358,7 @@ impl IncidentLight {
 /// `e^x`, which keeps NaN: clamping would hide it from the non-finite check.
 fn radiance_of(log_radiance: f32) -> f32 {
     let nan = log_radiance * 0.0;
-    math::exp::<false>(log_radiance.clamp(-LOG_RADIANCE_MAX, LOG_RADIANCE_MAX)) + nan
+    math::exp::<Baseline>(log_radiance.clamp(-LOG_RADIANCE_MAX, LOG_RADIANCE_MAX)) + nan
 }
 
 #[cfg(test)]
