@@ -4,7 +4,7 @@ use std::hint::black_box;
 use std::path::PathBuf;
 use std::time::Instant;
 
-use neif::data::Splits;
+use neif::data::{Dataset, Splits};
 use neif::neif::hash_grid::{FEATURES, FeatureColumns, SamplePoints, encode_level, scatter_level};
 use neif::neif::kernels::peak;
 use neif::neif::mlp::{Mlp, MlpBuffers, Transposed};
@@ -46,10 +46,14 @@ struct Kernel {
     gbytes_per_sec: Option<f64>,
 }
 
-/// Time of a step by stage, and speed.
+/// Rounds that the timed steps are split into; one thread and several take turns, so that a neighbour's load on the
+/// machine meets both.
+const ROUNDS: u64 = 10;
+
+/// Time of the steps by stage, and speed round by round.
 struct StepTimes {
     threads: usize,
-    rays_per_sec: f64,
+    rays_per_sec: Vec<f64>,
     stage_secs: Vec<(Stage, f64)>,
 }
 
@@ -65,14 +69,7 @@ pub(super) fn run(args: &TrainBenchArgs) -> Result<(), Failure> {
         counts[1] = std::thread::available_parallelism().map_or(1, usize::from);
     }
     counts.dedup();
-    let mut times = Vec::new();
-    for threads in counts {
-        times.push(on_threads(threads, || {
-            let cancel = interrupt::install()?;
-            let mut trainer = Trainer::new(&config, &dataset, cancel, &|_| ()).or_unusable()?;
-            time_steps(&mut trainer, threads, args.steps)
-        })?);
-    }
+    let times = time_in_turns(&config, &dataset, &counts, args.steps)?;
     if args.common.json {
         let kernels: Vec<_> = kernels
             .iter()
@@ -86,7 +83,7 @@ pub(super) fn run(args: &TrainBenchArgs) -> Result<(), Failure> {
                     .iter()
                     .map(|(s, secs)| json!({"stage": format!("{s:?}"), "seconds": secs}))
                     .collect();
-                json!({"threads": t.threads, "rays_per_sec": t.rays_per_sec, "stages": stages})
+                json!({"threads": t.threads, "rays_per_sec": median(&t.rays_per_sec), "rounds": t.rays_per_sec, "stages": stages})
             })
             .collect();
         return Ok(output::json_line(&json!({
@@ -115,7 +112,8 @@ pub(super) fn run(args: &TrainBenchArgs) -> Result<(), Failure> {
     for t in &times {
         output::line(&format!(
             "\n{} thread(s): {:.0} rays/s",
-            t.threads, t.rays_per_sec
+            t.threads,
+            median(&t.rays_per_sec)
         ))?;
         let total: f64 = t.stage_secs.iter().map(|(_, secs)| secs).sum();
         for (stage, secs) in &t.stage_secs {
@@ -123,36 +121,73 @@ pub(super) fn run(args: &TrainBenchArgs) -> Result<(), Failure> {
                 "  {:10} {:5.1} %  {:.3} ms a step",
                 format!("{stage:?}"),
                 100.0 * secs / total,
-                secs * 1e3 / args.steps as f64
+                secs * 1e3 / (ROUNDS * args.steps.div_ceil(ROUNDS)) as f64
             ))?;
         }
     }
     if let [one, many] = times.as_slice() {
+        let pairs = many.rays_per_sec.iter().zip(&one.rays_per_sec);
+        let mut gains: Vec<f64> = pairs.map(|(many, one)| many / one).collect();
+        gains.sort_by(f64::total_cmp);
         output::line(&format!(
-            "\n{} threads are {:.2} x as fast as one",
+            "\n{} threads are {:.2} x as fast as one (median of {ROUNDS} pairs, {:.2} to {:.2})",
             many.threads,
-            many.rays_per_sec / one.rays_per_sec
+            median(&gains),
+            gains[0],
+            gains[gains.len() - 1],
         ))?;
     }
     Ok(())
 }
 
+const STAGES: [Stage; 6] = [
+    Stage::Prepare,
+    Stage::Encode,
+    Stage::Networks,
+    Stage::Gather,
+    Stage::Update,
+    Stage::Probe,
+];
+
 /// Where in the plan steps are timed: in its middle, where the batch has its mean size.
 const STEADY: f32 = 0.5;
 
-fn time_steps(trainer: &mut Trainer, threads: usize, steps: u64) -> Result<StepTimes, Failure> {
-    const STAGES: [Stage; 6] = [
-        Stage::Prepare,
-        Stage::Encode,
-        Stage::Networks,
-        Stage::Gather,
-        Stage::Update,
-        Stage::Probe,
-    ];
-    for _ in 0..steps {
-        trainer.step(STEADY);
+/// Times `steps` steps with each number of threads, in turns, after as many untimed ones.
+fn time_in_turns(
+    config: &TrainConfig,
+    dataset: &Dataset,
+    counts: &[usize],
+    steps: u64,
+) -> Result<Vec<StepTimes>, Failure> {
+    let mut all = Vec::new();
+    for &threads in counts {
+        let trainer = on_threads(threads, || {
+            let cancel = interrupt::install()?;
+            let mut trainer = Trainer::new(config, dataset, cancel, &|_| ()).or_unusable()?;
+            for _ in 0..steps {
+                trainer.step(STEADY);
+            }
+            Ok::<_, Failure>(trainer)
+        })?;
+        let times = StepTimes {
+            threads,
+            rays_per_sec: Vec::new(),
+            stage_secs: STAGES.map(|stage| (stage, 0.0)).to_vec(),
+        };
+        all.push((trainer, times));
     }
-    let mut stage_secs = STAGES.map(|stage| (stage, 0.0)).to_vec();
+    for _ in 0..ROUNDS {
+        for (trainer, times) in &mut all {
+            on_threads(times.threads, || {
+                time_steps(trainer, steps.div_ceil(ROUNDS), times)
+            })?;
+        }
+    }
+    Ok(all.into_iter().map(|(_, times)| times).collect())
+}
+
+/// Adds a round's times.
+fn time_steps(trainer: &mut Trainer, steps: u64, times: &mut StepTimes) -> Result<(), Failure> {
     let start = Instant::now();
     let mut last = start;
     let mut rays = 0;
@@ -162,18 +197,23 @@ fn time_steps(trainer: &mut Trainer, threads: usize, steps: u64) -> Result<StepT
         }
         let mut on_done = |stage| {
             let now = Instant::now();
-            for (_, secs) in stage_secs.iter_mut().filter(|(s, _)| *s == stage) {
+            let stages = times.stage_secs.iter_mut();
+            for (_, secs) in stages.filter(|(s, _)| *s == stage) {
                 *secs += (now - last).as_secs_f64();
             }
             last = now;
         };
         rays += u64::from(trainer.step_by_stage(STEADY, &mut on_done).rays);
     }
-    Ok(StepTimes {
-        threads,
-        rays_per_sec: rays as f64 / start.elapsed().as_secs_f64(),
-        stage_secs,
-    })
+    let secs = start.elapsed().as_secs_f64();
+    times.rays_per_sec.push(rays as f64 / secs);
+    Ok(())
+}
+
+fn median(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
 /// The fastest of many runs, in seconds.
