@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
 
+use super::capture_path::read_text;
 use super::frame::{rotation_and_translation, world_from_opencv};
 use super::listing::{Found, Listed};
 use super::photo_folder::{list_pictures, photo_folders};
@@ -102,12 +103,7 @@ fn read_camera(
         field: field.to_owned(),
         problem,
     };
-    let length = file.metadata().map_err(|e| DataError::io(file, e))?.len();
-    if length > MAX_BYTES {
-        return Err(fail(("size", format!("{length} bytes are no camera"))));
-    }
-    let text = std::fs::read_to_string(file).map_err(|e| DataError::io(file, e))?;
-    let camera = parse(&text).map_err(fail)?;
+    let camera = parse(&read_text(file, MAX_BYTES)?).map_err(fail)?;
     let [fx, fy, cx, cy] = camera.lens;
     let pose = world_from_opencv(camera.rotation, camera.translation);
     let lens = Intrinsics {
@@ -243,12 +239,15 @@ mod tests {
             );
         }
         let path = folder.path().join("cams/0002_cam.txt");
+        write_photos(&folder.path().join("images"), 9);
+        std::fs::write(&path, " ".repeat(MAX_BYTES as usize + 1)).unwrap();
+        let message = list_capture(folder.path()).unwrap_err().to_string();
+        assert!(message.contains("larger than 64 KiB"), "{message}");
         std::fs::write(
             path,
             "extrinsic\n1 0 0 0 0 2 0 0 0 0 1 0 0 0 0 1 intrinsic 1 0 0 0 1 0 0 0 1",
         )
         .unwrap();
-        write_photos(&folder.path().join("images"), 9);
         let message = list_capture(folder.path()).unwrap_err().to_string();
         assert!(
             message.contains("0002_cam.txt: extrinsic: not a rotation"),

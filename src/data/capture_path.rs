@@ -104,7 +104,10 @@ pub(super) fn read_bytes(path: &Path, max_bytes: u64) -> Result<Vec<u8>, DataErr
             path: path.to_owned(),
             frame: None,
             field: "size".to_owned(),
-            problem: format!("larger than {} MiB", max_bytes >> 20),
+            problem: match max_bytes >> 20 {
+                0 => format!("larger than {} KiB", max_bytes >> 10),
+                mib => format!("larger than {mib} MiB"),
+            },
         });
     }
     Ok(bytes)

@@ -9,6 +9,7 @@
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
+use super::capture_path::read_text;
 use super::problem::first_names;
 use super::transforms_json::split_lists;
 use super::{CaptureChoices, DataError, Frame, Problem, Severity, read_frames};
@@ -85,11 +86,7 @@ impl SplitLists {
     /// The lists in `train.txt`, `val.txt` and `test.txt`.
     fn in_text_files(root: &Path) -> Self {
         let list = |name: &str| {
-            let path = root.join(name);
-            if path.metadata().ok()?.len() > MAX_LIST_BYTES {
-                return None;
-            }
-            let text = std::fs::read_to_string(path).ok()?;
+            let text = read_text(&root.join(name), MAX_LIST_BYTES).ok()?;
             Some(text.lines().map(photo_key).collect())
         };
         Self {

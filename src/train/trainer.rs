@@ -382,15 +382,30 @@ impl Trainer {
         self.chunks = chunks;
     }
 
+    /// Mean losses of the step's object and background pixels.
+    fn pixel_losses(&self) -> [f64; 2] {
+        [
+            self.sum(|c| c.loss.object) / self.batch_size.objects as f64,
+            self.sum(|c| c.loss.background) / self.batch_size.backgrounds as f64,
+        ]
+    }
+
+    /// What the step minimises.
+    fn loss(&self) -> f64 {
+        let [object, background] = self.pixel_losses();
+        object
+            + f64::from(self.config.background_weight) * background
+            + self.sum(|c| c.loss.smoothness + c.loss.planarity)
+    }
+
+    fn sum(&self, of: fn(&Chunk) -> f64) -> f64 {
+        self.chunks.iter().map(of).sum()
+    }
+
     fn stats(&self) -> StepStats {
-        let sum = |f: fn(&Chunk) -> f64| self.chunks.iter().map(f).sum::<f64>();
-        let object = sum(|c| c.loss.object) / self.batch_size.objects as f64;
-        let background = sum(|c| c.loss.background) / self.batch_size.backgrounds as f64;
+        let [object, background] = self.pixel_losses();
         StepStats {
-            loss: (object
-                + f64::from(self.config.background_weight) * background
-                + sum(|c| c.loss.smoothness)
-                + sum(|c| c.loss.planarity)) as f32,
+            loss: self.loss() as f32,
             loss_object: object as f32,
             loss_background: background as f32,
             rays: self.chunks.iter().map(|c| c.batch.rays.len() as u32).sum(),
@@ -478,7 +493,7 @@ impl Trainer {
                 self.updates,
             );
         }
-        let d_gamma = self.chunks.iter().map(|c| c.loss.d_gamma).sum::<f64>() as f32;
+        let d_gamma = self.sum(|c| c.loss.d_gamma) as f32;
         let rates = Rates {
             n_head: 1,
             head: decay * self.config.gamma_rate,
@@ -571,23 +586,15 @@ impl Trainer {
         // In single precision: the differences are smaller than the steps of bf16.
         self.encode_by_level(RadianceField::encode_level);
         self.run_chunks();
-        let sum = |f: fn(&Chunk) -> f64| self.chunks.iter().map(f).sum::<f64>();
-        let background = sum(|c| c.loss.background) / self.batch_size.backgrounds as f64;
-        let loss = sum(|c| c.loss.object) / self.batch_size.objects as f64
-            + f64::from(self.config.background_weight) * background
-            + sum(|c| c.loss.smoothness)
-            + sum(|c| c.loss.planarity);
+        let loss = self.loss();
         self.gather_gradients();
         self.density = density;
         let take = |gradient: &mut Vec<f32>| {
-            let taken = gradient.clone();
-            gradient.fill(0.0);
-            taken
+            let zeros = vec![0.0; gradient.len()];
+            std::mem::replace(gradient, zeros)
         };
-        let material = self
-            .material
-            .as_mut()
-            .map_or_else(Vec::new, |m| take(&mut m.gradient));
-        (loss, take(&mut self.field.gradient), material)
+        let material = self.material.as_mut().map(|m| take(&mut m.gradient));
+        let field = take(&mut self.field.gradient);
+        (loss, field, material.unwrap_or_default())
     }
 }
