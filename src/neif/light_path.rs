@@ -90,8 +90,10 @@ pub struct LitVertex {
     split: Option<SplitLobe>,
     /// Whether the path goes on.
     goes_on: bool,
-    /// What the lobe gathers; known after [`radiance`].
+    /// What the lobe gathers; known after [`gather`].
     light: Vec3,
+    /// Standard error of that as far as a split lobe's cones disagree; known after [`gather`].
+    doubt: Vec3,
 }
 
 /// A lobe by several cones, each as wide as its share of it ([`super::lobe_cones`]).
@@ -101,10 +103,12 @@ pub struct SplitLobe {
     pub first: usize,
     /// How many rays.
     pub n: usize,
-    /// Share of the cones that meet the object again and have no ray among these, `[0, 1]`.
-    pub blocked: f32,
+    /// How many cones with those that meet the object again and have no ray among these, at least 1.
+    pub n_cones: usize,
     /// What those bring to the lobe, times their share.
     pub from_object: Vec3,
+    /// Sum of the squares of what each of those brings to the lobe.
+    pub from_object_squared: Vec3,
     /// Weight of this light against that of the one cone, `[0, 1]`.
     pub weight: f32,
 }
@@ -194,6 +198,7 @@ pub fn aim_with(
             split,
             goes_on,
             light: Vec3::ZERO,
+            doubt: Vec3::ZERO,
         });
         if !goes_on {
             return k + 1;
@@ -254,10 +259,9 @@ pub fn gather(
         let free = vertex.ray.map_or(Vec3::ZERO, &incoming);
         vertex.light = free * (1.0 - vertex.share.0) + beyond * vertex.share.0;
         if let Some(split) = vertex.split {
-            let rays = split.first..split.first + split.n;
-            let mean = rays.map(&incoming).sum::<Vec3>() / split.n.max(1) as f32;
-            let light = mean * (1.0 - split.blocked) + split.from_object;
+            let (light, doubt) = split.light(&incoming);
             vertex.light = vertex.light.lerp(light, split.weight);
+            vertex.doubt = doubt * split.weight;
         }
         beyond = outgoing(
             &vertex.surface,
@@ -269,12 +273,33 @@ pub fn gather(
     lit.first().map_or(Vec3::ZERO, |first| first.light)
 }
 
+impl SplitLobe {
+    /// The mean of its cones and the mean's standard error, as if they were drawn by chance.
+    fn light(&self, incoming: impl Fn(usize) -> Vec3) -> (Vec3, Vec3) {
+        let share = 1.0 / self.n_cones as f32;
+        let (mut mean, mut squares) = (self.from_object, self.from_object_squared);
+        for ray in self.first..self.first + self.n {
+            let light = incoming(ray) * share;
+            mean += light;
+            squares += light * light;
+        }
+        let variance = (squares - mean * mean * share).max(Vec3::ZERO);
+        (mean, variance.map(f32::sqrt))
+    }
+}
+
 impl LitVertex {
     /// Adds to what a split lobe's blocked cones bring.
     pub fn add_from_object(&mut self, light: Vec3) {
         if let Some(split) = &mut self.split {
             split.from_object += light;
+            split.from_object_squared += light * light;
         }
+    }
+
+    /// Standard error of what the lobe gathers, as [`gather`] found it; 0 for one cone.
+    pub fn doubt(&self) -> Vec3 {
+        self.doubt
     }
 
     /// What the vertex sends on, given the light that [`gather`] found.

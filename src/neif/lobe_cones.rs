@@ -30,6 +30,17 @@ pub struct PathOfPixel {
     pub index: u32,
     /// Paths of the pixel, at least 1.
     pub of: u32,
+    /// How many times as many cones as usual, at least 1.
+    pub times: u32,
+}
+
+impl PathOfPixel {
+    /// The only path of its pixel.
+    pub const ALONE: Self = Self {
+        index: 0,
+        of: 1,
+        times: 1,
+    };
 }
 
 /// One of the cones.
@@ -49,7 +60,7 @@ pub fn lobe_cones(
     roughness: f32,
     path: PathOfPixel,
 ) -> impl Iterator<Item = LobeCone> {
-    let n_path = cones_of_path(roughness, path.of);
+    let n_path = cones_of_path(roughness, path.of) * path.times;
     let n = n_path * path.of;
     let point = *point;
     (0..n_path).filter_map(move |k| {
@@ -145,7 +156,14 @@ mod tests {
 
     fn all_cones(point: &SurfacePoint, roughness: f32, of: u32) -> Vec<LobeCone> {
         (0..of)
-            .flat_map(|index| lobe_cones(point, roughness, PathOfPixel { index, of }))
+            .flat_map(|index| {
+                let path = PathOfPixel {
+                    index,
+                    of,
+                    times: 1,
+                };
+                lobe_cones(point, roughness, path)
+            })
             .collect()
     }
 
@@ -170,8 +188,26 @@ mod tests {
 
     #[test]
     fn a_sharp_lobe_is_not_split() {
-        let path = PathOfPixel { index: 0, of: 4 };
+        let path = PathOfPixel {
+            index: 0,
+            of: 4,
+            times: 3,
+        };
         assert_eq!(lobe_cones(&point(0.7), 0.03, path).count(), 0);
+    }
+
+    #[test]
+    fn more_cones_are_as_many_times_narrower() {
+        let usual = all_cones(&point(1.0), 0.3, 1);
+        let path = PathOfPixel {
+            times: 4,
+            ..PathOfPixel::ALONE
+        };
+        let more: Vec<_> = lobe_cones(&point(1.0), 0.3, path).collect();
+        assert_eq!(more.len(), 4 * usual.len());
+        let area = |cones: &[LobeCone]| cones.iter().map(|cone| cone.lobe.variance).sum::<f32>();
+        let ratio = area(&more) / area(&usual);
+        assert!((0.5..2.0).contains(&ratio), "{ratio} times the lobe");
     }
 
     #[test]

@@ -109,6 +109,7 @@ impl Accelerator {
                         background: n,
                         object: n,
                     },
+                    is_settled: pass == CardPass::Fine,
                     cpu_secs: thread_cpu().saturating_sub(start).as_secs_f64(),
                 })
             }

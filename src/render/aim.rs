@@ -163,8 +163,9 @@ impl Aim<'_> {
         (n + n_blocked > 0).then_some(SplitLobe {
             first,
             n,
-            blocked: n_blocked as f32 * share,
+            n_cones: n + n_blocked,
             from_object: Vec3::ZERO,
+            from_object_squared: Vec3::ZERO,
             weight: 1.0,
         })
     }

@@ -4,8 +4,9 @@ use std::ops::Range;
 
 use super::gbuffer::{GBuffer, PathOptions};
 use super::highlight::{highlighted, region_share};
-use super::progressive::PreviewScene;
-use super::shade::{ShadeScratch, compose, shade_background, shade_object};
+use super::more_cones::{is_any_doubtful, shade_doubtful};
+use super::progressive::{PreviewScene, Quality};
+use super::shade::{ShadeScratch, compose, shade_background, shade_object_once};
 use crate::geometry::Camera;
 
 /// Pixels of a band, about: the grain of interruption.
@@ -41,6 +42,9 @@ struct BandObject {
     geometry_version: u64,
     /// `[rows * width]` linear, or the layer's value.
     values: Vec<[f32; 3]>,
+    /// Of each pixel where the object is seen, in order: how much the cones of split lobes disagree; none once those
+    /// pixels were shaded again.
+    doubts: Vec<f32>,
     version: u64,
     /// `[rows * width]` share that is highlighted.
     highlight: Vec<f32>,
@@ -51,18 +55,23 @@ struct BandObject {
 pub(super) struct Work<'a> {
     pub(super) request: &'a PreviewScene,
     pub(super) camera: Camera,
-    /// Whether the object gets several paths a pixel.
-    pub(super) is_fine: bool,
+    /// What the object gets.
+    pub(super) quality: Quality,
     pub(super) versions: Versions,
 }
 
 impl Work<'_> {
     fn options(&self) -> PathOptions {
-        if self.is_fine {
-            PathOptions::FINE
-        } else {
+        if self.quality == Quality::Plain {
             PathOptions::PLAIN
+        } else {
+            PathOptions::FINE
         }
+    }
+
+    /// Which of a band's objects is wanted.
+    fn object(&self) -> usize {
+        usize::from(self.quality != Quality::Plain)
     }
 }
 
@@ -87,7 +96,7 @@ impl Band {
     /// Computes what is out of date and needed for the layer: pixels of geometry, surroundings, object.
     pub(super) fn update(&mut self, work: &Work<'_>, scratch: &mut ShadeScratch) -> [usize; 3] {
         let layer = work.request.layer;
-        let object = &self.objects[usize::from(work.is_fine)];
+        let object = &self.objects[work.object()];
         let is_traced = object.geometry_version == work.versions.geometry;
         let is_shaded = object.version == work.versions.object;
         let traced = if is_traced { 0 } else { self.trace(work) };
@@ -96,11 +105,13 @@ impl Band {
         } else {
             0
         };
-        let object = if layer.shows_object() && !is_shaded {
-            self.update_object(work, scratch)
-        } else {
-            0
-        };
+        let mut object = 0;
+        if layer.shows_object() && !is_shaded {
+            object += self.update_object(work, scratch);
+        }
+        if work.quality == Quality::Settled && layer.shows_object() {
+            object += self.settle_object(work, scratch);
+        }
         self.update_highlight(work, scratch);
         [traced, background, object]
     }
@@ -114,7 +125,7 @@ impl Band {
             .map(|object| &*object.tracer);
         let gbuffer = GBuffer::trace(tracer, &work.camera, self.rows.clone(), work.options());
         let n = gbuffer.coverage().len();
-        self.objects[usize::from(work.is_fine)] = BandObject {
+        self.objects[work.object()] = BandObject {
             gbuffer,
             geometry_version: work.versions.geometry,
             ..BandObject::default()
@@ -125,12 +136,13 @@ impl Band {
     fn update_object(&mut self, work: &Work<'_>, scratch: &mut ShadeScratch) -> usize {
         let pixels = self.pixels(work, |coverage| coverage > 0.0);
         let mut out = vec![[0.0; 3]; pixels.len()];
-        let object = &mut self.objects[usize::from(work.is_fine)];
-        shade_object(
+        let object = &mut self.objects[work.object()];
+        object.doubts = shade_object_once(
             &work.request.scene,
             &object.gbuffer,
             &pixels,
             work.request.layer,
+            1,
             &mut out,
             scratch,
         );
@@ -144,14 +156,42 @@ impl Band {
         pixels.len()
     }
 
+    /// Shades the object's doubtful pixels again.
+    fn settle_object(&mut self, work: &Work<'_>, scratch: &mut ShadeScratch) -> usize {
+        let doubts = std::mem::take(&mut self.objects[work.object()].doubts);
+        if !is_any_doubtful(&doubts) {
+            return 0;
+        }
+        let pixels = self.pixels(work, |coverage| coverage > 0.0);
+        let first = self.rows.start * work.camera.width;
+        let object = &mut self.objects[work.object()];
+        let known = pixels.iter().map(|pixel| (pixel - first) as usize);
+        let mut out: Vec<_> = known.map(|i| object.values[i]).collect();
+        let n_shaded = shade_doubtful(
+            &work.request.scene,
+            &object.gbuffer,
+            &pixels,
+            work.request.layer,
+            (&mut out, &doubts),
+            scratch,
+        );
+        scatter(&mut object.values, first, &pixels, &out);
+        n_shaded
+    }
+
+    /// Whether a pass of [`Quality::Settled`] would show anything else.
+    pub(super) fn is_settled(&self, work: &Work<'_>) -> bool {
+        !is_any_doubtful(&self.objects[work.object()].doubts)
+    }
+
     fn update_highlight(&mut self, work: &Work<'_>, scratch: &mut ShadeScratch) {
-        let object = &self.objects[usize::from(work.is_fine)];
+        let object = &self.objects[work.object()];
         let is_fresh = object.highlight_version == work.versions.highlight;
         let Some(region) = work.request.highlight.as_ref().filter(|_| !is_fresh) else {
             return;
         };
         let pixels = self.pixels(work, |coverage| coverage > 0.0);
-        let object = &mut self.objects[usize::from(work.is_fine)];
+        let object = &mut self.objects[work.object()];
         let scene = &work.request.scene;
         let shares = region_share(scene, &object.gbuffer, region, &pixels, scratch);
         object.highlight.clear();
@@ -195,7 +235,7 @@ impl Band {
     /// Indices in the whole picture of the band's pixels whose coverage is as asked.
     fn pixels(&self, work: &Work<'_>, keep: impl Fn(f32) -> bool) -> Vec<u32> {
         let first = self.rows.start * work.camera.width;
-        let gbuffer = &self.objects[usize::from(work.is_fine)].gbuffer;
+        let gbuffer = &self.objects[work.object()].gbuffer;
         let coverage = gbuffer.coverage().iter().enumerate();
         coverage
             .filter(|(_, coverage)| keep(**coverage))
@@ -208,7 +248,7 @@ impl Band {
         let value =
             |part: &[[f32; 3]], i: usize, shown: bool| if shown { part[i] } else { [0.0; 3] };
         let shows_background = work.request.scene.shows_background(layer);
-        let object = &self.objects[usize::from(work.is_fine)];
+        let object = &self.objects[work.object()];
         let is_highlighted = work.request.highlight.is_some() && layer.shows_object();
         let shares = is_highlighted.then_some(&object.highlight);
         for (i, (out, &coverage)) in out.iter_mut().zip(object.gbuffer.coverage()).enumerate() {

@@ -7,7 +7,6 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::gbuffer::PathOptions;
 use super::irradiance::DiffuseLights;
 use super::parts::{Backdrop, Parts, PartsOptions, render_parts};
 use super::reference::ReferenceOptions;
@@ -269,10 +268,9 @@ impl Renderer<'_> {
             scene = self.lights.fine(&scene, self.cancel)?;
         }
         let options = PartsOptions {
-            layers: &film.layers,
             backdrop: film.backdrop,
-            paths: PathOptions::FINE,
             reference: film.reference,
+            ..PartsOptions::new(&film.layers)
         };
         let n = film.shots.len() as f32;
         let done = self.done as f32;

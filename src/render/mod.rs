@@ -19,6 +19,7 @@ mod highlight;
 pub mod inbox;
 pub mod irradiance;
 pub mod metallic_roughness;
+mod more_cones;
 pub mod neilf;
 pub mod panorama;
 pub mod parts;

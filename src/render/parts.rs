@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::gbuffer::{GBuffer, PathOptions};
 use super::reference::{ReferenceOptions, shade_object_reference};
 use super::scene::{Layer, Scene};
-use super::shade::{ShadeScratch, compose, shade_background, shade_object};
+use super::shade::{ShadeScratch, compose, shade_background, shade_object, shade_object_once};
 use crate::data::{ExrChannel, ExrSample, Rgba8};
 use crate::geometry::Camera;
 
@@ -38,6 +38,8 @@ pub struct PartsOptions<'a> {
     pub backdrop: Backdrop,
     /// How many paths a pixel takes.
     pub paths: PathOptions,
+    /// Whether pixels whose lobes' cones disagree get more of them.
+    pub settles: bool,
     /// The object by thin rays instead, as the oracle does.
     pub reference: Option<ReferenceOptions>,
 }
@@ -49,6 +51,7 @@ impl<'a> PartsOptions<'a> {
             layers,
             backdrop: Backdrop::Shown,
             paths: PathOptions::FINE,
+            settles: true,
             reference: None,
         }
     }
@@ -170,8 +173,10 @@ fn render_rows(
                 let mut out = vec![[0.0; 3]; covered.len()];
                 if let Some(thin) = options.reference {
                     shade_object_reference(scene, &gbuffer, &covered, thin, &mut out, scratch);
-                } else {
+                } else if options.settles {
                     shade_object(scene, &gbuffer, &covered, layer, &mut out, scratch);
+                } else {
+                    shade_object_once(scene, &gbuffer, &covered, layer, 1, &mut out, scratch);
                 }
                 spread(&covered, &out)
             };

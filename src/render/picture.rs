@@ -47,7 +47,7 @@ pub fn render_reference(
     composed(scene, camera, &options, cancel, on_progress)
 }
 
-/// [`render`] with as many paths a pixel as asked for.
+/// [`render`] with as many paths a pixel as asked for; only the finest settles, as a picture in motion does not.
 pub fn render_with(
     scene: &Scene,
     camera: &Camera,
@@ -59,6 +59,7 @@ pub fn render_with(
     let layers = [layer];
     let options = PartsOptions {
         paths: options,
+        settles: options == PathOptions::FINE,
         ..PartsOptions::new(&layers)
     };
     composed(scene, camera, &options, cancel, on_progress)

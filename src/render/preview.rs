@@ -29,9 +29,10 @@ const REST: Duration = Duration::from_millis(100);
 /// Which pictures to make.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Passes {
-    /// A sketch at once; when the view stays, one at full resolution, and then what [`super::render`] makes.
+    /// A sketch at once; when the view stays, one at full resolution, several paths a pixel, and then what
+    /// [`super::render`] makes.
     Refine,
-    /// The same without the last, which takes long.
+    /// The same without the last two, which take long.
     Glance,
     /// One of a changed model, at this resolution divisor: 4, 2 or 1.
     Only(u32),
@@ -43,7 +44,10 @@ impl Passes {
         let sketch = |scale, purpose| Step::Sketch { scale, purpose };
         let glance = [sketch(motion, Purpose::Motion), sketch(1, Purpose::Rest)];
         match self {
-            Self::Refine => glance.into_iter().chain([Step::Fine]).collect(),
+            Self::Refine => {
+                let still = [Step::Fine, Step::Settled];
+                glance.into_iter().chain(still).collect()
+            }
             Self::Glance => glance.to_vec(),
             Self::Only(1) => vec![sketch(1, Purpose::SharpRefresh)],
             Self::Only(2) => vec![sketch(2, Purpose::SharpRefresh)],
@@ -67,8 +71,10 @@ enum Step {
         scale: u32,
         purpose: Purpose,
     },
-    /// What [`super::render`] makes.
+    /// Several paths a pixel.
     Fine,
+    /// What [`super::render`] makes, where that is anything else.
+    Settled,
     /// By the graphics card.
     Card(CardPass),
 }
@@ -82,13 +88,16 @@ impl Step {
                 purpose: Purpose::Refresh,
             } => 2 * scale,
             Self::Sketch { scale, .. } => scale,
-            Self::Fine | Self::Card(_) => 1,
+            Self::Fine | Self::Settled | Self::Card(_) => 1,
         }
     }
 
     /// Whether the object has several paths a pixel.
     fn is_fine(self) -> bool {
-        matches!(self, Self::Fine | Self::Card(CardPass::Fine))
+        matches!(
+            self,
+            Self::Fine | Self::Settled | Self::Card(CardPass::Fine)
+        )
     }
 }
 
@@ -295,9 +304,10 @@ impl Worker {
             tracing::trace!(number, ?step, is_done = output.is_some(), "pass");
             let Some(output) = output else { return true };
             self.tell_who_draws();
-            self.publish(number, step, i + 1 == steps.len(), output);
+            let is_last = i + 1 == steps.len() || output.is_settled;
+            self.publish(number, step, is_last, output);
             wake();
-            if self.shared.inbox.is_superseded() {
+            if is_last || self.shared.inbox.is_superseded() {
                 return true;
             }
         }
@@ -332,6 +342,7 @@ impl Worker {
                 }
                 progressive.pass(picture, PassKind::FINE, cancel)
             }
+            Step::Settled => progressive.pass(picture, PassKind::SETTLED, cancel),
             Step::Card(_) => None,
         })
     }
@@ -343,6 +354,7 @@ impl Worker {
             pixels,
             recomputed,
             cpu_secs,
+            is_settled: _,
         } = output;
         let frame = PreviewFrame {
             request,

@@ -20,27 +20,43 @@ use crate::neif::{MaterialEdit, Region};
 /// The resolution divisors of the passes, coarsest first; nothing is ever coarser than a quarter.
 pub const SCALES: [u32; 3] = [4, 2, 1];
 
+/// What the object gets in a pass.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Quality {
+    /// One path a pixel.
+    Plain,
+    /// Several.
+    Fine,
+    /// What [`super::render`] makes: where the cones of lobes disagree, more of them.
+    Settled,
+}
+
 /// How good a pass is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PassKind {
     /// Resolution divisor per axis, one of [`SCALES`].
     pub scale: u32,
-    /// Whether the object gets several paths a pixel, as in [`super::render`].
-    pub is_fine: bool,
+    /// What the object gets.
+    pub quality: Quality,
 }
 
 impl PassKind {
-    /// The last pass: what [`super::render`] makes.
+    /// The last pass but one.
     pub const FINE: Self = Self {
         scale: 1,
-        is_fine: true,
+        quality: Quality::Fine,
+    };
+    /// The last pass: what [`super::render`] makes.
+    pub const SETTLED: Self = Self {
+        scale: 1,
+        quality: Quality::Settled,
     };
 
     /// One path a pixel at the given resolution divisor.
     pub fn plain(scale: u32) -> Self {
         Self {
             scale,
-            is_fine: false,
+            quality: Quality::Plain,
         }
     }
 }
@@ -106,6 +122,8 @@ pub struct PassOutput {
     pub pixels: Vec<[u8; 4]>,
     /// What had to be computed.
     pub recomputed: Recomputed,
+    /// Whether a pass of [`Quality::Settled`] at this scale would show nothing else.
+    pub is_settled: bool,
     /// Processor time of all threads together.
     pub cpu_secs: f64,
 }
@@ -138,7 +156,7 @@ impl Progressive {
     ) -> Option<PassOutput> {
         let camera = scaled(&request.camera, kind.scale);
         let pass = &mut self.passes[index_of(kind.scale)];
-        let output = pass.run(request, camera, kind.is_fine, cancel);
+        let output = pass.run(request, camera, kind.quality, cancel);
         (!cancel.load(Ordering::Relaxed)).then_some(output)
     }
 
@@ -172,19 +190,20 @@ impl Pass {
         &mut self,
         request: &PreviewScene,
         camera: Camera,
-        is_fine: bool,
+        quality: Quality,
         cancel: &AtomicBool,
     ) -> PassOutput {
         self.invalidate(Causes::of(request, camera));
         let work = Work {
             request,
             camera,
-            is_fine,
+            quality,
             versions: self.versions,
         };
         let (width, height) = (camera.width, camera.height);
         let mut pixels = vec![[0, 0, 0, 255]; (width * height) as usize];
         let counts: [AtomicUsize; 4] = Default::default();
+        let is_settled = AtomicBool::new(quality != Quality::Plain);
         let chunk = (band_rows(width) * width) as usize;
         self.bands
             .par_iter_mut()
@@ -196,6 +215,7 @@ impl Pass {
                 let start = thread_cpu();
                 let done = band.update(&work, scratch);
                 band.compose(&work, out);
+                is_settled.fetch_and(band.is_settled(&work), Ordering::Relaxed);
                 let nanos = thread_cpu().saturating_sub(start).as_nanos() as usize;
                 for (count, value) in counts.iter().zip(done.iter().chain([&nanos])) {
                     count.fetch_add(*value, Ordering::Relaxed);
@@ -211,6 +231,7 @@ impl Pass {
                 background,
                 object,
             },
+            is_settled: is_settled.into_inner(),
             cpu_secs: nanos as f64 * 1e-9,
         }
     }
@@ -244,7 +265,7 @@ mod tests {
     use super::super::background::Background;
     use super::super::gbuffer::PathOptions;
     use super::super::picture::render_with;
-    use super::super::test_scene::{camera, environment, object, scene};
+    use super::super::test_scene::{camera, environment, fog, object, scene};
     use super::*;
     use crate::neif::RoughnessEdit;
     use glam::Vec3;
@@ -470,6 +491,10 @@ mod tests {
                 .expect("not cancelled")
         };
         let output = fine(&mut progressive, &request);
+        assert!(
+            output.is_settled,
+            "one cone a lobe has nothing to disagree with"
+        );
         assert_same_as_render(&output, &request, PathOptions::FINE);
         assert_ne!(output.pixels, plain.pixels, "several paths must show");
         assert_eq!(output.recomputed.background, 0, "known from the plain pass");
@@ -480,5 +505,27 @@ mod tests {
             plain.traced == 0 && done.traced == 0 && done.object > 0,
             "{plain:?} {done:?}"
         );
+    }
+
+    #[test]
+    fn the_settled_pass_shades_only_pixels_whose_cones_disagree() {
+        let (mut progressive, mut request) = (Progressive::default(), request());
+        request.scene = Scene::new(request.scene.object, fog(-3.0, 5.0));
+        request.scene.edit.roughness = RoughnessEdit::Constant(0.5);
+        let mut run = |kind, request: &PreviewScene| {
+            progressive
+                .pass(request, kind, &AtomicBool::new(false))
+                .expect("not cancelled")
+        };
+        let fine = run(PassKind::FINE, &request);
+        assert!(!fine.is_settled, "cones of this scene disagree");
+        let settled = run(PassKind::SETTLED, &request);
+        let (again, all) = (settled.recomputed.object, fine.recomputed.object);
+        assert!(0 < again && again < all, "{again} of {all} pixels");
+        assert!(settled.is_settled && settled.pixels != fine.pixels);
+        assert_same_as_render(&settled, &request, PathOptions::FINE);
+        let last = run(PassKind::SETTLED, &request);
+        assert_eq!(last.recomputed, Recomputed::default());
+        assert_eq!(last.pixels, settled.pixels);
     }
 }

@@ -176,7 +176,7 @@ fn a_highlight_covers_its_part_alone_and_costs_no_light() {
     let mut progressive = Progressive::default();
     let cancel = AtomicBool::new(false);
     let mut pass = |request: &PreviewScene| {
-        let output = progressive.pass(request, PassKind::FINE, &cancel);
+        let output = progressive.pass(request, PassKind::SETTLED, &cancel);
         output.expect("not cancelled")
     };
     let before = pass(&request);

@@ -7,6 +7,7 @@ use super::background::{BLUR_STD, Background};
 use super::blocked_cones::{BlockedCone, Contribution};
 use super::diagnostic::{depth_share, diagnostic_color, visibility};
 use super::gbuffer::GBuffer;
+use super::more_cones;
 use super::scene::{Layer, Scene};
 use super::trace::PIXEL_STD;
 use crate::geometry::Camera;
@@ -117,7 +118,8 @@ fn median_distance(batch: &FieldBatch, ray: usize) -> f32 {
     FAR
 }
 
-/// The object's part of each listed pixel: linear radiance, or the layer's value; 0 where the object is not seen.
+/// The object's part of each listed pixel: linear radiance, or the layer's value; 0 where the object is not seen. What a
+/// settled picture shows: more cones where they disagree.
 pub fn shade_object(
     scene: &Scene,
     gbuffer: &GBuffer,
@@ -126,10 +128,29 @@ pub fn shade_object(
     out: &mut [[f32; 3]],
     scratch: &mut ShadeScratch,
 ) {
+    let doubts = shade_object_once(scene, gbuffer, pixels, layer, 1, out, scratch);
+    more_cones::shade_doubtful(scene, gbuffer, pixels, layer, (out, &doubts), scratch);
+}
+
+/// [`shade_object`] with `times` as many cones of split lobes as usual in every pixel; returns each pixel's standard
+/// error as far as its cones tell, in display values.
+pub(super) fn shade_object_once(
+    scene: &Scene,
+    gbuffer: &GBuffer,
+    pixels: &[u32],
+    layer: Layer,
+    times: u32,
+    out: &mut [[f32; 3]],
+    scratch: &mut ShadeScratch,
+) -> Vec<f32> {
     assert_eq!(pixels.len(), out.len(), "one result a pixel");
     out.fill([0.0; 3]);
-    let Some(object) = &scene.object else { return };
-    for (pixels, out) in pixels.chunks(TILE).zip(out.chunks_mut(TILE)) {
+    let mut doubts = vec![0.0; pixels.len()];
+    let Some(object) = &scene.object else {
+        return doubts;
+    };
+    let tiles = out.chunks_mut(TILE).zip(doubts.chunks_mut(TILE));
+    for (pixels, (out, doubts)) in pixels.chunks(TILE).zip(tiles) {
         let mut pixel_of_path = std::mem::take(&mut scratch.pixel_of_path);
         pixel_of_path.clear();
         let mut paths: Vec<&[PathVertex]> = Vec::new();
@@ -146,24 +167,40 @@ pub fn shade_object(
         let of_pixel = |path: usize| PathOfPixel {
             index: numbers[path],
             of: counts[pixel_of_path[path]],
+            times,
         };
         let view = PathView {
             layer,
             eye: gbuffer.eye(),
         };
         let values = shade_paths(scene, object, &paths, of_pixel, view, scratch);
-        for (&i, value) in pixel_of_path.iter().zip(&values) {
-            out[i] = (Vec3::from(out[i]) + *value).to_array();
+        let mut variances = [Vec3::ZERO; TILE];
+        for (&i, path) in pixel_of_path.iter().zip(&values) {
+            out[i] = (Vec3::from(out[i]) + path.value).to_array();
+            variances[i] += path.doubt * path.doubt;
         }
         scratch.pixel_of_path = pixel_of_path;
         // Costs add up over a pixel's paths; everything else is their mean.
         if layer == Layer::Samples {
             continue;
         }
-        for (out, n) in out.iter_mut().zip(counts) {
-            *out = out.map(|v| v / n.max(1) as f32);
+        let results = out.iter_mut().zip(doubts).zip(counts).zip(variances);
+        for (((out, doubt), n), variance) in results {
+            let share = 1.0 / n.max(1) as f32;
+            *out = out.map(|v| v * share);
+            *doubt = shown_doubt(scene, Vec3::from(*out), variance.map(f32::sqrt) * share);
         }
     }
+    doubts
+}
+
+/// How much an error of a linear value shows in the picture, the worst colour.
+fn shown_doubt(scene: &Scene, value: Vec3, error: Vec3) -> f32 {
+    if error == Vec3::ZERO {
+        return 0.0;
+    }
+    let shown = |v: Vec3| Vec3::from(compose(scene, Layer::Final, 1.0, v.to_array(), [0.0; 3]));
+    (shown(value + error) - shown(value)).max_element()
 }
 
 /// What is wanted of a path, and from where it is seen.
@@ -171,6 +208,24 @@ pub fn shade_object(
 pub(super) struct PathView {
     pub(super) layer: Layer,
     pub(super) eye: Vec3,
+}
+
+/// What a path sends to the eye.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct PathLight {
+    /// The layer's value at the first vertex.
+    pub(super) value: Vec3,
+    /// Its standard error as far as the cones of a split lobe tell.
+    pub(super) doubt: Vec3,
+}
+
+impl From<Vec3> for PathLight {
+    fn from(value: Vec3) -> Self {
+        Self {
+            value,
+            doubt: Vec3::ZERO,
+        }
+    }
 }
 
 /// The layer's value at the first vertex of each path.
@@ -181,7 +236,7 @@ pub(super) fn shade_paths(
     of_pixel: impl Fn(usize) -> PathOfPixel,
     view: PathView,
     scratch: &mut ShadeScratch,
-) -> Vec<Vec3> {
+) -> Vec<PathLight> {
     let vertices = paths.iter().flat_map(|path| path.iter());
     let points = vertices.map(|vertex| (vertex.point.position, vertex.point.normal));
     scratch.surfaces(scene, object, points);
@@ -193,7 +248,7 @@ pub(super) fn shade_paths(
     }
     let edited = &scratch.edited;
     if let Some(values) = unlit(object, (paths, &starts), edited, view) {
-        return values;
+        return values.into_iter().map(PathLight::from).collect();
     }
     if view.layer == Layer::Samples {
         let (lit, mut n_rays) = aim_lobes(scene, object, (paths, &starts), of_pixel, scratch);
@@ -202,24 +257,32 @@ pub(super) fn shade_paths(
                 n_rays[path] += 1;
             }
         }
-        let samples = |n: usize| Vec3::splat((n * scene.environment.n_samples()) as f32);
+        let n_samples = scene.environment.n_samples();
+        let samples = |n: usize| PathLight::from(Vec3::splat((n * n_samples) as f32));
         return n_rays.into_iter().map(samples).collect();
     }
     let light = lobe_light(scene, object, (paths, &starts), of_pixel, scratch);
     let edited = &scratch.edited;
     let starts = starts.into_iter().zip(light);
-    let lit = paths.iter().zip(starts).map(|(path, (start, light))| {
-        let surface = edited.surfaces()[start];
-        let surface = match view.layer {
-            Layer::Specular => Surface {
-                diffuse: Vec3::ZERO,
-                ..surface
-            },
-            _ => surface,
-        };
-        let gain = edited.specular_gain()[start];
-        outgoing(&surface, path[0].point.n_dot_v(), gain, light)
-    });
+    let lit = paths
+        .iter()
+        .zip(starts)
+        .map(|(path, (start, (light, doubt)))| {
+            let surface = edited.surfaces()[start];
+            let surface = match view.layer {
+                Layer::Specular => Surface {
+                    diffuse: Vec3::ZERO,
+                    ..surface
+                },
+                _ => surface,
+            };
+            let gain = edited.specular_gain()[start];
+            let cos = path[0].point.n_dot_v();
+            PathLight {
+                value: outgoing(&surface, cos, gain, light),
+                doubt: fresnel(surface.tint, cos) * gain * doubt,
+            }
+        });
     lit.collect()
 }
 
@@ -233,18 +296,18 @@ pub(super) fn light_of_path(
     let points = path.iter();
     let points = points.map(|vertex| (vertex.point.position, vertex.point.normal));
     scratch.surfaces(scene, object, points);
-    let alone = |_| PathOfPixel { index: 0, of: 1 };
-    lobe_light(scene, object, (&[path], &[0]), alone, scratch)[0]
+    let alone = |_| PathOfPixel::ALONE;
+    lobe_light(scene, object, (&[path], &[0]), alone, scratch)[0].0
 }
 
-/// What the lobe at the first vertex of each path gathers; `starts` are the indices of its surfaces in the scratch.
+/// What the lobe at the first vertex of each path gathers and the doubt of it; `starts` are the indices of its surfaces in the scratch.
 fn lobe_light(
     scene: &Scene,
     object: &ObjectModel,
     (paths, starts): (&[&[PathVertex]], &[usize]),
     of_pixel: impl Fn(usize) -> PathOfPixel,
     scratch: &mut ShadeScratch,
-) -> Vec<Vec3> {
+) -> Vec<(Vec3, Vec3)> {
     let motion = scene.transform.environment_from_world();
     let (lit, _) = aim_lobes(scene, object, (paths, starts), of_pixel, scratch);
     scratch.light(scene);
@@ -261,7 +324,11 @@ fn lobe_light(
     let gain = |surface: usize| edited.specular_gain()[surface];
     let incoming = |ray: usize| Vec3::from(batch.radiance[ray]) * motion.gain;
     lit.into_iter()
-        .map(|lit| light_path::gather(&mut vertices[lit], gain, incoming))
+        .map(|lit| {
+            let vertices = &mut vertices[lit];
+            let light = light_path::gather(vertices, gain, incoming);
+            (light, vertices.first().map_or(Vec3::ZERO, LitVertex::doubt))
+        })
         .collect()
 }
 

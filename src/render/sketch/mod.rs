@@ -188,6 +188,7 @@ impl Sketch {
                 background: job.n_rays.into_inner(),
                 object: values.len(),
             },
+            is_settled: false,
             cpu_secs: job.meter.secs() + job.ray_meter.secs(),
         })
     }

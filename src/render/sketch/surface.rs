@@ -249,14 +249,14 @@ impl Surface {
                     }
                     job.meter.time(|| {
                         let paths: Vec<_> = (0..store.n_paths()).map(|i| store.path(i)).collect();
-                        let one = |_| PathOfPixel { index: 0, of: 1 };
+                        let one = |_| PathOfPixel::ALONE;
                         let view = PathView {
                             layer: job.request.layer,
                             eye: job.camera.position(),
                         };
                         let lit = shade_paths(scene, object, &paths, one, view, scratch);
-                        for (out, value) in out.iter_mut().zip(lit) {
-                            *out = value.to_array();
+                        for (out, light) in out.iter_mut().zip(lit) {
+                            *out = light.value.to_array();
                         }
                         if let Some(region) = &job.request.highlight {
                             let firsts = paths.iter().map(|path| &path[0].point);
