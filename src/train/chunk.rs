@@ -7,6 +7,7 @@ use std::ops::Range;
 
 use glam::Vec3;
 
+use super::agreement;
 use super::config::TrainConfig;
 use super::loss::{clipped_pull, pixel_loss};
 use super::pixels::{BackgroundSample, PixelStore};
@@ -22,6 +23,7 @@ use crate::neif::material::{Material, MaterialBatch, Surface};
 use crate::neif::mlp::Transposed;
 use crate::neif::proposal::DensityGrid;
 use crate::neif::radiance_field::{FieldBatch, FieldRay, FieldTransposed, RadianceField};
+use crate::neif::shading::SurfacePoint;
 
 /// Every so many object pixels one takes part in the smoothness term.
 const SMOOTHNESS_STRIDE: usize = 4;
@@ -91,6 +93,7 @@ pub(super) struct ChunkLoss {
     pub(super) background: f64,
     pub(super) smoothness: f64,
     pub(super) planarity: f64,
+    pub(super) agreement: f64,
     pub(super) d_gamma: f64,
 }
 
@@ -124,6 +127,7 @@ struct SmoothPair {
 /// Working memory and gradients of one chunk.
 #[derive(Debug, Default)]
 pub(super) struct Chunk {
+    index: usize,
     /// First slot of the random numbers of sample placement.
     jitter_slot: u64,
     slots: Vec<ObjectSlot>,
@@ -134,6 +138,8 @@ pub(super) struct Chunk {
     /// Ray of the first background pixel; the others follow.
     first_background_ray: usize,
     triples: Vec<Triple>,
+    /// The first ray of the groups of cones that should agree, and their number.
+    agreement: (usize, usize),
     pairs: Vec<SmoothPair>,
     points: Vec<Vec3>,
     scratch: Vec<f32>,
@@ -152,19 +158,25 @@ impl Chunk {
     pub(super) fn new(index: usize) -> Self {
         // Beyond the slots of the pixels, and a million rays apart.
         Self {
+            index,
             jitter_slot: (1 << 40) + ((index as u64) << 20),
             ..Self::default()
         }
     }
 
-    /// Draws the pixels of slots `objects` and `backgrounds` and the triples `unseen`, evaluates their surfaces and places the samples.
+    /// The chunk's share of `n` slots.
+    fn share(&self, n: usize) -> Range<usize> {
+        n * self.index / N_CHUNKS..n * (self.index + 1) / N_CHUNKS
+    }
+
+    /// Draws its share of so many object and background pixels, evaluates their surfaces and places the samples.
     pub(super) fn prepare(
         &mut self,
         context: &StepContext<'_>,
-        objects: Range<usize>,
-        backgrounds: Range<usize>,
-        unseen: Range<usize>,
+        objects: usize,
+        backgrounds: usize,
     ) {
+        let (objects, backgrounds) = (self.share(objects), self.share(backgrounds));
         self.slots.clear();
         self.paths.clear();
         self.vertices.clear();
@@ -177,7 +189,13 @@ impl Chunk {
             self.aim_lobes(context);
         }
         self.draw_backgrounds(context, backgrounds);
-        unseen::draw(context, unseen, &mut self.batch, &mut self.triples);
+        let triples = match context.material {
+            Some(_) => 0,
+            None => context.config.unseen_triples_alone,
+        };
+        let triples = self.share(triples);
+        unseen::draw(context, triples, &mut self.batch, &mut self.triples);
+        self.draw_agreement(context);
         let (seed, step, first) = (context.config.seed, context.step, self.jitter_slot);
         context.field.place(
             &mut self.batch,
@@ -270,6 +288,30 @@ impl Chunk {
         }
     }
 
+    /// Cones from the object's points about where these reflect; without an object, from wherever a camera could be.
+    fn draw_agreement(&mut self, context: &StepContext<'_>) {
+        let mut groups = self.share(context.config.agreement_groups);
+        let (slots, paths, vertices) = (&self.slots, &self.paths, &self.vertices);
+        if slots.is_empty() && context.pixels.n_backgrounds() == 0 {
+            groups = 0..0;
+        }
+        self.agreement = (self.batch.rays.len(), groups.len());
+        agreement::draw(context, groups, &mut self.batch, |random| {
+            if slots.is_empty() {
+                let (position, direction) = unseen::ray(context, random);
+                let point = SurfacePoint {
+                    position,
+                    ..SurfacePoint::default()
+                };
+                return (point, direction);
+            }
+            let drawn = (random.uniform() * slots.len() as f32) as usize;
+            let slot = &slots[drawn.min(slots.len() - 1)];
+            let point = vertices[paths[slot.paths.start].points.start].point;
+            (point, point.reflected())
+        });
+    }
+
     /// Radiance, loss, and all gradients but the grids'.
     pub(super) fn run(&mut self, context: &StepContext<'_>) {
         self.loss = ChunkLoss::default();
@@ -288,6 +330,7 @@ impl Chunk {
             .resize(self.material.surfaces.len(), Surface::default());
         self.background_losses(context);
         self.planarity_losses(context);
+        self.agreement_losses(context);
         for index in 0..self.slots.len() {
             self.object_loss(context, index);
         }
@@ -353,6 +396,19 @@ impl Chunk {
         }
         let bend = unseen::bend(&self.triples, scale, &mut self.batch);
         self.loss.planarity = f64::from(scale) * bend;
+    }
+
+    /// What one width of cone knows, all should.
+    fn agreement_losses(&mut self, context: &StepContext<'_>) {
+        let n_groups = context.config.agreement_groups.max(1);
+        let scale = context.config.agreement_weight / n_groups as f32;
+        let sum = agreement::disagreement(
+            self.agreement,
+            scale,
+            context.material.is_some(),
+            &mut self.batch,
+        );
+        self.loss.agreement = f64::from(scale) * sum;
     }
 
     /// Eq. 7 and its way back for one object pixel: the mean of its paths.
@@ -460,7 +516,8 @@ impl Chunk {
             && (self.loss.object
                 + self.loss.background
                 + self.loss.smoothness
-                + self.loss.planarity)
+                + self.loss.planarity
+                + self.loss.agreement)
                 .is_finite()
     }
 }

@@ -68,6 +68,10 @@ pub struct TrainConfig {
     pub unseen_triples_alone: usize,
     /// Weight of the bend of what they meet against background pixels.
     pub planarity_weight: f32,
+    /// Groups of cones a step whose light should agree over their widths; 0 is none.
+    pub agreement_groups: usize,
+    /// Weight of their disagreement against object pixels.
+    pub agreement_weight: f32,
     /// Pull of the diffuse part of what reflects like a metal towards black: no real surface has both.
     pub metal_weight: f32,
     /// Radiance that clipped light is pulled to. A photo says no more of a lamp than that it
@@ -147,6 +151,8 @@ impl Default for TrainConfig {
             preconvolved_levels: 5,
             unseen_triples_alone: 64,
             planarity_weight: 0.01,
+            agreement_groups: 16,
+            agreement_weight: 0.001,
             metal_weight: 0.01,
             clipped_radiance: 5.0,
             clipped_weight: 0.01,
@@ -186,6 +192,7 @@ impl TrainConfig {
             final_rate: 0.01,
             background_weight: 0.1,
             unseen_triples_alone: 0,
+            agreement_groups: 0,
             roughness_delay: 0,
             bounces: 0,
             subpixels: false,
@@ -256,7 +263,7 @@ impl TrainConfig {
     /// Naming the first field that is out of range.
     pub fn validate(&self) -> Result<(), TrainError> {
         let positive = |v: f32| v.is_finite() && v > 0.0;
-        let checks: [(&'static str, bool); 22] = [
+        let checks: [(&'static str, bool); 23] = [
             ("threads", self.threads <= 1024),
             ("object_pixels", (1..=1 << 16).contains(&self.object_pixels)),
             (
@@ -300,6 +307,12 @@ impl TrainConfig {
                 self.unseen_triples_alone <= 1 << 16
                     && self.planarity_weight.is_finite()
                     && self.planarity_weight >= 0.0,
+            ),
+            (
+                "agreement_groups or agreement_weight",
+                self.agreement_groups <= 1 << 14
+                    && self.agreement_weight.is_finite()
+                    && self.agreement_weight >= 0.0,
             ),
             (
                 "gradient_cut_off",

@@ -1,6 +1,7 @@
 //! Training: pixels in, models out.
 
 mod adam;
+mod agreement;
 pub mod any_trainer;
 mod checkpoint;
 mod chunk;

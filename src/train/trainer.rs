@@ -310,15 +310,9 @@ impl Trainer {
         } else {
             backgrounds
         };
-        let triples = match context.material {
-            Some(_) => 0,
-            None => self.config.unseen_triples_alone,
-        };
-        let share = |n: usize, i: usize| n * i / N_CHUNKS..n * (i + 1) / N_CHUNKS;
-        chunks.par_iter_mut().enumerate().for_each(|(i, chunk)| {
-            let unseen = share(triples, i);
-            chunk.prepare(&context, share(objects, i), share(backgrounds, i), unseen);
-        });
+        chunks
+            .par_iter_mut()
+            .for_each(|chunk| chunk.prepare(&context, objects, backgrounds));
         self.chunks = chunks;
     }
 
@@ -395,7 +389,7 @@ impl Trainer {
         let [object, background] = self.pixel_losses();
         object
             + f64::from(self.config.background_weight) * background
-            + self.sum(|c| c.loss.smoothness + c.loss.planarity)
+            + self.sum(|c| c.loss.smoothness + c.loss.planarity + c.loss.agreement)
     }
 
     fn sum(&self, of: fn(&Chunk) -> f64) -> f64 {

@@ -8,7 +8,10 @@ use std::f32::consts::TAU;
 use std::ops::Range;
 
 use super::chunk::StepContext;
+use super::pixels::BackgroundSample;
 use super::random::SlotRandom;
+use glam::Vec3;
+
 use crate::geometry::orthonormal_basis;
 use crate::neif::radiance_field::{FieldBatch, FieldRay};
 
@@ -46,7 +49,7 @@ pub(super) fn draw(
     for slot in slots {
         let slot = FIRST_SLOT + slot as u64;
         let mut random = SlotRandom::new(context.config.seed, context.step, slot);
-        let [a, b] = [(); 2].map(|()| context.pixels.draw_background(&mut random, 0.0));
+        let [a, b] = cameras(context, &mut random);
         let origin = a.origin.lerp(b.origin, random.uniform());
         let origin = context.frame.field_from_world(origin).to_array();
         let pixels = LEAST_PIXELS + (MOST_PIXELS - LEAST_PIXELS) * random.uniform();
@@ -64,6 +67,16 @@ pub(super) fn draw(
         });
         triples.push(Triple { first, lengths });
     }
+}
+
+fn cameras(context: &StepContext<'_>, random: &mut SlotRandom) -> [BackgroundSample; 2] {
+    [(); 2].map(|()| context.pixels.draw_background(random, 0.0))
+}
+
+/// A point between two cameras and the direction in which one of them looked, world coordinates.
+pub(super) fn ray(context: &StepContext<'_>, random: &mut SlotRandom) -> (Vec3, Vec3) {
+    let [a, b] = cameras(context, random);
+    (a.origin.lerp(b.origin, random.uniform()), a.direction)
 }
 
 /// Sum of how much one over the depth bends, as a share of itself; adds `scale` times its gradient by the compositing
@@ -104,8 +117,6 @@ fn bend_of([before, middle, after]: [f32; 3]) -> (f32, f32) {
 
 #[cfg(test)]
 mod tests {
-    use glam::Vec3;
-
     use super::*;
 
     /// One over the depths along three directions that end on a line, of what lies at `distance(unit direction)`.
