@@ -164,7 +164,7 @@ fn encode_body<I: Isa, V: Copy>(
     );
     let mut corners = Corners::default();
     for (block, out) in out.chunks_mut(BLOCK).enumerate() {
-        corners.fill::<I>(level, points, block * BLOCK, out.len());
+        corners.fill(level, points, block * BLOCK, out.len());
         for (s, out) in out.iter_mut().enumerate() {
             let mut sum = [0.0; FEATURES];
             if corners.is_skipped(s) {
@@ -198,7 +198,7 @@ fn scatter_body<I: Isa>(
     let mut corners = Corners::default();
     for (block, d_rows) in d_features.chunks(BLOCK * layout.stride).enumerate() {
         let n = d_rows.len() / layout.stride;
-        corners.fill::<I>(level, points, block * BLOCK, n);
+        corners.fill(level, points, block * BLOCK, n);
         for (s, d_row) in d_rows.chunks_exact(layout.stride).enumerate() {
             if corners.is_skipped(s) {
                 continue;
@@ -236,7 +236,7 @@ impl Corners {
 
     /// Fills the first `n` samples from `points[start..]`; the rest repeats the last one.
     #[inline(always)]
-    fn fill<I: Isa>(&mut self, level: &Level, points: SamplePoints<'_>, start: usize, n: usize) {
+    fn fill(&mut self, level: &Level, points: SamplePoints<'_>, start: usize, n: usize) {
         let mut position = [[0.0_f32; BLOCK]; 3];
         let mut level_weights = [0.0_f32; BLOCK];
         for s in 0..BLOCK {

@@ -130,6 +130,10 @@ dispatch! {
 }
 
 #[inline(always)]
+#[expect(
+    clippy::extra_unused_type_parameters,
+    reason = "compiled once an instruction set"
+)]
 fn locate_body<I: Isa>(
     ray: &ConeRay,
     distances: &[f32],

@@ -17,7 +17,7 @@ use crate::neif::lobe_cones::visible_ggx_normal;
 use crate::neif::object::ObjectModel;
 use crate::neif::proposal::ConeRay;
 use crate::neif::radiance_field::FieldRay;
-use crate::neif::shading::fresnel;
+use crate::neif::shading::{SurfacePoint, fresnel};
 
 /// Concentration of a ray that counts as a lobe's, so that it does not start inside its own surface.
 const THIN: f32 = 1e6;
@@ -84,14 +84,13 @@ pub fn shade_object_reference(
 /// The paths' first points: those of the pixel, each as often as the others.
 fn start(gbuffer: &GBuffer, pixel: u32, n_paths: u32, walkers: &mut Vec<Walker>) {
     walkers.clear();
-    let n_points = gbuffer.paths_at(pixel).count() as u32;
-    if n_points == 0 {
+    let points: Vec<SurfacePoint> = gbuffer.paths_at(pixel).map(|path| path[0].point).collect();
+    if points.is_empty() {
         return;
     }
-    let each = n_paths.div_ceil(n_points);
-    for path in gbuffer.paths_at(pixel) {
-        let point = path[0].point;
-        for _ in 0..each {
+    // The points take turns, so that each sees all of the lobe.
+    for _ in 0..n_paths.div_ceil(points.len() as u32) {
+        for point in &points {
             walkers.push(Walker {
                 position: point.position,
                 normal: point.normal,
@@ -117,7 +116,7 @@ fn walk(
     let motion = scene.transform.environment_from_world();
     let frame = *scene.environment.frame();
     let tracer = &object.tracer;
-    let n = walkers.len() as u32;
+    let mut first_draws = Lattice::new(pixel);
     let mut sum = Vec3::ZERO;
     let (mut rays, mut throughputs) = (Vec::new(), Vec::new());
     for bounce in 0..MAX_VERTICES as u32 {
@@ -133,13 +132,12 @@ fn walk(
             let fresnel = fresnel(surface.tint, cos);
             sum += walker.throughput * surface.diffuse * (Vec3::ONE - fresnel);
             let throughput = walker.throughput * fresnel * *gain;
-            let draws = Draws {
-                pixel,
-                bounce,
-                index: walker.index,
-                n,
+            let direction = if bounce == 0 {
+                draw(walker, surface.roughness, lobe, || first_draws.next())
+            } else {
+                let mut draws = Draws::new([pixel, bounce, walker.index]);
+                draw(walker, surface.roughness, lobe, || draws.next())
             };
-            let direction = draw(walker, surface.roughness, lobe, draws);
             let ray = Ray {
                 origin: walker.position,
                 direction,
@@ -198,37 +196,53 @@ fn thin_ray(
     }
 }
 
-/// Which numbers a direction is drawn with.
+/// Pairs of numbers in `[0, 1)` that fill the square evenly however many are taken, other ones in every pixel: steps by the
+/// powers of the plastic number's inverse.
 #[derive(Clone, Copy, Debug)]
-struct Draws {
-    pixel: u32,
-    bounce: u32,
-    index: u32,
-    n: u32,
+struct Lattice([f64; 2]);
+
+impl Lattice {
+    fn new(pixel: u32) -> Self {
+        let mut shift = Draws::new([pixel, 0, 0]);
+        Self(shift.next().map(f64::from))
+    }
+
+    fn next(&mut self) -> [f32; 2] {
+        self.0[0] = (self.0[0] + 0.754_877_666_246_693).fract();
+        self.0[1] = (self.0[1] + 0.569_840_290_998_053).fract();
+        // Rounding to single precision may reach 1.
+        self.0.map(|v| (v as f32).min(1.0 - f32::EPSILON))
+    }
 }
 
+/// Pairs of numbers in `[0, 1)` that look random.
+#[derive(Clone, Copy, Debug)]
+struct Draws(u32);
+
 impl Draws {
-    /// Two numbers in `[0, 1)`: even over the paths of a pixel at the first bounce and first draw.
-    fn uniform(self, draw: u32) -> [f32; 2] {
-        let shift = hash([self.pixel, self.bounce, draw]);
-        let unit = |bits: u32| (bits >> 8) as f32 / (1 << 24) as f32;
-        if self.bounce > 0 || draw > 0 {
-            let bits = hash([shift, self.index, self.n]);
-            return [unit(bits), unit(hash([bits, 1, 2]))];
-        }
-        // A rank-one lattice by the golden ratio, shifted from pixel to pixel.
-        let u = (self.index as f32 + unit(shift)) / self.n as f32;
-        let v = (f64::from(self.index) * 0.618_033_988_749_895).fract() as f32;
-        [u, (v + unit(hash([shift, 3, 4]))).fract()]
+    fn new(words: [u32; 3]) -> Self {
+        Self(hash(words))
+    }
+
+    fn next(&mut self) -> [f32; 2] {
+        [(); 2].map(|()| {
+            self.0 = hash([self.0, 1, 2]);
+            (self.0 >> 8) as f32 / (1 << 24) as f32
+        })
     }
 }
 
 /// A direction of the lobe that leaves the surface.
-fn draw(walker: &Walker, roughness: f32, lobe: LobeShape, draws: Draws) -> Vec3 {
+fn draw(
+    walker: &Walker,
+    roughness: f32,
+    lobe: LobeShape,
+    mut uniform: impl FnMut() -> [f32; 2],
+) -> Vec3 {
     let (normal, to_eye) = (walker.normal, walker.to_eye);
     let mut direction = normal;
-    for k in 0..MAX_DRAWS {
-        let u = draws.uniform(k);
+    for _ in 0..MAX_DRAWS {
+        let u = uniform();
         direction = match lobe {
             LobeShape::Model => {
                 let axis = 2.0 * normal.dot(to_eye) * normal - to_eye;

@@ -108,6 +108,10 @@ dispatch! {
 }
 
 #[inline(always)]
+#[expect(
+    clippy::extra_unused_type_parameters,
+    reason = "compiled once an instruction set"
+)]
 fn store_bf16_body<I: Isa>(values: &[f32], out: &mut [u16]) {
     for (out, value) in out.iter_mut().zip(values) {
         *out = bf16_from_f32(*value);
@@ -119,6 +123,10 @@ dispatch! {
 }
 
 #[inline(always)]
+#[expect(
+    clippy::extra_unused_type_parameters,
+    reason = "compiled once an instruction set"
+)]
 fn adam_body<I: Isa>(
     params: &mut [f32],
     first: &mut [f32],

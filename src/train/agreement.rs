@@ -138,11 +138,10 @@ mod tests {
     /// A batch of one group in which the wide cone has one radiance and each of the narrow ones its own.
     fn group(wide: f32, narrow: [f32; NARROW]) -> FieldBatch {
         let light = [wide].into_iter().chain(narrow);
-        FieldBatch {
-            radiance: light.map(|v| [v, 0.5 * v, 0.0]).collect(),
-            d_radiance: vec![[0.0; 3]; NARROW + 1],
-            ..FieldBatch::default()
-        }
+        let mut batch = FieldBatch::default();
+        batch.radiance.extend(light.map(|v| [v, 0.5 * v, 0.0]));
+        batch.d_radiance.resize(NARROW + 1, [0.0; 3]);
+        batch
     }
 
     #[test]

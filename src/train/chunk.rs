@@ -298,12 +298,12 @@ impl Chunk {
         self.agreement = (self.batch.rays.len(), groups.len());
         agreement::draw(context, groups, &mut self.batch, |random| {
             if slots.is_empty() {
-                let (position, direction) = unseen::ray(context, random);
+                let (position, pixel) = unseen::look(context, random);
                 let point = SurfacePoint {
                     position,
                     ..SurfacePoint::default()
                 };
-                return (point, direction);
+                return (point, pixel.direction);
             }
             let drawn = (random.uniform() * slots.len() as f32) as usize;
             let slot = &slots[drawn.min(slots.len() - 1)];

@@ -49,8 +49,7 @@ pub(super) fn draw(
     for slot in slots {
         let slot = FIRST_SLOT + slot as u64;
         let mut random = SlotRandom::new(context.config.seed, context.step, slot);
-        let [a, b] = cameras(context, &mut random);
-        let origin = a.origin.lerp(b.origin, random.uniform());
+        let (origin, a) = look(context, &mut random);
         let origin = context.frame.field_from_world(origin).to_array();
         let pixels = LEAST_PIXELS + (MOST_PIXELS - LEAST_PIXELS) * random.uniform();
         let phi = random.uniform() * TAU;
@@ -69,14 +68,10 @@ pub(super) fn draw(
     }
 }
 
-fn cameras(context: &StepContext<'_>, random: &mut SlotRandom) -> [BackgroundSample; 2] {
-    [(); 2].map(|()| context.pixels.draw_background(random, 0.0))
-}
-
-/// A point between two cameras and the direction in which one of them looked, world coordinates.
-pub(super) fn ray(context: &StepContext<'_>, random: &mut SlotRandom) -> (Vec3, Vec3) {
-    let [a, b] = cameras(context, random);
-    (a.origin.lerp(b.origin, random.uniform()), a.direction)
+/// A point between two cameras, world coordinates, and a pixel of the first, in whose direction to look.
+pub(super) fn look(context: &StepContext<'_>, random: &mut SlotRandom) -> (Vec3, BackgroundSample) {
+    let [a, b] = [(); 2].map(|()| context.pixels.draw_background(random, 0.0));
+    (a.origin.lerp(b.origin, random.uniform()), a)
 }
 
 /// Sum of how much one over the depth bends, as a share of itself; adds `scale` times its gradient by the compositing
