@@ -1,16 +1,19 @@
 //! Some rows of a preview pass: what is known of them, and how it is brought up to date.
 
 use std::ops::Range;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::gbuffer::{GBuffer, PathOptions};
 use super::highlight::{highlighted, region_share};
 use super::more_cones::{is_any_doubtful, shade_doubtful};
 use super::progressive::{PreviewScene, Quality};
-use super::shade::{ShadeScratch, compose, shade_background, shade_object_once};
+use super::shade::{ShadeScratch, TILE, compose, shade_background, shade_object_once};
 use crate::geometry::Camera;
 
-/// Pixels of a band, about: the grain of interruption.
+/// Pixels of a band, about.
 const BAND_PIXELS: u32 = 2048;
+/// Pixels shaded again between two looks at whether the picture is still wanted.
+const DOUBTFUL_TILE: usize = 16;
 /// Fewest rows of a band: tracing looks at one more row on each side.
 const MIN_BAND_ROWS: u32 = 4;
 
@@ -42,8 +45,8 @@ struct BandObject {
     geometry_version: u64,
     /// `[rows * width]` linear, or the layer's value.
     values: Vec<[f32; 3]>,
-    /// Of each pixel where the object is seen, in order: how much the cones of split lobes disagree; none once those
-    /// pixels were shaded again.
+    /// Of each pixel where the object is seen, in order: how much the cones of split lobes disagree; 0 once it was shaded
+    /// again.
     doubts: Vec<f32>,
     version: u64,
     /// `[rows * width]` share that is highlighted.
@@ -58,6 +61,8 @@ pub(super) struct Work<'a> {
     /// What the object gets.
     pub(super) quality: Quality,
     pub(super) versions: Versions,
+    /// Set when the picture is no longer wanted.
+    pub(super) cancel: &'a AtomicBool,
 }
 
 impl Work<'_> {
@@ -67,6 +72,10 @@ impl Work<'_> {
         } else {
             PathOptions::FINE
         }
+    }
+
+    fn is_cancelled(&self) -> bool {
+        self.cancel.load(Ordering::Relaxed)
     }
 
     /// Which of a band's objects is wanted.
@@ -137,15 +146,15 @@ impl Band {
         let pixels = self.pixels(work, |coverage| coverage > 0.0);
         let mut out = vec![[0.0; 3]; pixels.len()];
         let object = &mut self.objects[work.object()];
-        object.doubts = shade_object_once(
-            &work.request.scene,
-            &object.gbuffer,
-            &pixels,
-            work.request.layer,
-            1,
-            &mut out,
-            scratch,
-        );
+        object.doubts.clear();
+        for (pixels, out) in pixels.chunks(TILE).zip(out.chunks_mut(TILE)) {
+            if work.is_cancelled() {
+                return 0;
+            }
+            let (scene, layer) = (&work.request.scene, work.request.layer);
+            let doubts = shade_object_once(scene, &object.gbuffer, pixels, layer, 1, out, scratch);
+            object.doubts.extend(doubts);
+        }
         object.values.clear();
         object
             .values
@@ -158,24 +167,30 @@ impl Band {
 
     /// Shades the object's doubtful pixels again.
     fn settle_object(&mut self, work: &Work<'_>, scratch: &mut ShadeScratch) -> usize {
-        let doubts = std::mem::take(&mut self.objects[work.object()].doubts);
-        if !is_any_doubtful(&doubts) {
+        if work.is_cancelled() || self.is_settled(work) {
             return 0;
         }
+        let mut doubts = std::mem::take(&mut self.objects[work.object()].doubts);
         let pixels = self.pixels(work, |coverage| coverage > 0.0);
         let first = self.rows.start * work.camera.width;
         let object = &mut self.objects[work.object()];
         let known = pixels.iter().map(|pixel| (pixel - first) as usize);
         let mut out: Vec<_> = known.map(|i| object.values[i]).collect();
-        let n_shaded = shade_doubtful(
-            &work.request.scene,
-            &object.gbuffer,
-            &pixels,
-            work.request.layer,
-            (&mut out, &doubts),
-            scratch,
-        );
+        let mut n_shaded = 0;
+        let tiles = out
+            .chunks_mut(DOUBTFUL_TILE)
+            .zip(doubts.chunks_mut(DOUBTFUL_TILE));
+        for (pixels, (out, doubts)) in pixels.chunks(DOUBTFUL_TILE).zip(tiles) {
+            if work.is_cancelled() {
+                break;
+            }
+            let (scene, layer) = (&work.request.scene, work.request.layer);
+            let parts = (&mut *out, &*doubts);
+            n_shaded += shade_doubtful(scene, &object.gbuffer, pixels, layer, parts, scratch);
+            doubts.fill(0.0);
+        }
         scatter(&mut object.values, first, &pixels, &out);
+        object.doubts = doubts;
         n_shaded
     }
 

@@ -10,9 +10,14 @@ use super::shade::{ShadeScratch, shade_object_once};
 
 /// Standard error of a pixel that is let be, in display values. The cones' true error is about half of it, as they are
 /// spread evenly over the lobe and not by chance.
-const BEARABLE: f32 = 0.012;
+const BEARABLE: f32 = 0.008;
 /// How many times as many cones doubtful pixels get, and the doubt from which they do.
-const STEPS: [(u32, f32); 3] = [(2, BEARABLE), (4, 1.7 * BEARABLE), (8, 2.8 * BEARABLE)];
+const STEPS: [(u32, f32); 4] = [
+    (2, BEARABLE),
+    (4, 1.7 * BEARABLE),
+    (8, 2.8 * BEARABLE),
+    (16, 5.0 * BEARABLE),
+];
 
 /// How many times as many cones a pixel of this standard error gets; 1 where it is let be.
 fn times(doubt: f32) -> u32 {

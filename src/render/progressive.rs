@@ -144,7 +144,7 @@ pub struct Progressive {
 
 impl Progressive {
     /// Brings a pass up to date; `None` when `cancel` was set
-    /// before it was done, which costs at most a band per thread.
+    /// before it was done, which costs at most a tile of a band per thread.
     ///
     /// # Panics
     /// When its scale is not one of [`SCALES`].
@@ -199,6 +199,7 @@ impl Pass {
             camera,
             quality,
             versions: self.versions,
+            cancel,
         };
         let (width, height) = (camera.width, camera.height);
         let mut pixels = vec![[0, 0, 0, 255]; (width * height) as usize];
@@ -214,6 +215,10 @@ impl Pass {
                 }
                 let start = thread_cpu();
                 let done = band.update(&work, scratch);
+                // What was interrupted has no values to show.
+                if cancel.load(Ordering::Relaxed) {
+                    return;
+                }
                 band.compose(&work, out);
                 is_settled.fetch_and(band.is_settled(&work), Ordering::Relaxed);
                 let nanos = thread_cpu().saturating_sub(start).as_nanos() as usize;
