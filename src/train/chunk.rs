@@ -23,7 +23,6 @@ use crate::neif::material::{Material, MaterialBatch, Surface};
 use crate::neif::mlp::Transposed;
 use crate::neif::proposal::DensityGrid;
 use crate::neif::radiance_field::{FieldBatch, FieldRay, FieldTransposed, RadianceField};
-use crate::neif::shading::SurfacePoint;
 
 /// Every so many object pixels one takes part in the smoothness term.
 const SMOOTHNESS_STRIDE: usize = 4;
@@ -189,13 +188,16 @@ impl Chunk {
             self.aim_lobes(context);
         }
         self.draw_backgrounds(context, backgrounds);
-        let triples = match context.material {
-            Some(_) => 0,
-            None => context.config.unseen_triples_alone,
-        };
-        let triples = self.share(triples);
+        let config = context.config;
+        let is_alone = context.material.is_none() && context.pixels.n_backgrounds() > 0;
+        let alone = |n: usize| self.share(if is_alone { n } else { 0 });
+        let (triples, groups) = (
+            alone(config.unseen_triples_alone),
+            alone(config.agreement_groups_alone),
+        );
         unseen::draw(context, triples, &mut self.batch, &mut self.triples);
-        self.draw_agreement(context);
+        self.agreement = (self.batch.rays.len(), groups.len());
+        agreement::draw(context, groups, &mut self.batch);
         let (seed, step, first) = (context.config.seed, context.step, self.jitter_slot);
         context.field.place(
             &mut self.batch,
@@ -288,30 +290,6 @@ impl Chunk {
         }
     }
 
-    /// Cones from the object's points about where these reflect; without an object, from wherever a camera could be.
-    fn draw_agreement(&mut self, context: &StepContext<'_>) {
-        let mut groups = self.share(context.config.agreement_groups);
-        let (slots, paths, vertices) = (&self.slots, &self.paths, &self.vertices);
-        if slots.is_empty() && context.pixels.n_backgrounds() == 0 {
-            groups = 0..0;
-        }
-        self.agreement = (self.batch.rays.len(), groups.len());
-        agreement::draw(context, groups, &mut self.batch, |random| {
-            if slots.is_empty() {
-                let (position, pixel) = unseen::look(context, random);
-                let point = SurfacePoint {
-                    position,
-                    ..SurfacePoint::default()
-                };
-                return (point, pixel.direction);
-            }
-            let drawn = (random.uniform() * slots.len() as f32) as usize;
-            let slot = &slots[drawn.min(slots.len() - 1)];
-            let point = vertices[paths[slot.paths.start].points.start].point;
-            (point, point.reflected())
-        });
-    }
-
     /// Radiance, loss, and all gradients but the grids'.
     pub(super) fn run(&mut self, context: &StepContext<'_>) {
         self.loss = ChunkLoss::default();
@@ -398,16 +376,11 @@ impl Chunk {
         self.loss.planarity = f64::from(scale) * bend;
     }
 
-    /// What one width of cone knows, all should.
+    /// What narrow cones see, wide ones should.
     fn agreement_losses(&mut self, context: &StepContext<'_>) {
-        let n_groups = context.config.agreement_groups.max(1);
+        let n_groups = context.config.agreement_groups_alone.max(1);
         let scale = context.config.agreement_weight / n_groups as f32;
-        let sum = agreement::disagreement(
-            self.agreement,
-            scale,
-            context.material.is_some(),
-            &mut self.batch,
-        );
+        let sum = agreement::disagreement(self.agreement, scale, &mut self.batch);
         self.loss.agreement = f64::from(scale) * sum;
     }
 

@@ -68,9 +68,9 @@ pub struct TrainConfig {
     pub unseen_triples_alone: usize,
     /// Weight of the bend of what they meet against background pixels.
     pub planarity_weight: f32,
-    /// Groups of cones a step whose light should agree over their widths; 0 is none.
-    pub agreement_groups: usize,
-    /// Weight of their disagreement against object pixels.
+    /// Groups of cones a step whose light should agree over their widths, without an object; 0 is none.
+    pub agreement_groups_alone: usize,
+    /// Weight of their disagreement.
     pub agreement_weight: f32,
     /// Pull of the diffuse part of what reflects like a metal towards black: no real surface has both.
     pub metal_weight: f32,
@@ -151,7 +151,7 @@ impl Default for TrainConfig {
             preconvolved_levels: 5,
             unseen_triples_alone: 64,
             planarity_weight: 0.01,
-            agreement_groups: 16,
+            agreement_groups_alone: 16,
             agreement_weight: 0.001,
             metal_weight: 0.01,
             clipped_radiance: 5.0,
@@ -192,7 +192,7 @@ impl TrainConfig {
             final_rate: 0.01,
             background_weight: 0.1,
             unseen_triples_alone: 0,
-            agreement_groups: 0,
+            agreement_groups_alone: 0,
             roughness_delay: 0,
             bounces: 0,
             subpixels: false,
@@ -309,8 +309,8 @@ impl TrainConfig {
                     && self.planarity_weight >= 0.0,
             ),
             (
-                "agreement_groups or agreement_weight",
-                self.agreement_groups <= 1 << 14
+                "agreement_groups_alone or agreement_weight",
+                self.agreement_groups_alone <= 1 << 14
                     && self.agreement_weight.is_finite()
                     && self.agreement_weight >= 0.0,
             ),

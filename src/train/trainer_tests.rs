@@ -108,8 +108,6 @@ fn gradients_of_a_whole_step_agree_with_finite_differences() {
         &TrainConfig {
             roughness_delay: 0,
             gradient_cut_off: CutOff::default(),
-            // The size that a disagreement is a share of counts as a constant.
-            agreement_groups: 0,
             ..config()
         },
         &dataset,

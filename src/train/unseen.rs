@@ -43,9 +43,6 @@ pub(super) fn draw(
     triples: &mut Vec<Triple>,
 ) {
     triples.clear();
-    if context.pixels.n_backgrounds() == 0 {
-        return;
-    }
     for slot in slots {
         let slot = FIRST_SLOT + slot as u64;
         let mut random = SlotRandom::new(context.config.seed, context.step, slot);
