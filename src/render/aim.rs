@@ -37,15 +37,15 @@ pub(super) fn aim_lobes(
         frame: scene.environment.frame(),
         has_own_light: scene.has_own_light(),
     };
-    scratch.batch.rays.clear();
+    scratch.rays.clear();
     scratch.lit.clear();
     scratch.blocked.clear();
     scratch.contributions.clear();
     let paths = paths.iter().zip(starts).enumerate();
     let aimed = paths.map(|(number, (path, &start))| {
-        let before = scratch.batch.rays.len();
+        let before = scratch.rays.len();
         let lit = aim.path(path, start, of_pixel(number), scratch);
-        (lit, scratch.batch.rays.len() - before)
+        (lit, scratch.rays.len() - before)
     });
     let aimed = aimed.unzip();
     blocked_cones::follow(scene, object, scratch);
@@ -91,8 +91,7 @@ impl Aim<'_> {
             (start + k, surface)
         };
         let first = scratch.lit.len();
-        let (blocked, batch, lit) = (&mut scratch.blocked, &mut scratch.batch, &mut scratch.lit);
-        let rays = &mut batch.rays;
+        let (blocked, rays, lit) = (&mut scratch.blocked, &mut scratch.rays, &mut scratch.lit);
         let split = |rays: &mut Vec<FieldRay>| {
             if weight <= 0.0 {
                 return None;

@@ -103,7 +103,7 @@ pub(super) fn follow(scene: &Scene, object: &ObjectModel, scratch: &mut ShadeScr
                 });
                 continue;
             }
-            let (owner, ray) = (cone.owner, scratch.batch().rays.len());
+            let (owner, ray) = (cone.owner, scratch.rays().len());
             scratch.contributions.push(Contribution {
                 owner,
                 ray,
@@ -111,7 +111,7 @@ pub(super) fn follow(scene: &Scene, object: &ObjectModel, scratch: &mut ShadeScr
             });
             let lobe = Lobe::from_variance(variance.min(WIDEST));
             let ray = light_path::first_lobe_ray(&cone.point, axis, &lobe, &motion, frame);
-            scratch.batch().rays.push(ray);
+            scratch.rays().push(ray);
         }
         cones = next;
     }

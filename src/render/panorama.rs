@@ -105,7 +105,7 @@ fn panorama_row(
     let lobe = (view.roughness > 0.0).then(|| Lobe::from_roughness(view.roughness));
     // A pixel is a box of π/height radians.
     let spread = PI / height as f32 * 0.288_675_13;
-    scratch.batch().rays.clear();
+    scratch.rays().clear();
     for x in 0..width {
         let place = Vec2::new(
             (x as f32 + 0.5) / width as f32,
@@ -120,14 +120,14 @@ fn panorama_row(
             lobe_variance: lobe.map_or(0.0, |l| l.variance),
         };
         let kappa = lobe.map_or(f32::INFINITY, |l| l.kappa);
-        scratch.batch().rays.push(FieldRay {
+        scratch.rays().push(FieldRay {
             cone,
             direction: direction.to_array(),
             kappa,
         });
     }
     scratch.light(scene);
-    for (out, radiance) in row.iter_mut().zip(&scratch.batch().radiance) {
+    for (out, radiance) in row.iter_mut().zip(scratch.radiance()) {
         *out = (Vec3::from(*radiance) * motion.gain).to_array();
     }
 }

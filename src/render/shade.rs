@@ -23,10 +23,21 @@ use crate::neif::shading::{fresnel, outgoing};
 
 /// Pixels shaded together: their samples stay in the core's cache.
 pub(super) const TILE: usize = 64;
+/// Rays evaluated together: split lobes have thousands in a tile, whose samples would take gigabytes.
+const PIECE: usize = 128;
+const _: () = assert!(
+    TILE <= PIECE,
+    "see_background asks for the samples of a whole tile"
+);
+
 /// Working memory of one thread, reused from call to call.
 #[derive(Debug, Default)]
 pub struct ShadeScratch {
-    pub(super) batch: FieldBatch,
+    /// Rays to evaluate, and their radiance.
+    pub(super) rays: Vec<FieldRay>,
+    radiance: Vec<[f32; 3]>,
+    /// Those that were evaluated last, with their samples.
+    batch: FieldBatch,
     pub(super) edited: EditedSurfaces,
     light: LightScratch,
     /// Of each path, its pixel in the tile.
@@ -65,7 +76,7 @@ pub fn shade_background(
     for (pixels, out) in pixels.chunks(TILE).zip(out.chunks_mut(TILE)) {
         scratch.aim_at_background(scene, camera, pixels);
         scratch.light(scene);
-        for (out, radiance) in out.iter_mut().zip(&scratch.batch.radiance) {
+        for (out, radiance) in out.iter_mut().zip(&scratch.radiance) {
             *out = (Vec3::from(*radiance) * gain).to_array();
         }
     }
@@ -317,12 +328,12 @@ fn lobe_light(
         throughput,
     } in &scratch.contributions
     {
-        let radiance = Vec3::from(scratch.batch.radiance[*ray]) * motion.gain;
+        let radiance = Vec3::from(scratch.radiance[*ray]) * motion.gain;
         scratch.lit[*owner].add_from_object(*throughput * radiance);
     }
-    let (edited, batch, vertices) = (&scratch.edited, &scratch.batch, &mut scratch.lit);
+    let (edited, radiance, vertices) = (&scratch.edited, &scratch.radiance, &mut scratch.lit);
     let gain = |surface: usize| edited.specular_gain()[surface];
-    let incoming = |ray: usize| Vec3::from(batch.radiance[ray]) * motion.gain;
+    let incoming = |ray: usize| Vec3::from(radiance[ray]) * motion.gain;
     lit.into_iter()
         .map(|lit| {
             let vertices = &mut vertices[lit];
@@ -384,13 +395,13 @@ impl ShadeScratch {
         let frame = scene.environment.frame();
         let spread = camera.pixel_angle() * PIXEL_STD;
         let is_blurred = scene.background == Background::Blurred;
-        self.batch.rays.clear();
+        self.rays.clear();
         for &pixel in pixels {
             let (x, y) = (pixel % camera.width, pixel / camera.width);
             let ray = camera.ray(x as f32 + 0.5, y as f32 + 0.5);
             let direction = motion.direction(ray.direction).to_array();
             let origin = frame.field_from_world(motion.point(ray.origin)).to_array();
-            self.batch.rays.push(if is_blurred {
+            self.rays.push(if is_blurred {
                 let variance = BLUR_STD * BLUR_STD;
                 FieldRay::of_cone(origin.into(), direction.into(), variance, 0.0)
             } else {
@@ -399,14 +410,20 @@ impl ShadeScratch {
         }
     }
 
-    /// Evaluates the environment along the batch's rays.
+    /// Evaluates the environment along the rays, [`PIECE`] at a time.
     pub(super) fn light(&mut self, scene: &Scene) {
         let environment = &scene.environment;
         let n_samples = environment.n_samples();
         let n_samples = self.most_samples.map_or(n_samples, |n| n.min(n_samples));
-        environment.light_by(n_samples, &mut self.batch, &mut self.light);
-        if let Some(ground) = &scene.ground {
-            ground.apply(&mut self.batch);
+        self.radiance.clear();
+        for rays in self.rays.chunks(PIECE) {
+            self.batch.rays.clear();
+            self.batch.rays.extend_from_slice(rays);
+            environment.light_by(n_samples, &mut self.batch, &mut self.light);
+            if let Some(ground) = &scene.ground {
+                ground.apply(&mut self.batch);
+            }
+            self.radiance.extend_from_slice(&self.batch.radiance);
         }
     }
 
@@ -426,9 +443,14 @@ impl ShadeScratch {
         &mut self.edited
     }
 
-    /// Rays to evaluate, and after [`Self::light`] their radiance.
-    pub(super) fn batch(&mut self) -> &mut FieldBatch {
-        &mut self.batch
+    /// Rays to evaluate.
+    pub(super) fn rays(&mut self) -> &mut Vec<FieldRay> {
+        &mut self.rays
+    }
+
+    /// Linear radiance of each of the rays before the transform's gain, after [`Self::light`].
+    pub(super) fn radiance(&self) -> &[[f32; 3]] {
+        &self.radiance
     }
 }
 
