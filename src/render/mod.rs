@@ -16,6 +16,7 @@ pub mod gbuffer;
 pub mod gpu;
 pub mod ground;
 mod highlight;
+mod importance;
 pub mod inbox;
 pub mod irradiance;
 pub mod metallic_roughness;

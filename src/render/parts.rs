@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use rayon::prelude::*;
 
 use super::gbuffer::{GBuffer, PathOptions};
-use super::reference::{ReferenceOptions, shade_object_reference};
+use super::reference::{Reference, ReferenceOptions, shade_object_reference};
 use super::scene::{Layer, Scene};
 use super::shade::{ShadeScratch, compose, shade_background, shade_object, shade_object_once};
 use crate::data::{ExrChannel, ExrSample, Rgba8};
@@ -93,6 +93,11 @@ pub fn render_parts(
     } else {
         scene
     };
+    let reference = match options.reference {
+        Some(options) => Some(Reference::new(scene, options, cancel)?),
+        None => None,
+    };
+    let reference = reference.as_ref();
     let (height, done) = (camera.height, AtomicU32::new(0));
     let bands: Vec<Option<Parts>> = (0..height.div_ceil(BAND))
         .into_par_iter()
@@ -101,7 +106,7 @@ pub fn render_parts(
                 return None;
             }
             let rows = band * BAND..((band + 1) * BAND).min(height);
-            let parts = render_rows(scene, camera, options, rows, scratch);
+            let parts = render_rows(scene, camera, (options, reference), rows, scratch);
             let rows = done.fetch_add(BAND, Ordering::Relaxed) + BAND;
             on_progress(rows.min(height) as f32 / height as f32);
             Some(parts)
@@ -127,7 +132,7 @@ pub fn render_parts(
 fn render_rows(
     scene: &Scene,
     camera: &Camera,
-    options: &PartsOptions<'_>,
+    (options, reference): (&PartsOptions<'_>, Option<&Reference>),
     rows: Range<u32>,
     scratch: &mut ShadeScratch,
 ) -> Parts {
@@ -171,8 +176,8 @@ fn render_rows(
                 difference(all, diffuse)
             } else {
                 let mut out = vec![[0.0; 3]; covered.len()];
-                if let Some(thin) = options.reference {
-                    shade_object_reference(scene, &gbuffer, &covered, thin, &mut out, scratch);
+                if let Some(reference) = reference {
+                    shade_object_reference(scene, &gbuffer, &covered, reference, &mut out, scratch);
                 } else if options.settles {
                     shade_object(scene, &gbuffer, &covered, layer, &mut out, scratch);
                 } else {

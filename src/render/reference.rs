@@ -3,9 +3,12 @@
 //! Slow and without integrated lobe encoding. Rays that meet the object go on from there, as in a path tracer, so that
 //! neither the cone's one colour nor the few rays that find the blocked share of a lobe are relied on.
 
+use std::sync::atomic::AtomicBool;
+
 use glam::Vec3;
 
 use super::gbuffer::GBuffer;
+use super::importance::{Importance, hilbert, systematic};
 use super::scene::Scene;
 use super::shade::ShadeScratch;
 use super::trace::MAX_VERTICES;
@@ -17,12 +20,14 @@ use crate::neif::lobe_cones::visible_ggx_normal;
 use crate::neif::object::ObjectModel;
 use crate::neif::proposal::ConeRay;
 use crate::neif::radiance_field::FieldRay;
-use crate::neif::shading::{SurfacePoint, fresnel};
+use crate::neif::shading::fresnel;
 
 /// Concentration of a ray that counts as a lobe's, so that it does not start inside its own surface.
 const THIN: f32 = 1e6;
 /// Draws of a direction that leaves the surface before the last one is mirrored out of it.
 const MAX_DRAWS: u32 = 8;
+/// Directions drawn from the lobe for each that is followed.
+const CANDIDATES: u32 = 16;
 
 /// Which lobe the rays are drawn from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -43,7 +48,36 @@ pub struct ReferenceOptions {
     pub lobe: LobeShape,
 }
 
-/// A path on its way.
+/// What the reference needs to know of a scene beforehand.
+#[derive(Clone, Debug)]
+pub(super) struct Reference {
+    options: ReferenceOptions,
+    /// None without an object.
+    importance: Option<Importance>,
+}
+
+impl Reference {
+    /// Looks at the surroundings; `None` when cancelled.
+    pub(super) fn new(
+        scene: &Scene,
+        options: ReferenceOptions,
+        cancel: &AtomicBool,
+    ) -> Option<Self> {
+        let importance = match &scene.object {
+            Some(object) => {
+                let ball = object.tracer.bounding_ball();
+                Some(Importance::new(scene, ball, cancel)?)
+            }
+            None => None,
+        };
+        Some(Self {
+            options,
+            importance,
+        })
+    }
+}
+
+/// A point that a path has reached.
 #[derive(Clone, Copy, Debug)]
 struct Walker {
     position: Vec3,
@@ -58,120 +92,235 @@ struct Walker {
     index: u32,
 }
 
-/// The object's part of each listed pixel, linear radiance, by `options.n_paths` paths each; 0 where it is not seen.
-pub fn shade_object_reference(
+/// The object's part of each listed pixel, linear radiance, by as many paths each as the options say; 0 where it is not
+/// seen.
+///
+/// The first directions are drawn from the lobe many times over, and resampled by what light comes from there (Talbot et
+/// al. 2005, "Importance Resampling for Global Illumination").
+pub(super) fn shade_object_reference(
     scene: &Scene,
     gbuffer: &GBuffer,
     pixels: &[u32],
-    options: ReferenceOptions,
+    reference: &Reference,
     out: &mut [[f32; 3]],
     scratch: &mut ShadeScratch,
 ) {
     assert_eq!(pixels.len(), out.len(), "one result a pixel");
     out.fill([0.0; 3]);
-    let Some(object) = &scene.object else { return };
-    let mut walkers = Vec::new();
-    for (&pixel, out) in pixels.iter().zip(out) {
-        start(gbuffer, pixel, options.n_paths.max(1), &mut walkers);
-        if !walkers.is_empty() {
-            let share = 1.0 / walkers.len() as f32;
-            let sum = walk(scene, object, pixel, options.lobe, &mut walkers, scratch);
-            *out = (sum * share).to_array();
-        }
-    }
-}
-
-/// The paths' first points: those of the pixel, each as often as the others.
-fn start(gbuffer: &GBuffer, pixel: u32, n_paths: u32, walkers: &mut Vec<Walker>) {
-    walkers.clear();
-    let points: Vec<SurfacePoint> = gbuffer.paths_at(pixel).map(|path| path[0].point).collect();
-    if points.is_empty() {
+    let (Some(object), Some(importance)) = (&scene.object, &reference.importance) else {
         return;
-    }
-    // The points take turns, so that each sees all of the lobe.
-    for _ in 0..n_paths.div_ceil(points.len() as u32) {
-        for point in &points {
-            walkers.push(Walker {
-                position: point.position,
-                normal: point.normal,
-                to_eye: point.to_eye,
-                base: point.base,
-                spread: point.spread,
-                throughput: Vec3::ONE,
-                index: walkers.len() as u32,
-            });
+    };
+    let mut paths = Paths {
+        scene,
+        object,
+        importance,
+        options: reference.options,
+        motion: scene.transform.environment_from_world(),
+        frame: *scene.environment.frame(),
+        rays: Vec::new(),
+        throughputs: Vec::new(),
+    };
+    for (&pixel, out) in pixels.iter().zip(out) {
+        let points: Vec<Walker> = start(gbuffer, pixel);
+        if !points.is_empty() {
+            *out = paths.light(pixel, &points, scratch).to_array();
         }
     }
 }
 
-/// Follows all paths to the surroundings; the sum of what they bring.
-fn walk(
-    scene: &Scene,
-    object: &ObjectModel,
-    pixel: u32,
-    lobe: LobeShape,
-    walkers: &mut Vec<Walker>,
-    scratch: &mut ShadeScratch,
-) -> Vec3 {
-    let motion = scene.transform.environment_from_world();
-    let frame = *scene.environment.frame();
-    let tracer = &object.tracer;
-    let mut first_draws = Lattice::new(pixel);
-    let mut sum = Vec3::ZERO;
-    let (mut rays, mut throughputs) = (Vec::new(), Vec::new());
-    for bounce in 0..MAX_VERTICES as u32 {
-        let edited = scratch.surfaces(
-            scene,
-            object,
-            walkers.iter().map(|w| (w.position, w.normal)),
-        );
-        let mut next = Vec::new();
-        let surfaces = edited.surfaces().iter().zip(edited.specular_gain());
-        for (walker, (surface, gain)) in walkers.iter().zip(surfaces) {
-            let cos = walker.normal.dot(walker.to_eye).max(0.0);
-            let fresnel = fresnel(surface.tint, cos);
-            sum += walker.throughput * surface.diffuse * (Vec3::ONE - fresnel);
-            let throughput = walker.throughput * fresnel * *gain;
-            let direction = if bounce == 0 {
-                draw(walker, surface.roughness, lobe, || first_draws.next())
-            } else {
+/// The points of a pixel, each an equal share of it.
+fn start(gbuffer: &GBuffer, pixel: u32) -> Vec<Walker> {
+    let points = gbuffer.paths_at(pixel).map(|path| path[0].point);
+    let mut walkers: Vec<Walker> = points
+        .map(|point| Walker {
+            position: point.position,
+            normal: point.normal,
+            to_eye: point.to_eye,
+            base: point.base,
+            spread: point.spread,
+            throughput: Vec3::ONE,
+            index: 0,
+        })
+        .collect();
+    let share = Vec3::splat(1.0 / walkers.len() as f32);
+    walkers.iter_mut().for_each(|w| w.throughput = share);
+    walkers
+}
+
+/// A direction drawn from the lobe of one of a pixel's points.
+#[derive(Clone, Copy, Debug)]
+struct Candidate {
+    point: usize,
+    direction: Vec3,
+}
+
+/// The paths of a pixel, and those of their rays that reach the surroundings.
+struct Paths<'a> {
+    scene: &'a Scene,
+    object: &'a ObjectModel,
+    importance: &'a Importance,
+    options: ReferenceOptions,
+    motion: EnvironmentFromWorld,
+    frame: FieldFrame,
+    rays: Vec<FieldRay>,
+    throughputs: Vec<Vec3>,
+}
+
+impl Paths<'_> {
+    /// Follows all paths of a pixel to the surroundings; the sum of what they bring.
+    fn light(&mut self, pixel: u32, points: &[Walker], scratch: &mut ShadeScratch) -> Vec3 {
+        self.rays.clear();
+        self.throughputs.clear();
+        let (mut sum, lobes) = self.emitted(points, scratch);
+        let mut walkers = Vec::new();
+        let picks = self.first_directions(pixel, points, &lobes);
+        for (index, (candidate, share)) in picks.into_iter().enumerate() {
+            let mut walker = points[candidate.point];
+            walker.index = index as u32;
+            let throughput = lobes[candidate.point].throughput * share;
+            walkers.extend(self.send(&walker, candidate.direction, throughput, true));
+        }
+        for bounce in 1..MAX_VERTICES as u32 {
+            if walkers.is_empty() {
+                break;
+            }
+            let (emitted, lobes) = self.emitted(&walkers, scratch);
+            sum += emitted;
+            let may_meet = bounce as usize + 1 < MAX_VERTICES;
+            let mut next = Vec::new();
+            for (walker, lobe) in walkers.iter().zip(lobes) {
                 let mut draws = Draws::new([pixel, bounce, walker.index]);
-                draw(walker, surface.roughness, lobe, || draws.next())
-            };
-            let ray = Ray {
-                origin: walker.position,
-                direction,
-            };
-            let is_last = bounce as usize + 1 == MAX_VERTICES;
-            let hit = (!is_last)
-                .then(|| tracer.intersect(&ray, tracer.self_distance(), f32::INFINITY))
-                .flatten();
-            if let Some(hit) = hit {
-                next.push(Walker {
-                    position: hit.position,
-                    normal: hit.normal,
-                    to_eye: -direction,
-                    base: walker.base + walker.spread * hit.t,
-                    spread: walker.spread,
-                    throughput,
-                    index: walker.index,
-                });
-            } else {
-                throughputs.push(throughput);
-                rays.push(thin_ray(walker, direction, &motion, &frame));
+                let direction = draw(walker, lobe.roughness, self.options.lobe, &mut draws);
+                next.extend(self.send(walker, direction, lobe.throughput, may_meet));
+            }
+            walkers = next;
+        }
+        std::mem::swap(scratch.rays(), &mut self.rays);
+        scratch.light(self.scene);
+        let light = scratch.radiance().iter().zip(&self.throughputs);
+        sum + light
+            .map(|(radiance, throughput)| Vec3::from(*radiance) * self.motion.gain * *throughput)
+            .sum::<Vec3>()
+    }
+
+    /// What the walkers' diffuse parts bring together, and their lobes.
+    fn emitted(&self, walkers: &[Walker], scratch: &mut ShadeScratch) -> (Vec3, Vec<WalkerLobe>) {
+        let points = walkers.iter().map(|w| (w.position, w.normal));
+        let edited = scratch.surfaces(self.scene, self.object, points);
+        let surfaces = edited.surfaces().iter().zip(edited.specular_gain());
+        let mut sum = Vec3::ZERO;
+        let lobes = walkers
+            .iter()
+            .zip(surfaces)
+            .map(|(walker, (surface, gain))| {
+                let cos = walker.normal.dot(walker.to_eye).max(0.0);
+                let fresnel = fresnel(surface.tint, cos);
+                sum += walker.throughput * surface.diffuse * (Vec3::ONE - fresnel);
+                WalkerLobe {
+                    roughness: surface.roughness,
+                    throughput: walker.throughput * fresnel * *gain,
+                }
+            })
+            .collect();
+        (sum, lobes)
+    }
+
+    /// The directions of a pixel's paths, each with its share of its point's lobe.
+    fn first_directions(
+        &self,
+        pixel: u32,
+        points: &[Walker],
+        lobes: &[WalkerLobe],
+    ) -> Vec<(Candidate, f32)> {
+        let n_paths = self.options.n_paths.max(1);
+        let n = n_paths.max(points.len() as u32) * CANDIDATES;
+        let side = n.isqrt().next_power_of_two();
+        let mut draws = Draws::new([pixel, 0, 0]);
+        let [shift, [start, _]] = [draws.next(), draws.next()];
+        let mut candidates = Vec::with_capacity((side * side) as usize);
+        let mut n_leaving = vec![0_u32; points.len()];
+        for i in 0..side * side {
+            // Along the curve the points take turns, so that each sees all of its lobe, and by no period that a regular
+            // choice of candidates could fall in step with.
+            let turn = (f64::from(i) * 0.618_033_988_749_895).fract();
+            let point = (turn * points.len() as f64) as usize;
+            let (cell, jitter) = (hilbert(side, i), Draws::new([pixel, i, 1]).next());
+            let u = [0, 1].map(|k| {
+                let u = (cell[k] as f32 + jitter[k]) / side as f32 + shift[k];
+                u.fract().min(1.0 - f32::EPSILON)
+            });
+            let direction = draw_once(&points[point], lobes[point].roughness, self.options.lobe, u);
+            if direction.dot(points[point].normal) > 0.0 {
+                n_leaving[point] += 1;
+                candidates.push(Candidate { point, direction });
             }
         }
-        *walkers = next;
-        if walkers.is_empty() {
-            break;
+        for (point, count) in n_leaving.iter_mut().enumerate() {
+            // A point seen from behind its shading normal may send nothing out of its surface.
+            if *count == 0 {
+                *count = 1;
+                let direction = points[point].normal;
+                candidates.push(Candidate { point, direction });
+            }
         }
+        let share = |candidate: &Candidate| 1.0 / n_leaving[candidate.point] as f32;
+        let weights: Vec<f32> = candidates
+            .iter()
+            .map(|candidate| {
+                let roughness = lobes[candidate.point].roughness;
+                share(candidate) * self.importance.of(candidate.direction, roughness)
+            })
+            .collect();
+        let sum: f64 = weights.iter().map(|weight| f64::from(*weight)).sum();
+        let step = (sum / f64::from(n_paths)) as f32;
+        systematic(&weights, n_paths, start)
+            .map(|(i, times)| {
+                let candidate = candidates[i];
+                let expected = weights[i] / step;
+                (candidate, share(&candidate) * times as f32 / expected)
+            })
+            .collect()
     }
-    scratch.batch().rays = rays;
-    scratch.light(scene);
-    let light = scratch.batch().radiance.iter().zip(throughputs);
-    sum + light
-        .map(|(radiance, throughput)| Vec3::from(*radiance) * motion.gain * throughput)
-        .sum::<Vec3>()
+
+    /// Sends a ray on; where it meets the object, `may_meet` given, the walker there.
+    fn send(
+        &mut self,
+        walker: &Walker,
+        direction: Vec3,
+        throughput: Vec3,
+        may_meet: bool,
+    ) -> Option<Walker> {
+        let tracer = &self.object.tracer;
+        let ray = Ray {
+            origin: walker.position,
+            direction,
+        };
+        let hit = may_meet
+            .then(|| tracer.intersect(&ray, tracer.self_distance(), f32::INFINITY))
+            .flatten();
+        let Some(hit) = hit else {
+            self.throughputs.push(throughput);
+            let ray = thin_ray(walker, direction, &self.motion, &self.frame);
+            self.rays.push(ray);
+            return None;
+        };
+        Some(Walker {
+            position: hit.position,
+            normal: hit.normal,
+            to_eye: -direction,
+            base: walker.base + walker.spread * hit.t,
+            throughput,
+            ..*walker
+        })
+    }
+}
+
+/// The lobe where a path is.
+#[derive(Clone, Copy, Debug)]
+struct WalkerLobe {
+    roughness: f32,
+    /// Share of what comes along it that reaches the eye.
+    throughput: Vec3,
 }
 
 /// A ray as wide as the pixel alone makes it.
@@ -196,25 +345,6 @@ fn thin_ray(
     }
 }
 
-/// Pairs of numbers in `[0, 1)` that fill the square evenly however many are taken, other ones in every pixel: steps by the
-/// powers of the plastic number's inverse.
-#[derive(Clone, Copy, Debug)]
-struct Lattice([f64; 2]);
-
-impl Lattice {
-    fn new(pixel: u32) -> Self {
-        let mut shift = Draws::new([pixel, 0, 0]);
-        Self(shift.next().map(f64::from))
-    }
-
-    fn next(&mut self) -> [f32; 2] {
-        self.0[0] = (self.0[0] + 0.754_877_666_246_693).fract();
-        self.0[1] = (self.0[1] + 0.569_840_290_998_053).fract();
-        // Rounding to single precision may reach 1.
-        self.0.map(|v| (v as f32).min(1.0 - f32::EPSILON))
-    }
-}
-
 /// Pairs of numbers in `[0, 1)` that look random.
 #[derive(Clone, Copy, Debug)]
 struct Draws(u32);
@@ -233,31 +363,31 @@ impl Draws {
 }
 
 /// A direction of the lobe that leaves the surface.
-fn draw(
-    walker: &Walker,
-    roughness: f32,
-    lobe: LobeShape,
-    mut uniform: impl FnMut() -> [f32; 2],
-) -> Vec3 {
-    let (normal, to_eye) = (walker.normal, walker.to_eye);
+fn draw(walker: &Walker, roughness: f32, lobe: LobeShape, draws: &mut Draws) -> Vec3 {
+    let normal = walker.normal;
     let mut direction = normal;
     for _ in 0..MAX_DRAWS {
-        let u = uniform();
-        direction = match lobe {
-            LobeShape::Model => {
-                let axis = 2.0 * normal.dot(to_eye) * normal - to_eye;
-                sample_vmf(kappa_from_roughness(roughness), axis, u)
-            }
-            LobeShape::Ggx => {
-                let h = visible_ggx_normal(normal, to_eye, roughness * roughness, u);
-                (2.0 * h.dot(to_eye) * h - to_eye).normalize_or_zero()
-            }
-        };
+        direction = draw_once(walker, roughness, lobe, draws.next());
         if direction.dot(normal) > 0.0 {
             return direction;
         }
     }
     (direction - 2.0 * direction.dot(normal) * normal).normalize_or_zero()
+}
+
+/// A direction of the lobe, by two numbers in `[0, 1)`; it may point into the surface.
+fn draw_once(walker: &Walker, roughness: f32, lobe: LobeShape, u: [f32; 2]) -> Vec3 {
+    let (normal, to_eye) = (walker.normal, walker.to_eye);
+    match lobe {
+        LobeShape::Model => {
+            let axis = 2.0 * normal.dot(to_eye) * normal - to_eye;
+            sample_vmf(kappa_from_roughness(roughness), axis, u)
+        }
+        LobeShape::Ggx => {
+            let h = visible_ggx_normal(normal, to_eye, roughness * roughness, u);
+            (2.0 * h.dot(to_eye) * h - to_eye).normalize_or_zero()
+        }
+    }
 }
 
 /// Mixes three words (a round of PCG each).
@@ -273,8 +403,6 @@ fn hash(words: [u32; 3]) -> u32 {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::atomic::AtomicBool;
-
     use super::*;
     use crate::neif::RoughnessEdit;
     use crate::render::{Layer, render, render_reference, test_scene};
@@ -321,6 +449,22 @@ mod tests {
             let [few, some, many] = [4, 64, 1024].map(|n| reference(&scene, n, lobe));
             let (far, near) = (difference(&few, &many), difference(&some, &many));
             assert!(near < 0.5 * far, "{lobe:?}: {far} then {near}");
+        }
+    }
+
+    #[test]
+    fn few_paths_are_right_on_average() {
+        let mut scene = test_scene::scene();
+        scene.environment = test_scene::fog(0.0, 2.0);
+        scene.trained_in = None;
+        scene.edit.roughness = RoughnessEdit::Constant(0.7);
+        for lobe in [LobeShape::Model, LobeShape::Ggx] {
+            let [few, many] = [2, 1024].map(|n| {
+                let pixels = reference(&scene, n, lobe).pixels;
+                let linear = pixels.iter().flatten().map(|v| f64::from(v.powf(2.2)));
+                linear.sum::<f64>() / (3 * pixels.len()) as f64
+            });
+            assert!((few / many - 1.0).abs() < 0.01, "{lobe:?}: {few}, {many}");
         }
     }
 }
