@@ -20,6 +20,10 @@ const CONES_AT_04: f32 = 64.0;
 const CONES: [f32; 2] = [8.0, 128.0];
 /// Most cones of a pixel that has one path only: a picture in motion.
 const CONES_IN_MOTION: f32 = 4.0;
+/// Roughness from which cones are narrower than their share of the lobe, in proportion: photos teach the field few wide
+/// cones away from the object's own, and those it was not taught gather too much. Lobes of few cones need all their width.
+const NARROWED_FROM: f32 = 0.2;
+const FEW: u32 = 16;
 /// Widest variance of a cone per axis, radians squared: of the rare directions far from the mirror's.
 const WIDEST: f32 = 0.1;
 
@@ -72,8 +76,8 @@ pub fn lobe_cones(
     })
 }
 
-/// The cone that two numbers in `[0, 1)` draw from the lobe, as wide as one of `n` equal shares; none if it does not
-/// leave the surface.
+/// The cone that two numbers in `[0, 1)` draw from the lobe, as wide as one of `n` equal shares or narrower; none if it
+/// does not leave the surface.
 pub fn lobe_cone(point: &SurfacePoint, roughness: f32, u: [f32; 2], n: u32) -> Option<LobeCone> {
     let alpha = roughness * roughness;
     let h = visible_ggx_normal(point.normal, point.to_eye, alpha, u);
@@ -83,7 +87,12 @@ pub fn lobe_cone(point: &SurfacePoint, roughness: f32, u: [f32; 2], n: u32) -> O
     }
     // A disk of solid angle `a` has a variance of `a / 4 pi` an axis.
     let pdf = ggx_pdf(point.normal, point.to_eye, h, alpha);
-    let variance = 1.0 / (n as f32 * pdf * 2.0 * TAU);
+    let share = if n > FEW {
+        (NARROWED_FROM / roughness).min(1.0)
+    } else {
+        1.0
+    };
+    let variance = share / (n as f32 * pdf * 2.0 * TAU);
     Some(LobeCone {
         axis,
         lobe: Lobe::from_variance(variance.min(WIDEST)),
