@@ -155,7 +155,7 @@ impl Default for TrainConfig {
             agreement_weight: 0.001,
             metal_weight: 0.01,
             clipped_radiance: 5.0,
-            clipped_weight: 0.01,
+            clipped_weight: 0.1,
             clipped_weight_alone: 0.1,
             roughness_delay: 300,
             bounces: MAX_VERTICES - 1,
