@@ -130,21 +130,19 @@ pub(super) fn shade_object_reference(
 
 /// The points of a pixel, each an equal share of it.
 fn start(gbuffer: &GBuffer, pixel: u32) -> Vec<Walker> {
+    let share = Vec3::splat(1.0 / gbuffer.paths_at(pixel).count().max(1) as f32);
     let points = gbuffer.paths_at(pixel).map(|path| path[0].point);
-    let mut walkers: Vec<Walker> = points
+    points
         .map(|point| Walker {
             position: point.position,
             normal: point.normal,
             to_eye: point.to_eye,
             base: point.base,
             spread: point.spread,
-            throughput: Vec3::ONE,
+            throughput: share,
             index: 0,
         })
-        .collect();
-    let share = Vec3::splat(1.0 / walkers.len() as f32);
-    walkers.iter_mut().for_each(|w| w.throughput = share);
-    walkers
+        .collect()
 }
 
 /// A direction drawn from the lobe of one of a pixel's points.
