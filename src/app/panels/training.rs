@@ -96,7 +96,7 @@ fn running_ui(ui: &mut Ui, phase: &Phase, commands: &mut Vec<Command>) {
         ];
         for (text, hint, command) in buttons {
             if ui
-                .add(Button::new(text).min_size(egui::vec2(52.0, 0.0)))
+                .add(Button::new(text).min_size(egui::vec2(46.0, 0.0)))
                 .on_hover_text(hint)
                 .clicked()
             {
