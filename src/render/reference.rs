@@ -188,8 +188,8 @@ impl Paths<'_> {
             let mut next = Vec::new();
             for (walker, lobe) in walkers.iter().zip(lobes) {
                 let mut draws = Draws::new([pixel, bounce, walker.index]);
-                let direction = draw(walker, lobe.roughness, self.options.lobe, &mut draws);
-                next.extend(self.send(walker, direction, lobe.throughput, may_meet));
+                let (direction, share) = self.next_direction(walker, lobe.roughness, &mut draws);
+                next.extend(self.send(walker, direction, lobe.throughput * share, may_meet));
             }
             walkers = next;
         }
@@ -278,6 +278,23 @@ impl Paths<'_> {
                 (candidate, share(&candidate) * times as f32 / expected)
             })
             .collect()
+    }
+
+    /// A direction of a walker's lobe, picked from several by what light comes from there, and its share of the lobe.
+    fn next_direction(&self, walker: &Walker, roughness: f32, draws: &mut Draws) -> (Vec3, f32) {
+        let mut sum = 0.0;
+        let mut picked = (Vec3::ZERO, 1.0);
+        for _ in 0..CANDIDATES {
+            let direction = draw(walker, roughness, self.options.lobe, draws);
+            let weight = self.importance.of(direction, roughness);
+            sum += weight;
+            // The first is taken for certain, each later one in proportion to its weight.
+            if draws.next()[0] * sum < weight {
+                picked = (direction, weight);
+            }
+        }
+        let (direction, weight) = picked;
+        (direction, sum / (CANDIDATES as f32 * weight))
     }
 
     /// Sends a ray on; where it meets the object, `may_meet` given, the walker there.
