@@ -13,6 +13,7 @@ use serde_json::json;
 
 use super::trial::{figure, on_threads};
 use crate::cli::capture::PhotoArgs;
+use crate::cli::edits::EnvironmentFlags;
 use crate::cli::failure::Failure;
 use crate::cli::output::{self, Display};
 use crate::cli::scenes::{self, Split};
@@ -48,6 +49,8 @@ pub(crate) struct LobesArgs {
     #[arg(long, value_name = "N", default_value_t = 0)]
     threads: usize,
     #[command(flatten)]
+    environment: EnvironmentFlags,
+    #[command(flatten)]
     photos: PhotoArgs,
 }
 
@@ -72,6 +75,7 @@ pub(super) fn run(args: &LobesArgs) -> Result<(), Failure> {
     let mut rows = Vec::new();
     for (i, roughness) in edits.iter().copied().enumerate() {
         let mut scene = run.scene.clone();
+        scene.transform = args.environment.transform();
         if let Some(roughness) = roughness {
             scene.edit.roughness = RoughnessEdit::Constant(roughness);
         }
