@@ -9,7 +9,7 @@ use anyhow::Context as _;
 use glam::Vec3;
 use neif::data::MeshPlacement;
 use neif::neif::Storage;
-use neif::train::config::TrainConfig;
+use neif::train::config::{Normals, TrainConfig};
 use neif::train::plan::Budget;
 use neif::train::run_folder::RunFolder;
 use neif::train::session::SessionOptions;
@@ -81,6 +81,10 @@ pub(crate) struct TrainArgs {
     /// Learn the exposure and white balance of each photo: for cameras that chose them anew for every one
     #[arg(long, conflicts_with = "resume")]
     photo_exposures: bool,
+    /// Refine the mesh's normals while training: for meshes that are good to a degree or two. It is done anyway where the
+    /// mesh was made from masks or depth maps
+    #[arg(long, conflicts_with = "resume")]
+    refine_normals: bool,
     /// Use the whole budget even when the validation error has settled
     #[arg(long)]
     no_early_stop: bool,
@@ -176,6 +180,9 @@ fn options(args: &TrainArgs, started: Instant) -> Result<SessionOptions, Failure
     }
     if args.photo_exposures {
         options.config.exposure_rate = TrainConfig::EXPOSURE_RATE;
+    }
+    if args.refine_normals {
+        options.config.normals = Normals::Refined;
     }
     options.config.threads = args.threads.unwrap_or(options.config.threads);
     options.config.early_stop &= !args.no_early_stop;

@@ -289,6 +289,16 @@ impl SplitLobe {
 }
 
 impl LitVertex {
+    /// The ray of its lobe's free part, if that is worth one.
+    pub fn ray(&self) -> Option<usize> {
+        self.ray
+    }
+
+    /// Its lobe.
+    pub fn lobe(&self) -> &Lobe {
+        &self.lobe
+    }
+
     /// Adds to what a split lobe's blocked cones bring.
     pub fn add_from_object(&mut self, light: Vec3) {
         if let Some(split) = &mut self.split {

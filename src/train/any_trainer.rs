@@ -80,6 +80,32 @@ impl AnyTrainer {
         }
     }
 
+    /// Whether the normals of the mesh are refined.
+    pub fn refines_normals(&self) -> bool {
+        match self {
+            Self::Fast(trainer) => trainer.refines_normals(),
+            Self::Paper(_) => false,
+        }
+    }
+
+    /// Lets snapshots have the normals as they are known by now.
+    pub fn settle_normals(&mut self) {
+        if let Self::Fast(trainer) = self {
+            trainer.settle_normals();
+        }
+    }
+
+    /// Traces every training pixel anew where normals are refined.
+    ///
+    /// # Errors
+    /// When cancelled.
+    pub fn retrace(&mut self, dataset: &Dataset, cancel: &AtomicBool) -> Result<(), TrainError> {
+        match self {
+            Self::Fast(trainer) => trainer.retrace(dataset, cancel),
+            Self::Paper(_) => Ok(()),
+        }
+    }
+
     /// What each training photo's exposure multiplies radiance by, in the capture's order; `None` where all are alike.
     pub fn gains(&self) -> Option<&[Vec3]> {
         match self {

@@ -36,6 +36,11 @@ impl Trainer {
             insert(&mut file, "exposures.first", first);
             insert(&mut file, "exposures.second", second);
         }
+        if let Some(refinement) = &self.refinement {
+            let [total, moments] = refinement.offsets.state();
+            insert(&mut file, "normals.total", &total);
+            insert(&mut file, "normals.moments", &moments);
+        }
         file.insert_u16(
             "density.cells",
             &[self.density.len()],
@@ -63,31 +68,22 @@ impl Trainer {
         let vector = |name: &str, n: usize| -> Result<Vec<f32>, TensorFileError> {
             Ok(file.f32(name, &[n])?.to_vec())
         };
-        let n_field = self.field.value.params.len();
-        let field = [
-            vector("field.params", n_field)?,
-            vector("field.first", n_field)?,
-            vector("field.second", n_field)?,
-        ];
-        let material = match &self.material {
-            Some(m) => {
-                let n = m.value.params.len();
-                Some([
-                    vector("material.params", n)?,
-                    vector("material.first", n)?,
-                    vector("material.second", n)?,
-                ])
-            }
-            None => None,
-        };
-        let exposures = match &self.exposures {
-            Some(exposures) => {
-                let n = exposures.state()[0].len();
-                Some([
-                    vector("exposures.log_gains", n)?,
-                    vector("exposures.first", n)?,
-                    vector("exposures.second", n)?,
-                ])
+        let learned =
+            |of: &str, values: &str, n: usize| -> Result<[Vec<f32>; 3], TensorFileError> {
+                let read = |what: &str| vector(&format!("{of}.{what}"), n);
+                Ok([read(values)?, read("first")?, read("second")?])
+            };
+        let field = learned("field", "params", self.field.value.params.len())?;
+        let material = self.material.as_ref();
+        let material = material.map(|m| learned("material", "params", m.value.params.len()));
+        let material = material.transpose()?;
+        let exposures = self.exposures.as_ref();
+        let exposures = exposures.map(|e| learned("exposures", "log_gains", e.state()[0].len()));
+        let exposures = exposures.transpose()?;
+        let normals = match &self.refinement {
+            Some(refinement) => {
+                let n = refinement.offsets.n_values();
+                Some([vector("normals.total", n)?, vector("normals.moments", n)?])
             }
             None => None,
         };
@@ -100,6 +96,7 @@ impl Trainer {
                     what: "has another density grid",
                 })?;
         let optional = material.iter().chain(&exposures).flatten();
+        let optional = optional.chain(normals.iter().flatten());
         let all = field.iter().chain(optional).flatten();
         if !all.chain(&gamma).all(|v| v.is_finite()) {
             return Err(TrainError::Checkpoint {
@@ -122,6 +119,9 @@ impl Trainer {
         ) = (gamma[0], gamma[1], gamma[2]);
         if let (Some(exposures), Some(stored)) = (&mut self.exposures, exposures) {
             exposures.set_state(stored);
+        }
+        if let (Some(refinement), Some([total, moments])) = (&mut self.refinement, &normals) {
+            refinement.offsets.set_state([total, moments]);
         }
         self.density = density;
         (self.step, self.updates, self.skipped) = (counters[0], counters[1], counters[2]);

@@ -10,8 +10,10 @@ use glam::Vec3;
 use super::agreement;
 use super::config::TrainConfig;
 use super::loss::{clipped_pull, pixel_loss};
+use super::normal_offsets::{NormalOffsets, OffsetBatch};
 use super::pixels::{BackgroundSample, PixelStore};
 use super::random::SlotRandom;
+use super::tilted_rays::TiltedRays;
 use super::unseen::{self, Triple};
 use crate::geometry::orthonormal_basis;
 use crate::neif::EnvironmentTransform;
@@ -73,6 +75,9 @@ pub(super) struct StepContext<'a> {
     pub(super) display: Display,
     /// What each photo's exposure multiplies radiance by; empty where all are alike.
     pub(super) gains: &'a [Vec3],
+    /// Corrections of the normals, where they are refined, and whether they are learned yet.
+    pub(super) offsets: Option<&'a NormalOffsets>,
+    pub(super) tilts: bool,
     pub(super) step: u64,
     pub(super) samples_per_ray: usize,
     pub(super) uniform_share: f32,
@@ -140,6 +145,9 @@ pub(super) struct Chunk {
     /// The first ray of the groups of cones that should agree, and their number.
     agreement: (usize, usize),
     pairs: Vec<SmoothPair>,
+    tilted: TiltedRays,
+    /// Corrections of the vertices' normals, and their gradients.
+    pub(super) offsets: OffsetBatch,
     points: Vec<Vec3>,
     scratch: Vec<f32>,
     pub(super) material: MaterialBatch,
@@ -184,6 +192,7 @@ impl Chunk {
         self.batch.rays.clear();
         if let Some(material) = context.material {
             self.draw_objects(context, objects);
+            self.correct_normals(context);
             material.forward(&self.points, &mut self.material, &mut self.scratch);
             self.aim_lobes(context);
         }
@@ -198,6 +207,8 @@ impl Chunk {
         unseen::draw(context, triples, &mut self.batch, &mut self.triples);
         self.agreement = (self.batch.rays.len(), groups.len());
         agreement::draw(context, groups, &mut self.batch);
+        self.tilt_normals(context);
+        let tilted = &self.tilted;
         let (seed, step, first) = (context.config.seed, context.step, self.jitter_slot);
         context.field.place(
             &mut self.batch,
@@ -205,7 +216,8 @@ impl Chunk {
             context.samples_per_ray,
             context.uniform_share,
             |ray| {
-                let mut random = SlotRandom::new(seed, step, first + ray as u64);
+                let ray = tilted.placed_like(ray) as u64;
+                let mut random = SlotRandom::new(seed, step, first + ray);
                 [random.uniform() - 0.5, random.uniform() - 0.5]
             },
         );
@@ -271,6 +283,37 @@ impl Chunk {
         }
     }
 
+    /// Adds to the normals of all vertices what was learned of them since they were traced.
+    fn correct_normals(&mut self, context: &StepContext<'_>) {
+        let Some(offsets) = context.offsets else {
+            return;
+        };
+        let positions = self.vertices.iter().map(|v| v.point.position);
+        offsets.evaluate(positions, &mut self.offsets);
+        for (i, vertex) in self.vertices.iter_mut().enumerate() {
+            vertex.point.normal = self.offsets.corrected(i, vertex.point.normal);
+        }
+    }
+
+    /// Second rays for the normals of all paths' first vertices.
+    fn tilt_normals(&mut self, context: &StepContext<'_>) {
+        self.tilted.begin(&self.batch);
+        if context.offsets.is_none() || !context.tilts {
+            return;
+        }
+        for (index, slot) in self.slots.iter().enumerate() {
+            let share = 1.0 / (context.batch_size.objects * slot.paths.len()) as f32;
+            let stream = self.jitter_slot ^ (1 << 42) ^ index as u64;
+            let mut random = SlotRandom::new(context.config.seed, context.step, stream);
+            for path in &self.paths[slot.paths.clone()] {
+                let at = path.points.start;
+                let vertex = (at, &self.vertices[at].point, &self.lit[path.lit.start]);
+                self.tilted
+                    .push(context, &mut random, vertex, share, &mut self.batch);
+            }
+        }
+    }
+
     fn draw_backgrounds(&mut self, context: &StepContext<'_>, backgrounds: Range<usize>) {
         self.backgrounds.clear();
         self.first_background_ray = self.batch.rays.len();
@@ -312,6 +355,7 @@ impl Chunk {
         for index in 0..self.slots.len() {
             self.object_loss(context, index);
         }
+        self.tilted.backward(&self.batch, &mut self.offsets);
         context.field.backward(
             context.field_transposed,
             &mut self.batch,
@@ -484,6 +528,7 @@ impl Chunk {
 
     fn check_finite(&self) -> bool {
         all_finite(&self.d_field_networks)
+            && self.offsets.is_finite()
             && all_finite(&self.d_material_network)
             && self.batch.has_finite_gradients()
             && (self.loss.object

@@ -15,6 +15,19 @@ const VALIDATION_PIXELS: usize = 16_384;
 /// The same where a pixel costs a hundred times as much.
 const PAPER_VALIDATION_PIXELS: usize = 1024;
 
+/// Whether the normals of the object's mesh are refined while training.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Normals {
+    /// Where the mesh was made from masks or depth maps.
+    #[default]
+    Auto,
+    /// Never: they are right.
+    Given,
+    /// Always.
+    Refined,
+}
+
 /// Settings of a training run. Lengths are relative to the capture unless a unit is named.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -52,6 +65,8 @@ pub struct TrainConfig {
     /// Learning rate of the exposure and white balance of each training photo (logarithms of a gain a colour, 1 in the
     /// mean over the photos); 0 takes them as equal.
     pub exposure_rate: f32,
+    /// Whether the mesh's normals are refined.
+    pub normals: Normals,
     /// Steps over which the learning rates rise from zero.
     pub warmup_steps: u32,
     /// What is left of the learning rates at the end of the planned run (exponential decay).
@@ -143,6 +158,7 @@ impl Default for TrainConfig {
             network_rate: 1e-2,
             gamma_rate: 5e-4,
             exposure_rate: 0.0,
+            normals: Normals::Auto,
             warmup_steps: 50,
             final_rate: 0.1,
             background_weight: 0.2,

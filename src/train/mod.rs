@@ -13,11 +13,13 @@ pub mod events;
 mod exposures;
 pub mod flip;
 pub mod latest;
+mod learned;
 mod loss;
 pub mod lpips;
 mod meter;
 pub mod metrics;
 pub mod neilf;
+mod normal_offsets;
 mod packed_path;
 pub mod paper;
 mod pixel_set;
@@ -27,6 +29,9 @@ pub mod plan;
 mod preconvolution;
 mod preparation;
 mod random;
+mod refinement;
+#[cfg(test)]
+mod refinement_tests;
 mod run;
 pub mod run_folder;
 pub mod run_log;
@@ -38,6 +43,7 @@ mod srgb_codes;
 pub mod stage_one;
 #[cfg(test)]
 mod test_scene;
+mod tilted_rays;
 pub mod trainer;
 #[cfg(test)]
 mod trainer_tests;

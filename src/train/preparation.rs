@@ -33,33 +33,48 @@ impl Prepared {
             .mesh
             .as_ref()
             .map(|mesh| Arc::new(SurfaceTracer::new(Arc::clone(mesh))));
-        let options = PixelOptions {
-            seed: config.seed,
-            max_pixels: config.max_pixels,
-            n_blurred: config.preconvolved_levels,
-            // With an object the lamps' radiance is learned from what they shine on.
-            clipped_radiance: match tracer {
-                Some(_) => 1.0,
-                None => config.clipped_radiance,
-            },
-            paths: PathOptions {
-                max_vertices: config.bounces + 1,
-                smooth: 1,
-                torn: if config.subpixels { 2 } else { 1 },
-            },
-        };
-        let (done, total) = (AtomicUsize::new(0), dataset.train.len().max(1) as f32);
-        let on_view = || {
-            on_progress(done.fetch_add(1, Ordering::Relaxed) as f32 / total);
-            !cancel.load(Ordering::Relaxed)
-        };
-        let pixels = PixelStore::collect(dataset, tracer.as_deref(), options, &on_view)
-            .ok_or(TrainError::Cancelled)?;
-        if pixels.n_objects() == 0 && pixels.n_backgrounds() == 0 {
-            return Err(TrainError::NoPixels {
-                dataset: dataset.root.clone(),
-            });
-        }
+        let pixels = collect_pixels(config, dataset, tracer.as_ref(), cancel, on_progress)?;
         Ok(Self { tracer, pixels })
     }
+}
+
+/// Every pixel that is trained on, traced on the current thread pool; `on_progress` gets 0..1.
+///
+/// # Errors
+/// When cancelled, or when no pixel can be trained on.
+pub(super) fn collect_pixels(
+    config: &TrainConfig,
+    dataset: &Dataset,
+    tracer: Option<&Arc<SurfaceTracer>>,
+    cancel: &AtomicBool,
+    on_progress: &(dyn Fn(f32) + Sync),
+) -> Result<PixelStore, TrainError> {
+    let options = PixelOptions {
+        seed: config.seed,
+        max_pixels: config.max_pixels,
+        n_blurred: config.preconvolved_levels,
+        // With an object the lamps' radiance is learned from what they shine on.
+        clipped_radiance: match tracer {
+            Some(_) => 1.0,
+            None => config.clipped_radiance,
+        },
+        paths: PathOptions {
+            max_vertices: config.bounces + 1,
+            smooth: 1,
+            torn: if config.subpixels { 2 } else { 1 },
+        },
+    };
+    let (done, total) = (AtomicUsize::new(0), dataset.train.len().max(1) as f32);
+    let on_view = || {
+        on_progress(done.fetch_add(1, Ordering::Relaxed) as f32 / total);
+        !cancel.load(Ordering::Relaxed)
+    };
+    let pixels = PixelStore::collect(dataset, tracer.map(|tracer| &**tracer), options, &on_view)
+        .ok_or(TrainError::Cancelled)?;
+    if pixels.n_objects() == 0 && pixels.n_backgrounds() == 0 {
+        return Err(TrainError::NoPixels {
+            dataset: dataset.root.clone(),
+        });
+    }
+    Ok(pixels)
 }

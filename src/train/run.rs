@@ -47,6 +47,8 @@ pub(super) struct Due {
     pub(super) report: f64,
     pub(super) validation: f64,
     pub(super) save: f64,
+    /// How often the pixels were traced anew.
+    pub(super) retracing: usize,
 }
 
 /// What to do after looking at the commands.
@@ -65,10 +67,7 @@ impl<'a> Run<'a> {
         folder: Option<RunFolder>,
     ) -> Self {
         let options = &worker.options;
-        let object = trainer.snapshot().object;
-        let n_pixels = options.config.validation_pixels();
-        let make = || Validator::new(&dataset, object.as_deref(), options.config.seed, n_pixels);
-        let validator = worker.pool.install(make);
+        let validator = worker.make_validator(&dataset, trainer.snapshot().object.as_deref());
         Self {
             config: options.describe(folder.as_ref()),
             own_folders: options.run.iter().cloned().collect(),
@@ -186,6 +185,7 @@ impl<'a> Run<'a> {
 
     fn pause(&mut self) {
         self.clock.pause();
+        self.trainer.settle_normals();
         self.publish();
         self.report();
         self.tell(TrainEvent::Paused);
@@ -205,6 +205,7 @@ impl<'a> Run<'a> {
     /// Publishes, validates and saves the result.
     fn finish(&mut self, reason: FinishReason) -> Result<(), SessionError> {
         self.clock.pause();
+        self.trainer.settle_normals();
         self.publish();
         self.report();
         self.validate();

@@ -160,6 +160,8 @@ pub struct RunState<'a> {
     pub snapshot: &'a Snapshot,
     /// How it went.
     pub log: &'a RunLog,
+    /// Whether the mesh changed since it was saved.
+    pub has_new_mesh: bool,
 }
 
 /// A folder that holds one run.
@@ -320,7 +322,7 @@ impl RunFolder {
         self.write_text(CONFIG, &text)
     }
 
-    /// Saves the mesh, which training does not change.
+    /// Saves the mesh, of which training changes the normals at most.
     ///
     /// # Errors
     /// When the system refuses, e.g. because the disk is full.
@@ -339,6 +341,9 @@ impl RunFolder {
         environment.save(&self.file(ENVIRONMENT), storage)?;
         if let Some(object) = &state.snapshot.object {
             object.material.save(&self.file(OBJECT), storage)?;
+            if state.has_new_mesh {
+                self.save_mesh(object.tracer.mesh())?;
+            }
         }
         self.write_text(METRICS, state.log.csv())?;
         self.write_text(LOG, state.log.events())?;

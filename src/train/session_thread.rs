@@ -7,15 +7,18 @@ use crossbeam::channel::Receiver;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::data::{Dataset, LoadOptions, Splits};
+use crate::neif::ObjectModel;
 use crate::render::priority::lower_thread_priority;
 use crate::train::TrainError;
 use crate::train::any_trainer::AnyTrainer;
 use crate::train::event_queue::EventQueue;
 use crate::train::events::{Finish, FinishReason, TrainCommand, TrainEvent};
+use crate::train::refinement;
 use crate::train::run::Run;
 use crate::train::run_folder::RunFolder;
 use crate::train::session::{SessionError, SessionOptions, Shared, Start};
 use crate::train::stage_one::{self, StageOneError, StageOneOptions};
+use crate::train::validation::Validator;
 
 /// Training then takes only time that nothing else wants, and the window stays smooth (measured:
 /// 25 frames per second instead of 13).
@@ -78,6 +81,17 @@ impl Worker {
         } else {
             &self.pool
         }
+    }
+
+    /// What measures the capture's validation views, traced on the object's mesh.
+    pub(super) fn make_validator(
+        &self,
+        dataset: &Dataset,
+        object: Option<&ObjectModel>,
+    ) -> Validator {
+        let config = &self.options.config;
+        let make = || Validator::new(dataset, object, config.seed, config.validation_pixels());
+        self.pool.install(make)
     }
 
     /// Prepares and trains; reports how it ended.
@@ -165,15 +179,21 @@ impl Worker {
         Ok(dataset)
     }
 
-    /// Gives the capture a mesh where it has none and what one can be made from: a run that goes on keeps its own, a
-    /// new one makes it. False when it was told to stop meanwhile.
+    /// Gives the capture a mesh where it has none and what one can be made from, or one with better normals: a run that
+    /// goes on keeps its own, a new one makes it. False when it was told to stop meanwhile.
     fn complete_mesh(&self, dataset: &mut Dataset) -> Result<bool, SessionError> {
         let options = &self.options;
-        if options.environment_only || !stage_one::is_needed(dataset) {
+        let is_needed = stage_one::is_needed(dataset);
+        if options.environment_only
+            || !(is_needed || refinement::is_wanted(&options.config, dataset))
+        {
             return Ok(true);
         }
         if let (Some(path), Start::Continue | Start::Replan) = (&options.run, options.start) {
             dataset.mesh = RunFolder::open(path)?.mesh()?.map(Arc::new);
+            return Ok(true);
+        }
+        if !is_needed {
             return Ok(true);
         }
         let report = |fraction| self.loading(MAKING_MESH, fraction);

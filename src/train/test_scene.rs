@@ -5,9 +5,11 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
+use super::config::TrainConfig;
 use crate::color::srgb_from_linear;
 use crate::data::{Dataset, Mask, Origin, Photo, View};
 use crate::geometry::{Camera, Mesh, Ray, SurfaceTracer, fibonacci_sphere};
+use crate::neif::hash_grid::{GridConfig, LEAST_WEIGHT};
 
 /// Half side of the box.
 const BOX: f32 = 3.0;
@@ -15,6 +17,33 @@ const BOX: f32 = 3.0;
 pub(super) const TINT: Vec3 = Vec3::new(0.9, 0.7, 0.4);
 /// Diffuse radiance of the sphere.
 const DIFFUSE: Vec3 = Vec3::new(0.02, 0.05, 0.10);
+
+/// Settings for fields that suit so small a scene.
+pub(super) fn small_fields() -> TrainConfig {
+    let mut config = TrainConfig {
+        object_pixels: 128,
+        background_pixels: 128,
+        preconvolved_levels: 3,
+        // The sphere is a metal with a diffuse part.
+        metal_weight: 0.0,
+        ..TrainConfig::default()
+    };
+    config.field.grid = GridConfig {
+        n_levels: 8,
+        coarsest: 8,
+        finest: 96,
+        log2_table_size: 13,
+        least_weight: LEAST_WEIGHT,
+    };
+    config.material.grid = GridConfig {
+        n_levels: 4,
+        coarsest: 4,
+        finest: 24,
+        log2_table_size: 12,
+        least_weight: LEAST_WEIGHT,
+    };
+    config
+}
 
 /// `n_views` photos of `size` x `size` pixels, every fifth for validation.
 pub(super) fn sphere_in_a_box(n_views: usize, size: u32) -> Dataset {
@@ -34,7 +63,7 @@ pub(super) fn sphere_in_a_box(n_views: usize, size: u32) -> Dataset {
         val: strip(val),
         test: Vec::new(),
         mesh: Some(mesh),
-        mesh_path: None,
+        mesh_path: Some(PathBuf::from("formula")),
         surroundings_visible: true,
         problems: Vec::new(),
     }

@@ -10,10 +10,12 @@ use super::adam::{Adam, Rates, store_bf16};
 use super::chunk::{BatchSize, Chunk, N_CHUNKS, StepContext};
 use super::config::TrainConfig;
 use super::exposures::Exposures;
+use super::learned::Learned;
 use super::pixels::PixelStore;
 use super::placement::{field_frame, hollow_density, up_direction};
 use super::preparation::Prepared;
 use super::random::SlotRandom;
+use super::refinement::{self, Refinement};
 use super::skips::SkipShares;
 use super::snapshot::Snapshot;
 use crate::data::Dataset;
@@ -42,7 +44,8 @@ pub struct Trainer {
     pub(super) config: TrainConfig,
     name: String,
     up: glam::Vec3,
-    pixels: PixelStore,
+    pub(super) pixels: PixelStore,
+    /// Of the mesh that snapshots have.
     pub(super) tracer: Option<Arc<SurfaceTracer>>,
     pub(super) frame: FieldFrame,
     pub(super) field: Learned<RadianceField, FieldTransposed>,
@@ -52,6 +55,8 @@ pub struct Trainer {
     pub(super) gamma_adam: Adam,
     /// Where each photo has its own.
     pub(super) exposures: Option<Exposures>,
+    /// Where the mesh's normals are refined.
+    pub(super) refinement: Option<Refinement>,
     pub(super) step: u64,
     /// Optimiser updates done: steps less the skipped ones.
     pub(super) updates: u64,
@@ -64,16 +69,6 @@ pub struct Trainer {
     /// The field's grid in bf16, rewritten with every update: what a step encodes from, at half the cache lines.
     tables: Vec<u16>,
     probes: Vec<FieldBatch>,
-}
-
-/// A field under training: its moments, gradient and transposed weights.
-#[derive(Debug)]
-pub(super) struct Learned<F, T> {
-    pub(super) value: F,
-    pub(super) adam: Adam,
-    /// Zero between steps: [`Adam::update`] clears it.
-    gradient: Vec<f32>,
-    transposed: T,
 }
 
 /// The parts of a step, in order.
@@ -143,6 +138,10 @@ impl Trainer {
                 let side = 1.05 * bounds.extent().max_element();
                 Material::new(config.material, bounds.center(), side, || random.uniform())
             });
+        let refinement = tracer
+            .as_deref()
+            .filter(|_| refinement::is_wanted(config, dataset))
+            .map(Refinement::new);
         let density = hollow_density(tracer.as_deref(), &frame);
         let has_exposures = config.exposure_rate > 0.0;
         let exposures = has_exposures.then(|| Exposures::new(pixels.n_views()));
@@ -161,6 +160,7 @@ impl Trainer {
             gamma: 1.0,
             gamma_adam: Adam::new(1),
             exposures,
+            refinement,
             step: 0,
             updates: 0,
             skipped: 0,
@@ -289,6 +289,8 @@ impl Trainer {
             material_transposed: self.material.as_ref().map_or(&EMPTY, |m| &m.transposed),
             display: Display { gamma: self.gamma },
             gains: self.gains().unwrap_or_default(),
+            offsets: self.refinement.as_ref().map(|r| &r.offsets),
+            tilts: self.step >= refinement::DELAY,
             step: self.step,
             samples_per_ray: self.n_samples(),
             uniform_share: (1.0 - explored).max(self.config.uniform_share),
@@ -508,6 +510,14 @@ impl Trainer {
             let rate = decay * self.config.exposure_rate;
             exposures.update(gradients, rate, self.updates);
         }
+        if let Some(refinement) = &mut self.refinement
+            && self.step > refinement::DELAY
+        {
+            let batches: Vec<_> = self.chunks.iter().map(|c| &c.offsets).collect();
+            let rate = decay * refinement::RATE;
+            let n_pixels = self.batch_size.objects;
+            refinement.offsets.update(&batches, rate, n_pixels);
+        }
         self.transpose();
     }
 
@@ -550,18 +560,6 @@ impl Trainer {
 }
 
 static EMPTY: Transposed = Transposed::EMPTY;
-
-impl<F, T: Default> Learned<F, T> {
-    fn new(value: F, n_params: impl Fn(&F) -> usize) -> Self {
-        let n = n_params(&value);
-        Self {
-            value,
-            adam: Adam::new(n),
-            gradient: vec![0.0; n],
-            transposed: T::default(),
-        }
-    }
-}
 
 fn sum_in_order<'a>(total: &mut [f32], parts: impl Iterator<Item = &'a [f32]>) {
     for part in parts {

@@ -3,40 +3,13 @@
 use std::sync::atomic::AtomicBool;
 
 use super::config::TrainConfig;
-use super::test_scene::{TINT, sphere_in_a_box};
+use super::test_scene::{TINT, small_fields, sphere_in_a_box};
 use super::trainer::{StepStats, Trainer};
 use crate::color::{linear_from_srgb, srgb_from_linear};
 use crate::data::{Dataset, Photo};
-use crate::neif::hash_grid::{GridConfig, LEAST_WEIGHT};
 use crate::neif::material::MaterialBatch;
 use crate::neif::radiance_field::CutOff;
 use crate::render::{Layer, render};
-
-fn config() -> TrainConfig {
-    let mut config = TrainConfig {
-        object_pixels: 128,
-        background_pixels: 128,
-        preconvolved_levels: 3,
-        // The sphere is a metal with a diffuse part.
-        metal_weight: 0.0,
-        ..TrainConfig::default()
-    };
-    config.field.grid = GridConfig {
-        n_levels: 8,
-        coarsest: 8,
-        finest: 96,
-        log2_table_size: 13,
-        least_weight: LEAST_WEIGHT,
-    };
-    config.material.grid = GridConfig {
-        n_levels: 4,
-        coarsest: 4,
-        finest: 24,
-        log2_table_size: 12,
-        least_weight: LEAST_WEIGHT,
-    };
-    config
-}
 
 fn trainer(config: &TrainConfig, dataset: &Dataset) -> Trainer {
     Trainer::new(config, dataset, &AtomicBool::new(false), &|_| ()).unwrap()
@@ -78,7 +51,7 @@ fn validation_psnr(trainer: &Trainer, dataset: &Dataset) -> [f64; 2] {
 #[test]
 fn a_glossy_sphere_in_a_box_is_learned() {
     let dataset = sphere_in_a_box(30, 48);
-    let mut trainer = trainer(&config(), &dataset);
+    let mut trainer = trainer(&small_fields(), &dataset);
     let before = validation_psnr(&trainer, &dataset);
     train(&mut trainer, 1200);
     let [object, background] = validation_psnr(&trainer, &dataset);
@@ -108,7 +81,7 @@ fn gradients_of_a_whole_step_agree_with_finite_differences() {
         &TrainConfig {
             roughness_delay: 0,
             gradient_cut_off: CutOff::default(),
-            ..config()
+            ..small_fields()
         },
         &dataset,
     );
@@ -176,7 +149,7 @@ fn what_reflects_like_a_metal_loses_its_diffuse_part() {
         let mut trainer = trainer(
             &TrainConfig {
                 metal_weight,
-                ..config()
+                ..small_fields()
             },
             &dataset,
         );
@@ -214,7 +187,7 @@ fn unevenly_exposed(gain: f32) -> Dataset {
 fn exposures_that_jump_from_photo_to_photo_are_found_in_part() {
     let config = TrainConfig {
         exposure_rate: 0.03,
-        ..config()
+        ..small_fields()
     };
     let mut trainer = trainer(&config, &unevenly_exposed(0.6));
     train(&mut trainer, 500);
@@ -237,7 +210,13 @@ fn the_same_seed_gives_the_same_bits_on_any_number_of_threads() {
             .build()
             .unwrap();
         pool.install(|| {
-            let mut trainer = trainer(&TrainConfig { seed, ..config() }, &dataset);
+            let mut trainer = trainer(
+                &TrainConfig {
+                    seed,
+                    ..small_fields()
+                },
+                &dataset,
+            );
             train(&mut trainer, 40);
             trainer.checkpoint().to_bytes()
         })
@@ -262,7 +241,7 @@ fn a_resumed_run_equals_an_uninterrupted_one() {
     let dataset = sphere_in_a_box(6, 24);
     let config = TrainConfig {
         exposure_rate: 0.01,
-        ..config()
+        ..small_fields()
     };
     // Exposures are learned from step 50.
     let progress = |step: u32| step as f32 / 80.0;
@@ -288,7 +267,7 @@ fn a_resumed_run_equals_an_uninterrupted_one() {
 #[test]
 fn steps_with_numbers_that_are_not_finite_are_skipped_and_counted() {
     let dataset = sphere_in_a_box(6, 24);
-    let mut trainer = trainer(&config(), &dataset);
+    let mut trainer = trainer(&small_fields(), &dataset);
     train(&mut trainer, 5);
     let kept = trainer.field.value.params[3];
     trainer.field.value.params[3] = f32::NAN;
@@ -325,7 +304,7 @@ fn scenes_of_any_size_and_black_or_white_photos_stay_finite() {
             .unwrap()
             .transformed(glam::Affine3A::from_scale(glam::Vec3::splat(scale)));
         dataset.mesh = Some(std::sync::Arc::new(mesh));
-        let mut trainer = trainer(&config(), &dataset);
+        let mut trainer = trainer(&small_fields(), &dataset);
         let stats = train(&mut trainer, 30);
         assert!(
             stats.loss.is_finite() && trainer.skipped_steps() == 0,
@@ -338,7 +317,7 @@ fn scenes_of_any_size_and_black_or_white_photos_stay_finite() {
 fn a_capture_without_object_trains_an_environment() {
     let mut dataset = sphere_in_a_box(6, 24);
     dataset.mesh = None;
-    let mut trainer = trainer(&config(), &dataset);
+    let mut trainer = trainer(&small_fields(), &dataset);
     let stats = train(&mut trainer, 30);
     assert!(
         stats.loss.is_finite() && trainer.snapshot().object.is_none(),

@@ -30,6 +30,10 @@ const SMALL_SHARE: f64 = 0.2;
 /// The quick end of a settled run, as a share of the time it took to settle.
 const COOL_DOWN_SHARE: f64 = 0.15;
 
+/// Shares of the plan at which the pixels are traced anew where normals are refined: most is learned early, and each tracing
+/// costs what the first did.
+const RETRACE_AT: [f32; 3] = [0.1, 0.3, 0.6];
+
 /// Keys of the session's own entries in the checkpoint.
 const PLAN_KEY: &str = "session.plan";
 const TRAINED_SECS_KEY: &str = "session.trained_secs";
@@ -88,6 +92,8 @@ impl Run<'_> {
         self.validate();
         self.plan_time(begun.elapsed().as_secs_f64());
         self.clock.resume();
+        let fraction = self.plan.fraction(self.position());
+        self.due.retracing = RETRACE_AT.iter().filter(|at| **at <= fraction).count();
         self.due.report = self.clock.secs() + EARLY_REPORT_SECS;
         self.due.save = self.clock.secs() + AUTOSAVE_SECS;
         Ok(())
@@ -110,8 +116,9 @@ impl Run<'_> {
         self.plan = Plan::new(Budget::Seconds(self.clock.secs() + available));
     }
 
-    /// Does what is due by the clock.
+    /// Does what is due by the clock or the plan.
     pub(super) fn attend(&mut self) {
+        self.retrace_when_due();
         let now = self.clock.secs();
         if now >= self.due.report {
             self.publish();
@@ -136,6 +143,21 @@ impl Run<'_> {
         }
     }
 
+    fn retrace_when_due(&mut self) {
+        let fraction = || self.plan.fraction(self.position());
+        let is_due = self.trainer.refines_normals()
+            && RETRACE_AT
+                .get(self.due.retracing)
+                .is_some_and(|at| fraction() >= *at);
+        if is_due {
+            self.due.retracing += 1;
+            let (trainer, stop) = (&mut self.trainer, &self.worker.shared.stop);
+            let retrace = || trainer.retrace(&self.dataset, stop);
+            // It fails only when it is told to stop, and the run with it.
+            let _stopped = self.worker.pool.install(retrace);
+        }
+    }
+
     /// Puts the newest state of the fields where everybody can take it.
     pub(super) fn publish(&self) {
         let snapshot = Arc::new(self.trainer.snapshot());
@@ -153,6 +175,11 @@ impl Run<'_> {
     pub(super) fn validate(&mut self) {
         let begun = Instant::now();
         let scene = self.trainer.snapshot().scene();
+        if !self.validator.is_of(scene.object.as_deref()) {
+            self.validator = self
+                .worker
+                .make_validator(&self.dataset, scene.object.as_deref());
+        }
         let measure = || self.validator.measure(&scene, &self.dataset);
         let measured = self.worker.pool.install(measure);
         let (step, now) = (self.trainer.steps(), self.clock.secs());
@@ -205,6 +232,7 @@ impl Run<'_> {
     }
 
     fn save_into(&mut self, folder: &RunFolder) -> Result<(), SessionError> {
+        self.trainer.settle_normals();
         let mut checkpoint = self.trainer.checkpoint();
         let plan = serde_json::to_string(&self.plan).unwrap_or_default();
         let secs = self.clock.secs().to_string();
@@ -216,6 +244,7 @@ impl Run<'_> {
             checkpoint: &checkpoint,
             snapshot: &self.trainer.snapshot(),
             log: &self.log,
+            has_new_mesh: self.trainer.refines_normals(),
         })?;
         self.tell(TrainEvent::Saved(folder.path().to_owned()));
         Ok(())

@@ -5,10 +5,12 @@
 //! compare. Test views have no part in it.
 
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 use rayon::prelude::*;
 
 use crate::data::{Dataset, View};
+use crate::geometry::SurfaceTracer;
 use crate::neif::ObjectModel;
 use crate::render::{
     GBuffer, Layer, PathOptions, Scene, ShadeScratch, compose, shade_background, shade_object,
@@ -30,6 +32,7 @@ const MIN_RECENT: usize = 3;
 /// The rows that are measured, traced once.
 #[derive(Debug)]
 pub(super) struct Validator {
+    tracer: Option<Arc<SurfaceTracer>>,
     rows: Vec<Row>,
 }
 
@@ -76,7 +79,19 @@ impl Validator {
                 }
             })
             .collect();
-        Self { rows }
+        Self {
+            tracer: object.map(|object| Arc::clone(&object.tracer)),
+            rows,
+        }
+    }
+
+    /// Whether its rows were traced on the object's mesh.
+    pub(super) fn is_of(&self, object: Option<&ObjectModel>) -> bool {
+        let tracer = object.map(|object| &object.tracer);
+        match (&self.tracer, tracer) {
+            (Some(mine), Some(other)) => Arc::ptr_eq(mine, other),
+            (mine, other) => mine.is_none() && other.is_none(),
+        }
     }
 
     /// Measures the scene; `None` when there is no validation view.

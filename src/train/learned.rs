@@ -1,0 +1,26 @@
+//! A field under training, with all that its updates need.
+
+use super::adam::Adam;
+
+/// A field under training: its moments, gradient and transposed weights.
+#[derive(Debug)]
+pub(super) struct Learned<F, T> {
+    pub(super) value: F,
+    pub(super) adam: Adam,
+    /// Zero between steps: [`Adam::update`] clears it.
+    pub(super) gradient: Vec<f32>,
+    pub(super) transposed: T,
+}
+
+impl<F, T: Default> Learned<F, T> {
+    /// With zero moments; `n_params(&value)` is how many parameters it has.
+    pub(super) fn new(value: F, n_params: impl Fn(&F) -> usize) -> Self {
+        let n = n_params(&value);
+        Self {
+            value,
+            adam: Adam::new(n),
+            gradient: vec![0.0; n],
+            transposed: T::default(),
+        }
+    }
+}

@@ -1,0 +1,246 @@
+//! Corrections of a mesh's normals, learned with everything else.
+//!
+//! A mirror doubles the error of its normal, and a mesh made of outlines alone has ripples of a degree. A correction is a
+//! small vector in the tangent plane, the plain sum over the levels of a grid around the object: coarse levels learn what
+//! many pixels agree on, fine ones the rest.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use crate::geometry::{Aabb, Mesh};
+use crate::neif::hash_grid::{
+    FEATURES, FeatureColumns, GridConfig, Level, SamplePoints, encode_level, scatter_level,
+};
+use crate::neif::kernels::math::all_finite;
+
+/// The grid, in a cube around the object. A mesh of outlines has 144 cells along its longest side.
+const GRID: GridConfig = GridConfig {
+    n_levels: 8,
+    coarsest: 6,
+    finest: 144,
+    log2_table_size: 16,
+    least_weight: 0.0,
+};
+/// Of the running means of gradient and squared gradient.
+const BETA1: f32 = 0.9;
+const BETA2: f32 = 0.99;
+/// Strength of the pull towards the mesh's own normals: a pixel's squared error (sRGB, summed over the colours) that is
+/// worth a correction of one radian. What hardly shows, as on rough and diffuse surfaces, is left to the mesh.
+const PULL: f32 = 3.0;
+/// Gradient below which a value moves less than the rate, of a pixel's squared error by radians.
+const LEAST_GRADIENT: f32 = 0.005;
+
+/// The corrections of one object's normals.
+#[derive(Debug)]
+pub(super) struct NormalOffsets {
+    corner: Vec3,
+    side: f32,
+    tables: Vec<LevelTable>,
+}
+
+/// One level: `[n_entries][4]` each.
+#[derive(Debug)]
+struct LevelTable {
+    level: Level,
+    /// All that was ever learned, which is pulled towards 0, and the number of updates.
+    total: Vec<f32>,
+    /// What was learned since the pixels were traced, which their normals lack; the fourth is 0.
+    recent: Vec<f32>,
+    /// Zero between steps; the fourth is the weight of the pixels that touched the entry.
+    gradient: Vec<f32>,
+    /// Running means of the gradient and of its squared length.
+    moments: Vec<f32>,
+}
+
+/// Working memory for one batch of points.
+#[derive(Debug, Default)]
+pub(super) struct OffsetBatch {
+    positions: Vec<[f32; 3]>,
+    footprints: Vec<f32>,
+    level: Vec<f32>,
+    /// Result of [`NormalOffsets::evaluate`], `[n][4]`.
+    values: Vec<f32>,
+    /// The gradient by it.
+    d_values: Vec<f32>,
+}
+
+impl NormalOffsets {
+    /// No correction anywhere in the cube around `bounds`.
+    pub(super) fn new(bounds: &Aabb) -> Self {
+        // A margin, so that the rim of the cube is never needed.
+        let side = 1.05 * bounds.extent().max_element();
+        Self {
+            corner: bounds.center() - Vec3::splat(0.5 * side),
+            side,
+            tables: GRID.levels().into_iter().map(LevelTable::new).collect(),
+        }
+    }
+
+    /// Values of all levels.
+    pub(super) fn n_values(&self) -> usize {
+        self.tables.iter().map(|table| table.total.len()).sum()
+    }
+
+    /// What was learned in all, and the moments, level by level.
+    pub(super) fn state(&self) -> [Vec<f32>; 2] {
+        let all = |of: fn(&LevelTable) -> &[f32]| self.tables.iter().map(of).collect::<Vec<_>>();
+        [all(|t| &t.total), all(|t| &t.moments)].map(|levels| levels.concat())
+    }
+
+    /// Goes on from there with a mesh that has all that was learned; the lengths must be those of [`Self::state`].
+    pub(super) fn set_state(&mut self, [total, moments]: [&[f32]; 2]) {
+        let mut start = 0;
+        for table in &mut self.tables {
+            let range = start..start + table.total.len();
+            start = range.end;
+            table.total.copy_from_slice(&total[range.clone()]);
+            table.moments.copy_from_slice(&moments[range]);
+        }
+        self.forget_recent();
+    }
+
+    /// The pixels were traced anew, on a mesh that has all that was learned.
+    pub(super) fn forget_recent(&mut self) {
+        for table in &mut self.tables {
+            table.recent.fill(0.0);
+        }
+    }
+
+    /// Evaluates what was learned since the last tracing at `points`, world coordinates.
+    pub(super) fn evaluate(&self, points: impl Iterator<Item = Vec3>, batch: &mut OffsetBatch) {
+        batch.positions.clear();
+        batch
+            .positions
+            .extend(points.map(|p| ((p - self.corner) / self.side).to_array()));
+        let n = batch.positions.len();
+        batch.footprints.clear();
+        batch.footprints.resize(n, 0.0);
+        for values in [&mut batch.values, &mut batch.d_values] {
+            values.clear();
+            values.resize(n * FEATURES, 0.0);
+        }
+        batch.level.resize(n * FEATURES, 0.0);
+        for table in &self.tables {
+            let at = SamplePoints {
+                positions: &batch.positions,
+                footprints: &batch.footprints,
+            };
+            encode_level(&table.level, &table.recent, at, &mut batch.level);
+            for (sum, value) in batch.values.iter_mut().zip(&batch.level) {
+                *sum += value;
+            }
+        }
+    }
+
+    /// The mesh that the pixels were traced on, with what was learned since.
+    pub(super) fn applied_to(&self, traced: &Mesh) -> Mesh {
+        const BLOCK: usize = 4096;
+        let mut normals = traced.normals.clone();
+        normals
+            .par_chunks_mut(BLOCK)
+            .zip(traced.positions.par_chunks(BLOCK))
+            .for_each_init(OffsetBatch::default, |batch, (normals, positions)| {
+                self.evaluate(positions.iter().copied(), batch);
+                for (i, normal) in normals.iter_mut().enumerate() {
+                    *normal = batch.corrected(i, *normal);
+                }
+            });
+        Mesh {
+            normals,
+            ..traced.clone()
+        }
+    }
+
+    /// One step from the batches' gradients; `n_pixels` is what it drew, `rate` in radians.
+    pub(super) fn update(&mut self, batches: &[&OffsetBatch], rate: f32, n_pixels: usize) {
+        let epsilon = LEAST_GRADIENT / n_pixels.max(1) as f32;
+        self.tables.par_iter_mut().rev().for_each(|table| {
+            for batch in batches {
+                table.scatter(batch);
+            }
+            table.update(rate, epsilon);
+        });
+    }
+}
+
+impl LevelTable {
+    fn new(level: Level) -> Self {
+        let zero = vec![0.0; level.n_entries * FEATURES];
+        Self {
+            level,
+            total: zero.clone(),
+            recent: zero.clone(),
+            gradient: zero.clone(),
+            moments: zero,
+        }
+    }
+
+    fn scatter(&mut self, batch: &OffsetBatch) {
+        let at = SamplePoints {
+            positions: &batch.positions,
+            footprints: &batch.footprints,
+        };
+        let layout = FeatureColumns {
+            stride: FEATURES,
+            column: 0,
+        };
+        scatter_level(&self.level, at, &batch.d_values, layout, &mut self.gradient);
+    }
+
+    /// A step of Adam (Kingma and Ba, arXiv:1412.6980) with one second moment an entry, so that it does not matter how the
+    /// axes lie. What no pixel touched is left alone.
+    fn update(&mut self, rate: f32, epsilon: f32) {
+        let entries = self
+            .total
+            .as_chunks_mut::<FEATURES>()
+            .0
+            .iter_mut()
+            .zip(self.recent.as_chunks_mut::<FEATURES>().0)
+            .zip(self.gradient.as_chunks_mut::<FEATURES>().0)
+            .zip(self.moments.as_chunks_mut::<FEATURES>().0);
+        for (((total, recent), gradient), moments) in entries {
+            if *gradient == [0.0; FEATURES] {
+                continue;
+            }
+            let [.., n_updates] = total;
+            *n_updates += 1.0;
+            let unbias = [BETA1, BETA2].map(|beta| 1.0 - beta.powf(*n_updates));
+            let weight = gradient[3];
+            let mut square = 0.0;
+            for k in 0..3 {
+                let d = gradient[k] + weight * PULL * total[k];
+                moments[k] += (1.0 - BETA1) * (d - moments[k]);
+                square += d * d;
+            }
+            moments[3] += (1.0 - BETA2) * (square - moments[3]);
+            let share = rate / (unbias[0] * ((moments[3] / unbias[1]).sqrt() + epsilon));
+            for k in 0..3 {
+                let step = share * moments[k];
+                total[k] -= step;
+                recent[k] -= step;
+            }
+            gradient.fill(0.0);
+        }
+    }
+}
+
+impl OffsetBatch {
+    /// The unit normal at point `i`, which was `normal`.
+    pub(super) fn corrected(&self, i: usize, normal: Vec3) -> Vec3 {
+        let offset = Vec3::from_slice(&self.values[i * FEATURES..]);
+        (normal + offset - normal * normal.dot(offset)).normalize_or(normal)
+    }
+
+    /// Whether its gradient is.
+    pub(super) fn is_finite(&self) -> bool {
+        all_finite(&self.d_values)
+    }
+
+    /// Adds to the gradient by the correction of point `i`, from so large a share of a step's pixels.
+    pub(super) fn add(&mut self, i: usize, d: Vec3, share: f32) {
+        let d = [d.x, d.y, d.z, share];
+        for (sum, d) in self.d_values[i * FEATURES..].iter_mut().zip(d) {
+            *sum += d;
+        }
+    }
+}

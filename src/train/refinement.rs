@@ -1,0 +1,85 @@
+//! Refinement of the mesh's normals while everything else is trained.
+//!
+//! The pixels' light paths are traced once. What is learned of the normals since then is added to those of their
+//! vertices, step by step; now and then a corrected mesh is made of it for all to see, and the paths are traced anew.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use super::TrainError;
+use super::config::{Normals, TrainConfig};
+use super::normal_offsets::NormalOffsets;
+use super::preparation::collect_pixels;
+use super::trainer::Trainer;
+use crate::data::Dataset;
+use crate::geometry::{Mesh, SurfaceTracer};
+
+/// Steps before normals are learned: until then the surroundings have no features to go by.
+pub(super) const DELAY: u64 = 100;
+/// Learning rate at the beginning, radians.
+pub(super) const RATE: f32 = 1e-3;
+
+/// Corrections of the normals, and the mesh that they are of.
+#[derive(Debug)]
+pub(super) struct Refinement {
+    pub(super) offsets: NormalOffsets,
+    /// The mesh that the pixels were traced on.
+    pub(super) traced: Arc<Mesh>,
+    /// The step that the trainer's mesh is of.
+    settled_at: u64,
+}
+
+/// Whether a run with these settings refines the normals of the capture's mesh.
+pub(super) fn is_wanted(config: &TrainConfig, dataset: &Dataset) -> bool {
+    let is_made = || dataset.mesh.is_some() && dataset.mesh_path.is_none();
+    config.paper.is_none()
+        && match config.normals {
+            Normals::Given => false,
+            Normals::Refined => dataset.mesh.is_some(),
+            Normals::Auto => is_made(),
+        }
+}
+
+impl Refinement {
+    /// Nothing is corrected yet.
+    pub(super) fn new(tracer: &SurfaceTracer) -> Self {
+        Self {
+            offsets: NormalOffsets::new(&tracer.mesh().bounds()),
+            traced: Arc::clone(tracer.mesh()),
+            settled_at: 0,
+        }
+    }
+}
+
+impl Trainer {
+    /// Whether the normals of the mesh are refined.
+    pub fn refines_normals(&self) -> bool {
+        self.refinement.is_some()
+    }
+
+    /// Lets snapshots have the normals as they are known by now.
+    pub fn settle_normals(&mut self) {
+        if let Some(refinement) = &mut self.refinement
+            && refinement.settled_at < self.step
+        {
+            refinement.settled_at = self.step;
+            let mesh = refinement.offsets.applied_to(&refinement.traced);
+            self.tracer = Some(Arc::new(SurfaceTracer::new(Arc::new(mesh))));
+        }
+    }
+
+    /// Traces every training pixel anew, on the mesh as it is known by now, on the current thread pool; nothing where
+    /// normals are not refined.
+    ///
+    /// # Errors
+    /// When cancelled; the trainer then goes on with the old paths.
+    pub fn retrace(&mut self, dataset: &Dataset, cancel: &AtomicBool) -> Result<(), TrainError> {
+        self.settle_normals();
+        if let (Some(refinement), Some(tracer)) = (&mut self.refinement, &self.tracer) {
+            self.pixels = collect_pixels(&self.config, dataset, Some(tracer), cancel, &|_| ())?;
+            refinement.traced = Arc::clone(tracer.mesh());
+            refinement.offsets.forget_recent();
+        }
+        Ok(())
+    }
+}

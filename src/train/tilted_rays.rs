@@ -1,0 +1,94 @@
+//! How a pixel's error depends on its normal: by a second ray, for a normal that leans a little to a random side.
+//!
+//! The difference of the two rays' light over the angle between the normals, along the random side, is in expectation
+//! half the gradient. The radiance field is too rough for its derivative at a point to say where the light changes.
+
+use glam::Vec3;
+
+use super::chunk::StepContext;
+use super::normal_offsets::OffsetBatch;
+use super::random::SlotRandom;
+use crate::geometry::orthonormal_basis;
+use crate::neif::EnvironmentTransform;
+use crate::neif::light_path::{LitVertex, first_lobe_ray};
+use crate::neif::radiance_field::FieldBatch;
+use crate::neif::shading::SurfacePoint;
+
+/// By how much a normal leans, radians.
+const TILT: f32 = 0.01;
+
+/// The second rays of a batch, which are its last.
+#[derive(Debug, Default)]
+pub(super) struct TiltedRays {
+    first: usize,
+    rays: Vec<TiltedRay>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct TiltedRay {
+    /// The point whose normal leans.
+    point: usize,
+    /// The ray of its upright normal.
+    upright: usize,
+    /// Unit tangent that the normal leans to.
+    side: Vec3,
+    /// Of the step's pixels.
+    share: f32,
+}
+
+impl TiltedRays {
+    /// Forgets all; those to come follow the batch's rays.
+    pub(super) fn begin(&mut self, batch: &FieldBatch) {
+        self.first = batch.rays.len();
+        self.rays.clear();
+    }
+
+    /// Adds one beside the lobe's ray of a path's first vertex, if that has one. `vertex` is that point, the `index`-th of the
+    /// chunk's, which stands for `share` of the step's pixels.
+    pub(super) fn push(
+        &mut self,
+        context: &StepContext<'_>,
+        random: &mut SlotRandom,
+        (index, point, lit): (usize, &SurfacePoint, &LitVertex),
+        share: f32,
+        batch: &mut FieldBatch,
+    ) {
+        let Some(upright) = lit.ray() else {
+            return;
+        };
+        let (sin, cos) = (random.uniform() * std::f32::consts::TAU).sin_cos();
+        let (tangent, bitangent) = orthonormal_basis(point.normal);
+        let side = tangent * cos + bitangent * sin;
+        let leaning = SurfacePoint {
+            normal: (point.normal + side * TILT).normalize_or(point.normal),
+            ..*point
+        };
+        let still = EnvironmentTransform::default().environment_from_world();
+        let axis = leaning.reflected();
+        let ray = first_lobe_ray(&leaning, axis, lit.lobe(), &still, context.frame);
+        batch.rays.push(ray);
+        self.rays.push(TiltedRay {
+            point: index,
+            upright,
+            side,
+            share,
+        });
+    }
+
+    /// The ray whose random numbers place the samples of `ray`: both of a pair have the same, so that only what they
+    /// meet differs.
+    pub(super) fn placed_like(&self, ray: usize) -> usize {
+        let tilted = ray.checked_sub(self.first).and_then(|i| self.rays.get(i));
+        tilted.map_or(ray, |tilted| tilted.upright)
+    }
+
+    /// From the gradients by the upright rays' light to those by the corrections.
+    pub(super) fn backward(&self, batch: &FieldBatch, offsets: &mut OffsetBatch) {
+        for (tilted, ray) in self.rays.iter().zip(self.first..) {
+            let light = |ray: usize| Vec3::from(batch.radiance[ray]);
+            let slope = (light(ray) - light(tilted.upright)) / TILT;
+            let d = Vec3::from(batch.d_radiance[tilted.upright]).dot(slope);
+            offsets.add(tilted.point, 2.0 * d * tilted.side, tilted.share);
+        }
+    }
+}
