@@ -1,6 +1,7 @@
 //! What a pixel sees of the mesh: the light paths of its reflections, with footprints.
 //!
-//! Geometry does not change while stage two trains, so trainer and renderer trace each pixel once and keep this.
+//! Surfaces stay where they are while stage two trains, so trainer and renderer trace each pixel once and keep this;
+//! where normals are refined, once for each mesh with better ones.
 
 use glam::{Quat, Vec3};
 

@@ -1,4 +1,5 @@
-//! All that a run needs to go on exactly where it stopped, as tensors.
+//! All that a run needs to go on exactly where it stopped, as tensors. Where normals are refined, its pixels are traced
+//! anew on the saved mesh, which has all that was learned: then it goes on there, but not to the bit.
 
 use super::TrainError;
 use super::trainer::Trainer;

@@ -1,4 +1,4 @@
-//! The store of training pixels: each traced once, drawn from ever after.
+//! The store of training pixels: each traced once on a mesh, drawn from ever after.
 
 use std::ops::Range;
 
