@@ -11,6 +11,7 @@ use super::contraction::FieldFrame;
 use super::distant::{
     DistantConfig, DistantLight, ImportOptions, import_environment, is_panorama_file,
 };
+use super::lobe::SHARPEST_VARIANCE;
 use super::paper::ray_pass::{PaperPlacement, RayLight};
 use super::paper::{PaperField, PaperFieldConfig};
 use super::proposal::DensityGrid;
@@ -164,6 +165,15 @@ impl Environment {
             EnvironmentField::Grid { field, .. } => field.config().is_far,
             EnvironmentField::Paper(_) => false,
             EnvironmentField::Distant(_) => true,
+        }
+    }
+
+    /// Variance per transverse axis of the sharpest cone that the field was taught, which every cone of a lobe has on top of
+    /// its own; 0 where cones may be as sharp as rays.
+    pub fn sharpest_variance(&self) -> f32 {
+        match &self.field {
+            EnvironmentField::Grid { .. } => SHARPEST_VARIANCE,
+            EnvironmentField::Paper(_) | EnvironmentField::Distant(_) => 0.0,
         }
     }
 

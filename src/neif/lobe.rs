@@ -28,6 +28,16 @@ pub fn perceptual_roughness(learned: f32) -> f32 {
     alpha2.max(0.0).sqrt().sqrt().max(LEAST_PERCEPTUAL)
 }
 
+/// Variance per transverse axis of the fast field's sharpest cone, that of a mirror: what photos taught it no narrower one
+/// of, other cones have on top of their own.
+pub const SHARPEST_VARIANCE: f32 = CONE_ALPHA * CONE_ALPHA / KAPPA_ALPHA2;
+
+/// The inverse of [`perceptual_roughness`]: the roughness of the one cone of the fast field that looks like this one.
+pub fn cone_roughness(perceptual: f32) -> f32 {
+    let alpha2 = perceptual.clamp(0.0, 1.0).powi(4) + CONE_ALPHA * CONE_ALPHA;
+    alpha2.sqrt().sqrt().min(1.0)
+}
+
 /// Length of the mean direction, `A(kappa) = coth kappa - 1/kappa`, in `[0, 1]`.
 pub fn mean_length(kappa: f32) -> f32 {
     if kappa < KAPPA_SERIES {
@@ -134,6 +144,17 @@ fn d_variance_d_kappa(kappa: f32, a: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_cone_of_a_perceptual_roughness_looks_like_it() {
+        for r in [LEAST_PERCEPTUAL, 0.1, 0.3, 0.7, 0.99] {
+            let back = perceptual_roughness(cone_roughness(r));
+            // Near a mirror the fourth root magnifies what is rounded.
+            assert!((back - r).abs() < 1e-3, "{r}: {back}");
+        }
+        let mirror = Lobe::from_roughness(cone_roughness(0.0)).variance;
+        assert!((mirror / SHARPEST_VARIANCE - 1.0).abs() < 0.01, "{mirror}");
+    }
 
     #[test]
     fn variance_slope_agrees_with_finite_differences() {

@@ -10,6 +10,7 @@ use super::shade::ShadeScratch;
 use crate::neif::EnvironmentFromWorld;
 use crate::neif::contraction::FieldFrame;
 use crate::neif::light_path::{self, PathVertex, SplitLobe};
+use crate::neif::lobe::{Lobe, cone_roughness};
 use crate::neif::lobe_cones::{LobeCone, PathOfPixel, lobe_cones};
 use crate::neif::material::Surface;
 use crate::neif::object::ObjectModel;
@@ -35,6 +36,7 @@ pub(super) fn aim_lobes(
         object,
         motion: &motion,
         frame: scene.environment.frame(),
+        sharpest: scene.environment.sharpest_variance(),
         has_own_light: scene.has_own_light(),
     };
     scratch.rays.clear();
@@ -57,6 +59,8 @@ struct Aim<'a> {
     object: &'a ObjectModel,
     motion: &'a EnvironmentFromWorld,
     frame: &'a FieldFrame,
+    /// Variance that the surroundings ask for on top of a lobe's.
+    sharpest: f32,
     has_own_light: bool,
 }
 
@@ -84,9 +88,14 @@ impl Aim<'_> {
         };
         let surface = |k: usize| {
             let mut surface = surfaces[start + k];
-            // One cone is as wide as it was when it was taught.
-            if !is_new(k) || k == 0 && weight < 1.0 {
-                surface.roughness = learned[start + k];
+            let is_taught = !is_new(k) || k == 0 && weight < 1.0;
+            if self.sharpest > 0.0 || !is_new(k) {
+                // One cone is as wide as it was when it was taught, or as if it had been.
+                surface.roughness = if is_taught {
+                    learned[start + k]
+                } else {
+                    cone_roughness(surface.roughness)
+                };
             }
             (start + k, surface)
         };
@@ -105,18 +114,14 @@ impl Aim<'_> {
 
     /// How much several cones count against the one that photos taught, `[0, 1]`.
     fn split_weight(&self, roughness: f32, learned: f32) -> f32 {
-        let taught = self.object.material.perceptual(Surface {
-            roughness: learned,
-            ..Surface::default()
-        });
-        let change = (roughness - taught.roughness).abs() / UNTAUGHT;
+        let change = untaught_share(self.object, roughness, learned);
         // Of other surroundings, sharp cones are as good as of the own ones.
         let is_wide = if self.has_own_light {
             0.0
         } else {
             (learned - SHARP) / SHARP_TO_WIDE
         };
-        change.max(is_wide).clamp(0.0, 1.0)
+        change.max(is_wide.clamp(0.0, 1.0))
     }
 
     /// Adds those of a lobe's cones that leave the object to `rays` and the others to `blocked`, as those of the lit
@@ -147,6 +152,7 @@ impl Aim<'_> {
                 });
             } else {
                 let (motion, frame) = (self.motion, self.frame);
+                let lobe = Lobe::from_variance(lobe.variance + self.sharpest);
                 rays.push(light_path::first_lobe_ray(
                     point, axis, &lobe, motion, frame,
                 ));
@@ -168,4 +174,13 @@ impl Aim<'_> {
             weight: 1.0,
         })
     }
+}
+
+/// How little the photos taught a lobe of this perceptual roughness where they taught one of the `learned` roughness, `[0, 1]`.
+pub(super) fn untaught_share(object: &ObjectModel, roughness: f32, learned: f32) -> f32 {
+    let taught = object.material.perceptual(Surface {
+        roughness: learned,
+        ..Surface::default()
+    });
+    ((roughness - taught.roughness).abs() / UNTAUGHT).min(1.0)
 }

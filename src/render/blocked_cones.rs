@@ -73,6 +73,7 @@ pub(super) fn arrive(
 pub(super) fn follow(scene: &Scene, object: &ObjectModel, scratch: &mut ShadeScratch) {
     let motion = scene.transform.environment_from_world();
     let frame = scene.environment.frame();
+    let sharpest = scene.environment.sharpest_variance();
     let mut cones = std::mem::take(&mut scratch.blocked);
     let mut beyond = std::mem::take(&mut scratch.beyond);
     for bounce in 1..MAX_VERTICES as u32 {
@@ -109,7 +110,7 @@ pub(super) fn follow(scene: &Scene, object: &ObjectModel, scratch: &mut ShadeScr
                 ray,
                 throughput,
             });
-            let lobe = Lobe::from_variance(variance.min(WIDEST));
+            let lobe = Lobe::from_variance((variance + sharpest).min(WIDEST));
             let ray = light_path::first_lobe_ray(&cone.point, axis, &lobe, &motion, frame);
             scratch.rays().push(ray);
         }

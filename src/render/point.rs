@@ -169,9 +169,9 @@ mod tests {
             &mut scratch,
         );
         let difference = (Vec3::from(pixel[0]) - values.outgoing).abs().max_element();
-        // The pixel's footprint knows the curvature of the surface.
+        // The pixel's footprint knows the curvature of the surface, and its cones lie elsewhere in the lobe.
         assert!(
-            difference < 0.05 * values.outgoing.max_element(),
+            difference < 0.08 * values.outgoing.max_element(),
             "{pixel:?} against {values:?}"
         );
         assert!(view.viewing_angle() < std::f32::consts::FRAC_PI_2);

@@ -1,12 +1,14 @@
 //! The oracle of the shading: a lobe as many thin rays through the field instead of one cone.
 //!
-//! Slow and without integrated lobe encoding. Rays that meet the object go on from there, as in a path tracer, so that
+//! Slow and without integrated lobe encoding: rays are as thin as the surroundings tell apart, which for the fast field is
+//! the cone of a mirror. Rays that meet the object go on from there, as in a path tracer, so that
 //! neither the cone's one colour nor the few rays that find the blocked share of a lobe are relied on.
 
 use std::sync::atomic::AtomicBool;
 
 use glam::Vec3;
 
+use super::aim::untaught_share;
 use super::gbuffer::GBuffer;
 use super::importance::{Importance, hilbert, systematic};
 use super::scene::Scene;
@@ -15,15 +17,13 @@ use super::trace::MAX_VERTICES;
 use crate::geometry::{Ray, sample_vmf};
 use crate::neif::contraction::FieldFrame;
 use crate::neif::edit::EnvironmentFromWorld;
-use crate::neif::lobe::kappa_from_roughness;
+use crate::neif::light_path::{PathVertex, first_lobe_ray};
+use crate::neif::lobe::{Lobe, kappa_from_roughness};
 use crate::neif::lobe_cones::visible_ggx_normal;
 use crate::neif::object::ObjectModel;
-use crate::neif::proposal::ConeRay;
 use crate::neif::radiance_field::FieldRay;
-use crate::neif::shading::fresnel;
+use crate::neif::shading::{SurfacePoint, fresnel};
 
-/// Concentration of a ray that counts as a lobe's, so that it does not start inside its own surface.
-const THIN: f32 = 1e6;
 /// Draws of a direction that leaves the surface before the last one is mirrored out of it.
 const MAX_DRAWS: u32 = 8;
 /// Directions drawn from the lobe for each that is followed.
@@ -80,12 +80,7 @@ impl Reference {
 /// A point that a path has reached.
 #[derive(Clone, Copy, Debug)]
 struct Walker {
-    position: Vec3,
-    normal: Vec3,
-    to_eye: Vec3,
-    /// Footprint of the pixel where it is, and its growth.
-    base: f32,
-    spread: f32,
+    point: SurfacePoint,
     /// Share of what it meets next that reaches the eye.
     throughput: Vec3,
     /// Number among the pixel's paths.
@@ -131,18 +126,13 @@ pub(super) fn shade_object_reference(
 /// The points of a pixel, each an equal share of it.
 fn start(gbuffer: &GBuffer, pixel: u32) -> Vec<Walker> {
     let share = Vec3::splat(1.0 / gbuffer.paths_at(pixel).count().max(1) as f32);
-    let points = gbuffer.paths_at(pixel).map(|path| path[0].point);
-    points
-        .map(|point| Walker {
-            position: point.position,
-            normal: point.normal,
-            to_eye: point.to_eye,
-            base: point.base,
-            spread: point.spread,
-            throughput: share,
-            index: 0,
-        })
-        .collect()
+    let paths = gbuffer.paths_at(pixel);
+    let walker = |path: &[PathVertex]| Walker {
+        point: path[0].point,
+        throughput: share,
+        index: 0,
+    };
+    paths.map(walker).collect()
 }
 
 /// A direction drawn from the lobe of one of a pixel's points.
@@ -176,7 +166,8 @@ impl Paths<'_> {
             let mut walker = points[candidate.point];
             walker.index = index as u32;
             let throughput = lobes[candidate.point].throughput * share;
-            walkers.extend(self.send(&walker, candidate.direction, throughput, true));
+            let ray = (candidate.direction, lobes[candidate.point].thin);
+            walkers.extend(self.send(&walker, ray, throughput, true));
         }
         for bounce in 1..MAX_VERTICES as u32 {
             if walkers.is_empty() {
@@ -189,7 +180,8 @@ impl Paths<'_> {
             for (walker, lobe) in walkers.iter().zip(lobes) {
                 let mut draws = Draws::new([pixel, bounce, walker.index]);
                 let (direction, share) = self.next_direction(walker, lobe.roughness, &mut draws);
-                next.extend(self.send(walker, direction, lobe.throughput * share, may_meet));
+                let ray = (direction, lobe.thin);
+                next.extend(self.send(walker, ray, lobe.throughput * share, may_meet));
             }
             walkers = next;
         }
@@ -203,20 +195,23 @@ impl Paths<'_> {
 
     /// What the walkers' diffuse parts bring together, and their lobes.
     fn emitted(&self, walkers: &[Walker], scratch: &mut ShadeScratch) -> (Vec3, Vec<WalkerLobe>) {
-        let points = walkers.iter().map(|w| (w.position, w.normal));
+        let points = walkers.iter().map(|w| (w.point.position, w.point.normal));
         let edited = scratch.surfaces(self.scene, self.object, points);
         let surfaces = edited.surfaces().iter().zip(edited.specular_gain());
+        let surfaces = surfaces.zip(edited.learned_roughness());
+        let sharpest = self.scene.environment.sharpest_variance();
         let mut sum = Vec3::ZERO;
         let lobes = walkers
             .iter()
             .zip(surfaces)
-            .map(|(walker, (surface, gain))| {
-                let cos = walker.normal.dot(walker.to_eye).max(0.0);
+            .map(|(walker, ((surface, gain), learned))| {
+                let cos = walker.point.n_dot_v();
                 let fresnel = fresnel(surface.tint, cos);
                 sum += walker.throughput * surface.diffuse * (Vec3::ONE - fresnel);
                 WalkerLobe {
                     roughness: surface.roughness,
                     throughput: walker.throughput * fresnel * *gain,
+                    thin: thin_ray(self.object, surface.roughness, *learned, sharpest),
                 }
             })
             .collect();
@@ -248,7 +243,7 @@ impl Paths<'_> {
                 u.fract().min(1.0 - f32::EPSILON)
             });
             let direction = draw_once(&points[point], lobes[point].roughness, self.options.lobe, u);
-            if direction.dot(points[point].normal) > 0.0 {
+            if direction.dot(points[point].point.normal) > 0.0 {
                 n_leaving[point] += 1;
                 candidates.push(Candidate { point, direction });
             }
@@ -257,7 +252,7 @@ impl Paths<'_> {
             // A point seen from behind its shading normal may send nothing out of its surface.
             if *count == 0 {
                 *count = 1;
-                let direction = points[point].normal;
+                let direction = points[point].point.normal;
                 candidates.push(Candidate { point, direction });
             }
         }
@@ -301,13 +296,13 @@ impl Paths<'_> {
     fn send(
         &mut self,
         walker: &Walker,
-        direction: Vec3,
+        (direction, thin): (Vec3, Lobe),
         throughput: Vec3,
         may_meet: bool,
     ) -> Option<Walker> {
         let tracer = &self.object.tracer;
         let ray = Ray {
-            origin: walker.position,
+            origin: walker.point.position,
             direction,
         };
         let hit = may_meet
@@ -315,15 +310,19 @@ impl Paths<'_> {
             .flatten();
         let Some(hit) = hit else {
             self.throughputs.push(throughput);
-            let ray = thin_ray(walker, direction, &self.motion, &self.frame);
+            let ray = first_lobe_ray(&walker.point, direction, &thin, &self.motion, &self.frame);
             self.rays.push(ray);
             return None;
         };
+        let from = &walker.point;
         Some(Walker {
-            position: hit.position,
-            normal: hit.normal,
-            to_eye: -direction,
-            base: walker.base + walker.spread * hit.t,
+            point: SurfacePoint {
+                position: hit.position,
+                normal: hit.normal,
+                to_eye: -direction,
+                base: from.base + from.spread * hit.t,
+                spread: from.spread,
+            },
             throughput,
             ..*walker
         })
@@ -336,28 +335,16 @@ struct WalkerLobe {
     roughness: f32,
     /// Share of what comes along it that reaches the eye.
     throughput: Vec3,
+    /// The thinnest ray from there.
+    thin: Lobe,
 }
 
-/// A ray as wide as the pixel alone makes it.
-fn thin_ray(
-    walker: &Walker,
-    direction: Vec3,
-    motion: &EnvironmentFromWorld,
-    frame: &FieldFrame,
-) -> FieldRay {
-    let origin = frame.field_from_world(motion.point(walker.position));
-    let direction = motion.direction(direction).to_array();
-    FieldRay {
-        cone: ConeRay {
-            origin: origin.to_array(),
-            direction,
-            base: walker.base * motion.length(1.0) / frame.half_side,
-            spread: walker.spread,
-            lobe_variance: 0.0,
-        },
-        direction,
-        kappa: THIN,
-    }
+/// The thinnest ray of a lobe, among surroundings that were taught none sharper than of variance `sharpest`: narrower only
+/// where photos taught them this very surface's.
+fn thin_ray(object: &ObjectModel, roughness: f32, learned: f32, sharpest: f32) -> Lobe {
+    let taught = Lobe::from_roughness(learned).variance.min(sharpest);
+    let untaught = untaught_share(object, roughness, learned);
+    Lobe::from_variance(taught + (sharpest - taught) * untaught)
 }
 
 /// Pairs of numbers in `[0, 1)` that look random.
@@ -379,7 +366,7 @@ impl Draws {
 
 /// A direction of the lobe that leaves the surface.
 fn draw(walker: &Walker, roughness: f32, lobe: LobeShape, draws: &mut Draws) -> Vec3 {
-    let normal = walker.normal;
+    let normal = walker.point.normal;
     let mut direction = normal;
     for _ in 0..MAX_DRAWS {
         direction = draw_once(walker, roughness, lobe, draws.next());
@@ -392,7 +379,7 @@ fn draw(walker: &Walker, roughness: f32, lobe: LobeShape, draws: &mut Draws) -> 
 
 /// A direction of the lobe, by two numbers in `[0, 1)`; it may point into the surface.
 fn draw_once(walker: &Walker, roughness: f32, lobe: LobeShape, u: [f32; 2]) -> Vec3 {
-    let (normal, to_eye) = (walker.normal, walker.to_eye);
+    let SurfacePoint { normal, to_eye, .. } = walker.point;
     match lobe {
         LobeShape::Model => {
             let axis = 2.0 * normal.dot(to_eye) * normal - to_eye;
