@@ -6,14 +6,12 @@
 //! exactly opposite signs in both, hence no ray slips between neighbours.
 
 use std::sync::{Arc, OnceLock};
-use std::time::Duration;
 
 use glam::{Vec3, Vec3A};
-use obvhs::BvhBuildParams;
-use obvhs::cwbvh::builder::build_cwbvh;
 use obvhs::ray::Ray as BvhRay;
 use obvhs::triangle::Triangle;
 
+use super::hierarchy::build_hierarchy;
 use super::wide_bvh::{Slabs, Walk, WideBvh};
 use super::{Mesh, MeshParts, Ray};
 
@@ -91,11 +89,7 @@ impl SurfaceTracer {
             .iter()
             .map(|&[v0, v1, v2]| Triangle { v0, v1, v2 })
             .collect();
-        let bvh = build_cwbvh(
-            &boxes,
-            BvhBuildParams::medium_build(),
-            &mut Duration::default(),
-        );
+        let bvh = build_hierarchy(&boxes);
         Self {
             leaves: bvh
                 .primitive_indices
@@ -298,7 +292,7 @@ mod tests {
     use glam::DVec3;
 
     use super::super::fibonacci_sphere;
-    use super::super::test_mesh::ellipsoid;
+    use super::super::test_mesh::{ellipsoid, nested};
     use super::*;
 
     /// The nearest hit distance by trying every triangle in double precision (Möller–Trumbore).
@@ -326,6 +320,27 @@ mod tests {
     fn tracer_of(scale: f32, center: Vec3) -> SurfaceTracer {
         let radii = scale * Vec3::new(1.0, 0.4, 0.7);
         SurfaceTracer::new(Arc::new(ellipsoid(center, radii, 12)))
+    }
+
+    #[test]
+    fn triangles_upon_and_within_each_other_are_hit_like_others() {
+        for (n, ratio, times) in [(500, 0.97, 1), (600, 0.9, 20), (400, 1.0, 1)] {
+            let corners: Vec<Vec3> = nested(n, ratio, times).concat();
+            let triangles = (0..n as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
+            let mesh = Mesh::new(corners, None, triangles.collect()).unwrap();
+            let tracer = SurfaceTracer::new(Arc::new(mesh));
+            for direction in fibonacci_sphere(500) {
+                let origin = Vec3::splat(2.0);
+                let ray = Ray {
+                    origin,
+                    direction: (direction.abs() * ratio - origin).normalize_or_zero(),
+                };
+                let expected = brute_force(tracer.mesh(), &ray).map(|t| t as f32);
+                let hit = tracer.intersect(&ray, 0.0, f32::INFINITY).map(|hit| hit.t);
+                let is_same = hit.zip(expected).map(|(a, b)| (a - b).abs() < 1e-5);
+                assert_eq!(is_same, expected.map(|_| true), "{hit:?}, {expected:?}");
+            }
+        }
     }
 
     #[test]

@@ -11,6 +11,7 @@ mod components;
 mod distortion;
 mod fan;
 mod footprint;
+mod hierarchy;
 mod iso_surface;
 mod mesh;
 mod parts;

@@ -50,3 +50,11 @@ pub(crate) fn together(a: &Mesh, b: &Mesh) -> Mesh {
     )
     .unwrap()
 }
+
+/// So many triangles, each `times` the same and smaller by a factor than those about it.
+pub(crate) fn nested(n: usize, ratio: f32, times: usize) -> Vec<[Vec3; 3]> {
+    let sizes = (0..n).map(|i| ratio.powi((i / times) as i32));
+    sizes
+        .map(|size| [Vec3::X, Vec3::Y, Vec3::Z].map(|corner| size * corner))
+        .collect()
+}

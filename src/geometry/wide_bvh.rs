@@ -11,10 +11,10 @@ use glam::{Vec3A, Vec4};
 use obvhs::cwbvh::CwBvh;
 use obvhs::ray::Ray as BvhRay;
 
+use super::hierarchy::MAX_DEPTH;
+
 /// Children of a node.
 const WIDTH: usize = 8;
-/// Deepest path through the tree, as in obvhs.
-const STACK: usize = 32;
 /// Growth of a box's exit distance, so that rounding never loses a ray that grazes it (Ize 2013, "Robust BVH Ray
 /// Traversal").
 const GROWN: f32 = 1.0 + 4.0 * f32::EPSILON;
@@ -218,7 +218,7 @@ impl WideBvh {
         if self.nodes.is_empty() {
             return true;
         }
-        let mut stack = [Group::default(); STACK];
+        let mut stack = [Group::default(); MAX_DEPTH];
         let mut depth = 0;
         let mut at = root as u32;
         loop {
