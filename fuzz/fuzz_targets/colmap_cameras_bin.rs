@@ -1,9 +1,10 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
+use neif_fuzz::colmap;
 
 fuzz_target!(|bytes: &[u8]| neif_fuzz::load_with(
     "sparse/cameras.bin",
     bytes,
-    &[("sparse/images.bin", "\0\0\0\0\0\0\0\0")]
+    &[("sparse/images.bin", &colmap::images_bin())]
 ));

@@ -1,7 +1,8 @@
 //! A capture around the fuzzed file, made anew for each input in one temporary folder.
 
+use std::fmt::Display;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
 use neif::data::{Dataset, LoadOptions, check, write_png_srgb};
@@ -14,14 +15,37 @@ static FOLDER: LazyLock<TempDir> =
 const CAMERAS: &str = "7 PINHOLE 40 30 50 50 20 15\n";
 const IMAGES: &str = "1 1 0 0 0 0 0 0 7 0000.png\n\n";
 
-/// Loads the capture in which `name` has the content `bytes`; `beside` are other files of it.
-pub fn load_with(name: &str, bytes: &[u8], beside: &[(&str, &str)]) {
-    let root = FOLDER.path().join(name.replace(['/', '.'], "_"));
-    let write = |name: &str, bytes: &[u8]| {
-        let path = root.join(name);
-        fs::create_dir_all(path.parent().expect("a folder")).expect("a folder");
-        fs::write(path, bytes).expect("a file");
-    };
+/// A lens in COLMAP's binary format, number 1, and one pose of the photo `0000.png` by it.
+pub mod colmap {
+    /// `cameras.bin`.
+    pub fn cameras_bin() -> Vec<u8> {
+        let mut bytes = 1_u64.to_le_bytes().to_vec();
+        bytes.extend([1_u32, 1].iter().flat_map(|v| v.to_le_bytes()));
+        bytes.extend([40_u64, 30].iter().flat_map(|v| v.to_le_bytes()));
+        bytes.extend(
+            [50.0_f64, 50.0, 20.0, 15.0]
+                .iter()
+                .flat_map(|v| v.to_le_bytes()),
+        );
+        bytes
+    }
+
+    /// `images.bin`, without features.
+    pub fn images_bin() -> Vec<u8> {
+        let mut bytes = 1_u64.to_le_bytes().to_vec();
+        bytes.extend(1_u32.to_le_bytes());
+        let pose = [1.0_f64, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        bytes.extend(pose.iter().flat_map(|v| v.to_le_bytes()));
+        bytes.extend(1_u32.to_le_bytes());
+        bytes.extend(b"0000.png\0");
+        bytes.extend(0_u64.to_le_bytes());
+        bytes
+    }
+}
+
+/// Loads the capture in which `name` has the content `bytes`, its depth maps too; `beside` are other files of it.
+pub fn load_with(name: &str, bytes: &[u8], beside: &[(&str, &[u8])]) {
+    let root = root_of(name);
     if !root.exists() {
         for folder in [
             "images",
@@ -32,17 +56,22 @@ pub fn load_with(name: &str, bytes: &[u8], beside: &[(&str, &str)]) {
         ] {
             write_photo(&root.join(folder));
         }
-        for (name, text) in beside {
-            write(name, text.as_bytes());
+        for (name, bytes) in beside {
+            write(&root, name, bytes);
         }
     }
-    write(name, bytes);
+    write(&root, name, bytes);
     match Dataset::load(&root, &LoadOptions::default()) {
-        Ok(dataset) => drop(check(&dataset).to_string()),
-        Err(error) => assert!(
-            error.to_string().contains(&*root.to_string_lossy()),
-            "{error}"
-        ),
+        Ok(dataset) => {
+            drop(check(&dataset).to_string());
+            for depth in &dataset.origin.depths {
+                let view = dataset.views().find(|view| view.name == depth.name);
+                if let Some(Err(error)) = view.map(|view| depth.read(&view.camera)) {
+                    assert_names(&error, &root);
+                }
+            }
+        }
+        Err(error) => assert_names(&error, &root),
     }
 }
 
@@ -56,10 +85,49 @@ pub fn load_beside_cameras(name: &str, bytes: &[u8]) {
         name,
         bytes,
         &[
-            ("sparse/cameras.txt", CAMERAS),
-            ("sparse/images.txt", &images),
+            ("sparse/cameras.txt", CAMERAS.as_bytes()),
+            ("sparse/images.txt", images.as_bytes()),
         ],
     );
+}
+
+/// The same for a depth map of this ending, of a depth camera.
+pub fn load_depth(ending: &str, bytes: &[u8]) {
+    let pose = "1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n";
+    load_with(
+        &format!("depth/0000.{ending}"),
+        bytes,
+        &[
+            ("pose/0000.txt", pose.as_bytes()),
+            ("intrinsics.txt", b"50 0 20 0 50 15 0 0 1"),
+        ],
+    );
+}
+
+/// Reads the single file `name` with the content `bytes`, which is no part of a capture.
+pub fn read_with<T, E: Display>(name: &str, bytes: &[u8], read: impl Fn(&Path) -> Result<T, E>) {
+    let root = root_of(name);
+    write(&root, name, bytes);
+    if let Err(error) = read(&root.join(name)) {
+        assert_names(&error, &root);
+    }
+}
+
+/// The folder in which `name` is fuzzed.
+fn root_of(name: &str) -> PathBuf {
+    FOLDER.path().join(name.replace(['/', '.'], "_"))
+}
+
+fn write(root: &Path, name: &str, bytes: &[u8]) {
+    let path = root.join(name);
+    fs::create_dir_all(path.parent().expect("a folder")).expect("a folder");
+    fs::write(path, bytes).expect("a file");
+}
+
+/// An error names a file.
+fn assert_names(error: &impl Display, root: &Path) {
+    let message = error.to_string();
+    assert!(message.contains(&*root.to_string_lossy()), "{message}");
 }
 
 fn write_photo(folder: &Path) {

@@ -212,6 +212,15 @@ fn files(root: &Path) -> Vec<PathBuf> {
     found
 }
 
+/// Copies what is worth damaging of a capture, as what `fuzz/run` starts from.
+fn keep(root: &Path, folder: &Path) {
+    for file in files(root) {
+        let kept = folder.join(file.strip_prefix(root).unwrap());
+        std::fs::create_dir_all(kept.parent().unwrap()).unwrap();
+        std::fs::copy(file, kept).unwrap();
+    }
+}
+
 /// Loads and examines a capture; says what broke, if anything did.
 fn fault(root: &Path) -> Option<String> {
     let load = || {
@@ -262,6 +271,11 @@ fn damaged_files_are_errors_or_captures_and_never_panics() {
             "whole: {}",
             root.display()
         );
+    }
+    if let Ok(seeds) = std::env::var("NEIF_FUZZ_SEEDS") {
+        for (i, root) in roots.iter().enumerate() {
+            keep(root, &Path::new(&seeds).join(i.to_string()));
+        }
     }
     let mut faults = Vec::new();
     let mut seed = 0;

@@ -1,0 +1,13 @@
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use neif_fuzz::colmap;
+
+fuzz_target!(|bytes: &[u8]| neif_fuzz::load_with(
+    "sparse/points3D.bin",
+    bytes,
+    &[
+        ("sparse/cameras.bin", &colmap::cameras_bin()),
+        ("sparse/images.bin", &colmap::images_bin())
+    ]
+));
