@@ -1,7 +1,7 @@
 //! The curves of a run: loss and held-out PSNR over time or steps, and their table as a file.
 
-use egui::Ui;
-use egui_plot::{GridInput, GridMark, Line, Plot, PlotPoints, Points};
+use egui::{Rangef, Ui};
+use egui_plot::{AxisHints, GridInput, GridMark, Line, Plot, PlotPoints, Points};
 
 use crate::app::command::Command;
 use crate::app::panels::section::section_heading;
@@ -16,6 +16,11 @@ use crate::app::watch::{PlotAxis, WatchCommand};
 const PLOT_HEIGHT: f32 = 80.0;
 /// Right of a plot, for the last number below it.
 const MARGIN: f32 = 12.0;
+/// Distances at which numbers below a plot are faintest and full, points.
+const LABEL_SPACING: Rangef = Rangef {
+    min: 34.0,
+    max: 48.0,
+};
 /// Share of a new value in the smoothed loss.
 const SMOOTHING: f64 = 0.2;
 
@@ -82,6 +87,13 @@ fn plot_ui(ui: &mut Ui, title: &str, curves: &[Named<'_>], (scale, over): (Scale
         (Scale::Log, value) => format!("{value:.0e}"),
         (Scale::Linear, _) => format!("{y:.0}"),
     };
+    let x_axis =
+        AxisHints::new_x()
+            .label_spacing(LABEL_SPACING)
+            .formatter(move |mark, _| match over {
+                PlotAxis::Time => duration(mark.value),
+                PlotAxis::Steps => count(mark.value as f32),
+            });
     let plot = Plot::new(title)
         .height(PLOT_HEIGHT)
         .width(ui.available_width() - MARGIN)
@@ -96,10 +108,7 @@ fn plot_ui(ui: &mut Ui, title: &str, curves: &[Named<'_>], (scale, over): (Scale
         .allow_axis_zoom_drag(false)
         .y_axis_min_width(34.0)
         .set_margin_fraction(egui::vec2(0.02, 0.12))
-        .x_axis_formatter(move |mark, _| match over {
-            PlotAxis::Time => duration(mark.value),
-            PlotAxis::Steps => count(mark.value as f32),
-        })
+        .custom_x_axes(vec![x_axis])
         .y_axis_formatter(move |mark, _| text(mark.value));
     let plot = if scale == Scale::Log {
         plot.y_grid_spacer(decades)

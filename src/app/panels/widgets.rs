@@ -149,6 +149,10 @@ pub fn color_row(ui: &mut Ui, name: &str, color: &mut Vec3) -> bool {
         let mut rgb = color.to_array();
         let button = ui.color_edit_button_rgb(&mut rgb);
         describe_number(&button, name);
+        // White on white is no button.
+        let edge = egui::Stroke::new(1.0, theme::weak(ui.visuals()));
+        ui.painter()
+            .rect_stroke(button.rect, 2.0, edge, egui::StrokeKind::Inside);
         let mut is_changed = button.changed();
         if is_changed {
             *color = Vec3::from(rgb);
