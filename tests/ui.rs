@@ -1,6 +1,8 @@
 //! The window's panels, driven by their accessible labels; no display and no GPU.
 #![cfg(feature = "gui")]
 
+#[path = "ui/camera.rs"]
+mod camera;
 #[path = "ui/commands.rs"]
 mod commands;
 #[path = "ui/export.rs"]

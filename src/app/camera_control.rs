@@ -12,6 +12,8 @@ use crate::geometry::{Aabb, Camera, Distortion};
 const POLE_MARGIN: f32 = 0.02;
 /// Vertical field of view where no photo gives one, in radians.
 const DEFAULT_FOV: f32 = 0.8;
+/// Narrowest and widest field of view, radians.
+pub const LENS_RANGE: [f32; 2] = [0.1, 2.4];
 /// Room left around a framed object.
 const FRAME_MARGIN: f32 = 1.15;
 
@@ -43,6 +45,21 @@ pub enum CameraMove {
     },
     /// Multiplies the distance to the pivot.
     Dolly(f32),
+    /// Turns about the eye, by radians to the right and down; the pivot stays in front.
+    Look {
+        /// About the world's up axis.
+        yaw: f32,
+        /// About the camera's right axis.
+        pitch: f32,
+    },
+    /// Goes with the pivot, to the right, up (the world's) and forward, in distances to the pivot.
+    Fly(Vec3),
+    /// Stands in this direction from the pivot (unit, world), as far away as before.
+    From(Vec3),
+    /// Has this vertical field of view of the photo's picture, radians.
+    Lens(f32),
+    /// Brings the horizon level.
+    Level,
 }
 
 /// Where a photo lies in a window that shows all of it: pixels from the window's top left.
@@ -82,7 +99,37 @@ impl Viewpoint {
         // The lens polynomial only holds within the photo; away from it a plain lens is right.
         self.camera.distortion = Distortion::default();
         match movement {
-            CameraMove::Orbit { yaw, pitch } => self.orbit(yaw, pitch, up),
+            CameraMove::Orbit { yaw, pitch } => {
+                let turn = self.turn(yaw, pitch, up);
+                let position = self.pivot + turn * (self.camera.position() - self.pivot);
+                self.place(position, (turn * self.rotation()).normalize());
+            }
+            CameraMove::Look { yaw, pitch } => {
+                let rotation = (self.turn(yaw, pitch, up) * self.rotation()).normalize();
+                let distance = self.distance();
+                self.place(self.camera.position(), rotation);
+                self.pivot = self.camera.position() + self.camera.forward() * distance;
+            }
+            CameraMove::Fly(by) => {
+                let right = Vec3::from(self.camera.world_from_camera.matrix3.x_axis);
+                let way = right * by.x + up * by.y + self.camera.forward() * by.z;
+                let shift = way * self.distance();
+                if shift.is_finite() {
+                    self.pivot += shift;
+                    self.place(self.camera.position() + shift, self.rotation());
+                }
+            }
+            CameraMove::From(direction) => {
+                let eye = self.pivot + direction * self.distance();
+                self.look_from(eye, up);
+            }
+            CameraMove::Lens(angle) => {
+                let angle = angle.clamp(LENS_RANGE[0], LENS_RANGE[1]);
+                let fy = 0.5 * self.camera.height as f32 / (0.5 * angle).tan();
+                self.camera.fx *= fy / self.camera.fy;
+                self.camera.fy = fy;
+            }
+            CameraMove::Level => self.look_from(self.camera.position(), up),
             CameraMove::Pan { right, up } => {
                 let height = self.distance() * self.camera.height as f32 / self.camera.fy;
                 let axes = self.camera.world_from_camera.matrix3;
@@ -107,15 +154,32 @@ impl Viewpoint {
         }
     }
 
-    fn orbit(&mut self, yaw: f32, pitch: f32, up: Vec3) {
+    /// Vertical field of view of the photo's picture, radians.
+    pub fn field_of_view(&self) -> f32 {
+        2.0 * (0.5 * self.camera.height as f32 / self.camera.fy).atan()
+    }
+
+    /// Looks at the pivot from `eye` with `up` upwards.
+    fn look_from(&mut self, eye: Vec3, up: Vec3) {
+        let down = (self.pivot - eye).normalize_or_zero();
+        // From a pole, where up has no direction in the picture, the front is below.
+        let up = if down.dot(up).abs() > POLE_MARGIN.cos() {
+            down.dot(up).signum() * front(up)
+        } else {
+            up
+        };
+        let posed = Self::look_at(eye, self.pivot, up);
+        self.place(eye, posed.rotation());
+    }
+
+    /// The turn by angles to the right and down, which ends short of the poles.
+    fn turn(&self, yaw: f32, pitch: f32, up: Vec3) -> Quat {
         let from_up = self.camera.forward().angle_between(up);
         // Looking down, pitch lowers the view towards -up: the angle from up grows.
         let pitch =
             (from_up + pitch).clamp(POLE_MARGIN, std::f32::consts::PI - POLE_MARGIN) - from_up;
         let right = Vec3::from(self.camera.world_from_camera.matrix3.x_axis).normalize_or_zero();
-        let turn = Quat::from_axis_angle(up, -yaw) * Quat::from_axis_angle(right, -pitch);
-        let position = self.pivot + turn * (self.camera.position() - self.pivot);
-        self.place(position, (turn * self.rotation()).normalize());
+        Quat::from_axis_angle(up, -yaw) * Quat::from_axis_angle(right, -pitch)
     }
 
     fn rotation(&self) -> Quat {
@@ -168,6 +232,16 @@ impl Viewpoint {
             ..self.camera
         }
     }
+}
+
+/// To the right of who looks at the front, for a world with this up axis: x, or y where x is up.
+pub fn right_side(up: Vec3) -> Vec3 {
+    if up.x.abs() > 0.9 { Vec3::Y } else { Vec3::X }
+}
+
+/// Where who looks at the front stands: at -y where z is up, at z where y is up.
+pub fn front(up: Vec3) -> Vec3 {
+    right_side(up).cross(up).normalize_or_zero()
 }
 
 /// The world's up axis: the mean of the cameras' up vectors, snapped to the nearest axis.
@@ -290,6 +364,58 @@ mod tests {
             Vec3::Z,
         );
         assert!(view.camera.position().z > 1.0, "{}", view.camera.position());
+    }
+
+    #[test]
+    fn looking_around_keeps_the_place_and_flying_the_direction() {
+        let mut view = viewpoint();
+        let (eye, distance) = (view.camera.position(), view.distance());
+        let (yaw, pitch) = (0.3, 0.1);
+        view.apply(CameraMove::Look { yaw, pitch }, Vec3::Z);
+        assert!((view.camera.position() - eye).length() < 1e-5);
+        assert!((view.distance() - distance).abs() < 1e-4);
+        let origin = view.camera.project(Vec3::ZERO).expect("in front");
+        assert!(
+            origin.x < 200.0 && origin.y < 150.0,
+            "right and down: {origin}"
+        );
+        let forward = view.camera.forward();
+        view.apply(CameraMove::Fly(Vec3::new(0.5, 0.25, 1.0)), Vec3::Z);
+        assert!((view.camera.forward() - forward).length() < 1e-5);
+        let way = (view.camera.position() - eye) / distance;
+        assert!(way.dot(forward) > 0.9 && way.length() < 1.3, "{way}");
+    }
+
+    #[test]
+    fn views_along_the_axes_are_level_and_show_their_side() {
+        for up in [Vec3::Z, Vec3::Y, Vec3::NEG_Y, Vec3::X] {
+            let right = right_side(up);
+            for (from, is_right, is_up) in [
+                (front(up), right, up),
+                (right, -front(up), up),
+                (up, right, -front(up)),
+            ] {
+                let mut view = viewpoint();
+                let distance = view.distance();
+                view.apply(CameraMove::From(from), up);
+                let eye = view.camera.position();
+                assert!((eye - distance * from).length() < 1e-4, "{up} {from}");
+                let axes = view.camera.world_from_camera.matrix3;
+                assert!(axes.x_axis.dot(is_right.into()) > 0.999, "{up} {from}");
+                assert!(axes.y_axis.dot(is_up.into()) > 0.999, "{up} {from}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_lens_has_the_field_of_view_asked_for_and_keeps_its_shape() {
+        let mut view = viewpoint();
+        view.camera.fx *= 1.1;
+        for (asked, given) in [(0.5, 0.5), (9.0, LENS_RANGE[1]), (0.0, LENS_RANGE[0])] {
+            view.apply(CameraMove::Lens(asked), Vec3::Z);
+            assert!((view.field_of_view() - given).abs() < 1e-4);
+            assert!((view.camera.fx / view.camera.fy - 1.1).abs() < 1e-3);
+        }
     }
 
     #[test]

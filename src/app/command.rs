@@ -5,7 +5,7 @@
 
 use std::path::PathBuf;
 
-use glam::Vec2;
+use glam::{Vec2, Vec3};
 
 use crate::app::camera_control::{CameraMove, Viewpoint};
 use crate::app::export::{self, ExportCommand, ExportEffect};
@@ -98,6 +98,8 @@ pub enum Command {
     ShowLayer(Layer),
     /// Move the camera.
     MoveCamera(CameraMove),
+    /// The world's up axis, unit; the horizon becomes level.
+    SetUp(Vec3),
     /// Turn about what is seen at this point of a window of that size, both in pixels.
     PivotAt {
         /// From the top left.
@@ -119,6 +121,8 @@ pub enum Command {
     HoldPhoto(bool),
     /// Take pictures away.
     Export(ExportCommand),
+    /// Fill the screen, or no longer.
+    ToggleFullScreen,
     /// Show or hide the table of keys.
     ToggleHelp,
     /// Show or hide the messages.
@@ -209,6 +213,7 @@ fn dispatch(state: &mut AppState, command: Command, effects: &mut Vec<Effect>) {
         Command::ShowLayer(layer) => state.layer = layer,
         Command::SetWipe(_) | Command::HoldPhoto(_) => apply_compare(state, &command),
         Command::Export(command) => export::apply(state, command, effects),
+        Command::ToggleFullScreen => state.is_full_screen ^= true,
         Command::ToggleHelp => state.overlays.is_help_open ^= true,
         Command::ToggleLog => state.preferences.is_log_open ^= true,
         Command::CloseOverlays => close_front(state),
@@ -221,6 +226,7 @@ fn dispatch(state: &mut AppState, command: Command, effects: &mut Vec<Effect>) {
         Command::Leaving(command) => leaving::apply(state, command, effects),
         Command::Preferences(command) => preferences::apply(state, command),
         Command::MoveCamera(_)
+        | Command::SetUp(_)
         | Command::PivotAt { .. }
         | Command::GoToView(_)
         | Command::StepView(_)
@@ -430,6 +436,11 @@ fn apply_view(state: &mut AppState, command: &Command) {
         Command::MoveCamera(movement) => {
             let up = state.view.up;
             state.view.viewpoint.apply(*movement, up);
+            leave_view(state);
+        }
+        Command::SetUp(up) => {
+            state.view.up = *up;
+            state.view.viewpoint.apply(CameraMove::Level, *up);
             leave_view(state);
         }
         Command::PivotAt { at, window } => set_pivot(state, *at, *window),

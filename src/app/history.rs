@@ -7,8 +7,9 @@
 use std::path::PathBuf;
 
 use egui::util::undoer::{Settings, Undoer};
+use glam::Vec3;
 
-use crate::app::camera_control::Viewpoint;
+use crate::app::camera_control::{CameraMove, Viewpoint};
 use crate::app::command::{Command, Effect, choose_environment};
 use crate::app::lighting::LightingCommand;
 use crate::app::state::{AppState, Compare, Look};
@@ -47,6 +48,7 @@ struct Moment {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Place {
     viewpoint: Viewpoint,
+    up: Vec3,
     at_view: Option<usize>,
 }
 
@@ -100,6 +102,7 @@ fn moment(state: &AppState) -> Moment {
 fn place(state: &AppState) -> Place {
     Place {
         viewpoint: state.view.viewpoint,
+        up: state.view.up,
         at_view: state.view.at_view,
     }
 }
@@ -128,6 +131,8 @@ pub(super) fn before(state: &mut AppState, command: &Command) -> Before {
             | Command::StepView(_)
             | Command::FrameObject
             | Command::ResetView
+            | Command::MoveCamera(CameraMove::From(_))
+            | Command::SetUp(_)
             | Command::Watch(_)
             | Command::SetWipe(Some(_))
             | Command::HoldPhoto(true)
@@ -231,6 +236,7 @@ fn restore(state: &mut AppState, moment: &Moment, effects: &mut Vec<Effect>) {
     history.n_jumps = moment.n_jumps;
     if let Some(place) = target {
         state.view.viewpoint = place.viewpoint;
+        state.view.up = place.up;
         state.view.at_view = place.at_view.filter(|&view| state.view_at(view).is_some());
         state.view.was_moved = true;
         if state.view.at_view.is_none() {

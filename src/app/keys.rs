@@ -4,8 +4,10 @@
 use egui::{FocusDirection, Key, KeyboardShortcut, Modifiers};
 
 use crate::app::binding::{Binding, gesture, key, plain};
+use crate::app::camera_control::{CameraMove, front, right_side};
 use crate::app::command::{Command, Train};
 use crate::app::export::{ExportCommand, Subject};
+use crate::app::fly;
 use crate::app::history::{HistoryCommand, can_redo, can_undo};
 use crate::app::leaving::LeavingCommand;
 use crate::app::lighting::LightingCommand;
@@ -46,6 +48,14 @@ const fn layer(
     command: fn(&AppState) -> Command,
 ) -> Binding {
     key(LAYERS, (keys, Modifiers::NONE, number), what, command)
+}
+
+const fn from(
+    (keys, number): (&'static str, Key),
+    what: &'static str,
+    command: fn(&AppState) -> Command,
+) -> Binding {
+    key(CAMERA, (keys, Modifiers::COMMAND, number), what, command)
 }
 
 /// Switches a comparison on, or off where it is on.
@@ -164,6 +174,12 @@ pub const BINDINGS: &[Binding] = &[
     gesture(CAMERA, "Drag", "Turn about the pivot"),
     gesture(CAMERA, "Middle drag, Ctrl+drag", "Pan"),
     gesture(CAMERA, "Wheel", "Closer or farther"),
+    gesture(CAMERA, "Right drag", "Look around"),
+    gesture(
+        CAMERA,
+        "Right button + W A S D Q E",
+        "Fly; with Shift faster, with Alt slower",
+    ),
     gesture(
         CAMERA,
         "Double-click",
@@ -182,12 +198,25 @@ pub const BINDINGS: &[Binding] = &[
         "Back to the first view",
         |_| Command::ResetView,
     ),
+    from(("Ctrl+1", Key::Num1), "From the front", |state| {
+        Command::MoveCamera(CameraMove::From(front(state.view.up)))
+    }),
+    from(("Ctrl+3", Key::Num3), "From the right", |state| {
+        Command::MoveCamera(CameraMove::From(right_side(state.view.up)))
+    }),
+    from(("Ctrl+7", Key::Num7), "From above", |state| {
+        Command::MoveCamera(CameraMove::From(state.view.up))
+    }),
     gesture(
         OBJECT,
         "Click",
         "Look into the point under the pointer, or edit a part",
     ),
-    gesture(LIGHT, "Shift+drag", "Rotate the environment"),
+    gesture(
+        LIGHT,
+        "Shift+drag, Shift+right drag",
+        "Rotate the environment",
+    ),
     gesture(
         LIGHT,
         "Shift+middle drag, Ctrl+Shift+drag",
@@ -272,6 +301,20 @@ pub const BINDINGS: &[Binding] = &[
         ("]", Modifiers::NONE, Key::CloseBracket),
         "Next photo's camera",
         |_| Command::StepView(1),
+    )
+    .when(has_photos),
+    key(
+        COMPARE,
+        ("{", Modifiers::NONE, Key::OpenCurlyBracket),
+        "First photo's camera",
+        |_| Command::GoToView(0),
+    )
+    .when(has_photos),
+    key(
+        COMPARE,
+        ("}", Modifiers::NONE, Key::CloseCurlyBracket),
+        "Last photo's camera",
+        |state| Command::GoToView(state.views().count().saturating_sub(1)),
     )
     .when(has_photos),
     key(
@@ -385,6 +428,13 @@ pub const BINDINGS: &[Binding] = &[
     .or(Modifiers::COMMAND, Key::P),
     key(
         WINDOW,
+        ("F11", Modifiers::NONE, Key::F11),
+        "Full screen",
+        |_| Command::ToggleFullScreen,
+    )
+    .marked(|state| state.is_full_screen),
+    key(
+        WINDOW,
         ("?", Modifiers::NONE, Key::Questionmark),
         "Mouse and keys",
         |_| Command::ToggleHelp,
@@ -453,7 +503,7 @@ pub const BINDINGS: &[Binding] = &[
 /// What the keys pressed in this frame cause; nothing while text is typed.
 pub fn pressed(ctx: &egui::Context, state: &AppState, commands: &mut Vec<Command>) {
     let has_focus = ctx.memory(|memory| memory.focused().is_some());
-    if ctx.text_edit_focused() {
+    if ctx.text_edit_focused() || fly::takes_keys(ctx) {
         return;
     }
     let is_key = |event: &egui::Event| matches!(event, egui::Event::Key { pressed: true, .. });

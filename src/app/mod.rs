@@ -15,6 +15,7 @@ pub mod environment_control;
 mod error_maps;
 pub mod export;
 mod exporter;
+pub mod fly;
 mod frustums;
 pub mod history;
 pub mod inspect;

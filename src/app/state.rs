@@ -325,6 +325,8 @@ pub struct AppState {
     pub leaving: Option<Leaving>,
     /// Whether the window closes without asking.
     pub is_leaving_for_sure: bool,
+    /// Whether the window is to fill the screen.
+    pub is_full_screen: bool,
 }
 
 impl Default for AppState {
@@ -357,6 +359,7 @@ impl Default for AppState {
             session: SessionState::default(),
             leaving: None,
             is_leaving_for_sure: false,
+            is_full_screen: false,
         }
     }
 }

@@ -13,6 +13,7 @@ use crate::app::camera_control::CameraMove;
 use crate::app::command::Command;
 use crate::app::compare_view::{self, photo_ui};
 use crate::app::environment_control::{DEGREES_PER_POINT, shifted, turned};
+use crate::app::fly::fly_ui;
 use crate::app::frustums::frustums_ui;
 use crate::app::inspect::marker::{marker_ui, pick_ui};
 use crate::app::layer_bar::layer_bar_ui;
@@ -78,6 +79,7 @@ pub fn viewport_ui(
             describe(&response);
             tell_place(ui, "viewport", rect);
             mouse_ui(ui, &response, state, window, commands);
+            fly_ui(ui, &response, state, commands);
             split_ui::pictures_ui(ui, rect, state, preview, pictures.preview_b);
             // A click on a camera goes there instead of looking into what is behind it.
             if !frustums_ui(ui, rect, &response, state, window, commands) {

@@ -73,6 +73,7 @@ struct Keeping {
     file: Option<PathBuf>,
     applied: Option<Preferences>,
     kept: Preferences,
+    is_full_screen: bool,
     /// The window's size in the last frame.
     seen_size: Option<egui::Vec2>,
 }
@@ -111,6 +112,7 @@ impl Window {
                 file: preferences::file(),
                 applied: None,
                 kept: Preferences::default(),
+                is_full_screen: false,
                 seen_size: None,
             },
         };
@@ -173,6 +175,11 @@ impl Window {
         if self.keeping.applied != Some(preferences) {
             self.keeping.applied = Some(preferences);
             theme::prefer(ctx, &preferences);
+        }
+        if self.keeping.is_full_screen != self.state.is_full_screen {
+            self.keeping.is_full_screen = self.state.is_full_screen;
+            let fill = egui::ViewportCommand::Fullscreen(self.state.is_full_screen);
+            ctx.send_viewport_cmd(fill);
         }
         if self.keeping.kept != preferences
             && let Some(file) = &self.keeping.file

@@ -99,7 +99,8 @@ fn kind(environment: &Environment) -> &'static str {
 }
 
 /// `+z` for the z axis; the vector where it is none of the axes.
-fn axis_name(axis: Vec3) -> String {
+/// The name of an axis, `+z`; numbers where it is none of the six.
+pub(super) fn axis_name(axis: Vec3) -> String {
     for (name, unit) in ["x", "y", "z"].into_iter().zip(Vec3::AXES) {
         for (sign, unit) in [("+", unit), ("-", -unit)] {
             if axis.dot(unit) > 0.999 {

@@ -1,9 +1,12 @@
-//! The picture panel: how the scene is shown, apart from its light: background, exposure, A beside B.
+//! The picture panel: how the scene is shown, apart from its light: background, lens, exposure, A beside B.
 
 use egui::{Button, Ui};
+use glam::Vec3;
 
+use crate::app::camera_control::{CameraMove, LENS_RANGE};
 use crate::app::command::Command;
 use crate::app::lighting::{LARGEST_DISPLAY_EV, LightingCommand};
+use crate::app::panels::environment::axis_name;
 use crate::app::panels::section::section_heading;
 use crate::app::panels::widgets::{Setting, name_label, slider_row};
 use crate::app::sections::Section;
@@ -33,6 +36,8 @@ pub fn picture_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
             }
         }
     });
+    camera_ui(ui, state, commands);
+    let mut send = |command| commands.push(Command::Lighting(command));
     let mut ev = state.lighting.display_ev;
     if slider_row(ui, &DISPLAY_EV, &mut ev) {
         send(LightingCommand::SetDisplayEv(ev));
@@ -55,6 +60,40 @@ pub fn picture_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
             send(LightingCommand::CopyToB);
         }
     });
+}
+
+/// The lens and the way up.
+fn camera_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
+    let [narrow, wide] = LENS_RANGE.map(f32::to_degrees);
+    let lens = Setting {
+        name: "Field of view",
+        range: narrow.round()..=wide.round(),
+        default: tenths(state.view.home.field_of_view().to_degrees()),
+        hint: "Vertical angle of the picture, degrees",
+    };
+    // The slider rounds what it is given, which is no change by a person.
+    let shown = tenths(state.view.viewpoint.field_of_view().to_degrees());
+    let mut degrees = shown;
+    if slider_row(ui, &lens, &mut degrees) && degrees != shown {
+        let lens = CameraMove::Lens(degrees.to_radians());
+        commands.push(Command::MoveCamera(lens));
+    }
+    ui.horizontal(|ui| {
+        let hint = "What the camera turns about and keeps upright; surroundings turn about it too";
+        name_label(ui, "Up axis").on_hover_text(hint);
+        ui.spacing_mut().item_spacing.x = 2.0;
+        for axis in Vec3::AXES.into_iter().flat_map(|axis| [axis, -axis]) {
+            let is_on = state.view.up.dot(axis) > 0.999;
+            let button = ui.selectable_label(is_on, axis_name(axis));
+            if button.on_hover_text(hint).clicked() {
+                commands.push(Command::SetUp(axis));
+            }
+        }
+    });
+}
+
+fn tenths(value: f32) -> f32 {
+    (value * 10.0).round() / 10.0
 }
 
 fn background_name(background: Background) -> &'static str {
