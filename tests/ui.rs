@@ -31,7 +31,7 @@ use neif::app::pace::Pace;
 use neif::app::state::{EnvironmentContent, EnvironmentEntry, PathPurpose, Source};
 use neif::app::training_state::{Level, Phase};
 use neif::app::viewport::Pictures;
-use neif::app::{AppState, Command, Effect, apply, keys, leaving, shell, theme};
+use neif::app::{AppState, Command, Effect, apply, keys, leaving, shell, shortcuts, theme};
 use neif::data::{Dataset, Origin, Photo, View};
 use neif::geometry::{Camera, Mesh};
 use neif::neif::distant::{DistantConfig, DistantLight};
@@ -60,7 +60,7 @@ fn harness(state: AppState) -> Harness<'static, Shown> {
             is_set_up = true;
         }
         let mut commands = Vec::new();
-        keys::pressed(ui.ctx(), &shown.state, &mut commands);
+        shortcuts::pressed(ui.ctx(), &shown.state, &mut commands);
         shell::draw(ui, &shown.state, &shown.pictures, &mut commands);
         for command in commands {
             apply(&mut shown.state, command, &mut shown.effects);

@@ -36,6 +36,7 @@ pub mod sections;
 pub mod session;
 pub mod session_file;
 pub mod shell;
+pub mod shortcuts;
 mod slice_view;
 pub mod state;
 pub mod stored_look;
