@@ -14,7 +14,7 @@ use crate::app::command::{Command, Effect, choose_environment};
 use crate::app::lighting::LightingCommand;
 use crate::app::state::{AppState, Compare, Look};
 use crate::app::stored_look::StoredLook;
-use crate::render::Background;
+use crate::render::{Background, ToneMap};
 
 /// Changes are one step unless nothing changes for this long, in seconds.
 const SETTLE_SECS: f32 = 0.5;
@@ -38,6 +38,7 @@ struct Moment {
     kept: Option<StoredLook>,
     background: Background,
     display_ev: f32,
+    tone_map: ToneMap,
     /// Files taken off the list of surroundings.
     removed: Vec<PathBuf>,
     /// Jumps of the camera so far.
@@ -94,6 +95,7 @@ fn moment(state: &AppState) -> Moment {
         kept: lighting.kept.map(|kept| StoredLook::of(state, &kept)),
         background: lighting.background,
         display_ev: lighting.display_ev,
+        tone_map: lighting.tone_map,
         removed: removed.map(|entry| entry.path.clone()).collect(),
         n_jumps: state.history.n_jumps,
     }
@@ -142,6 +144,7 @@ pub(super) fn before(state: &mut AppState, command: &Command) -> Before {
         Command::ChooseEnvironment(_)
             | Command::Lighting(
                 LightingCommand::SetBackground(_)
+                    | LightingCommand::SetToneMap(_)
                     | LightingCommand::Remove(_)
                     | LightingCommand::SwapSides
                     | LightingCommand::CopyToB
@@ -219,6 +222,7 @@ fn restore(state: &mut AppState, moment: &Moment, effects: &mut Vec<Effect>) {
     }
     state.lighting.background = moment.background;
     state.lighting.display_ev = moment.display_ev;
+    state.lighting.tone_map = moment.tone_map;
     let entries = state.environments.iter().enumerate();
     let removed = entries.filter(|(_, entry)| moment.removed.contains(&entry.path));
     state.lighting.removed = removed.map(|(index, _)| index).collect();

@@ -75,6 +75,7 @@ pub(super) fn bring_back(state: &mut AppState, session: &SessionFile, effects: &
     state.look.regions = session.regions;
     state.look.transform = session.transform;
     state.lighting.background = session.background;
+    state.lighting.tone_map = session.tone_map;
     state.lighting.display_ev = session
         .display_ev
         .clamp(-LARGEST_DISPLAY_EV, LARGEST_DISPLAY_EV);

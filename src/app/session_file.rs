@@ -15,7 +15,7 @@ use crate::app::stored_look::StoredLook;
 use crate::data::KeyView;
 use crate::geometry::{Camera, Distortion};
 use crate::neif::{EnvironmentTransform, MaterialEdit, Regions};
-use crate::render::{Background, Layer};
+use crate::render::{Background, Layer, ToneMap};
 
 /// The files' extension.
 pub const EXTENSION: &str = "neif-session";
@@ -98,6 +98,9 @@ pub struct SessionFile {
     /// Exposure of the picture, stops.
     #[serde(default)]
     pub display_ev: f32,
+    /// How light brighter than white was shown.
+    #[serde(default)]
+    pub tone_map: ToneMap,
     /// Files taken off the list of surroundings.
     #[serde(default)]
     pub removed: Vec<PathBuf>,
@@ -234,6 +237,7 @@ impl SessionFile {
                 }),
             background: state.lighting.background,
             display_ev: state.lighting.display_ev,
+            tone_map: state.lighting.tone_map,
             removed: removed.map(|entry| absolute(&entry.path)).collect(),
             regions: state.look.regions,
             material: state.look.edit,

@@ -411,6 +411,7 @@ impl AppState {
             edit: look.edit,
             background: self.lighting.background,
             display_ev: self.lighting.display_ev,
+            tone_map: self.lighting.tone_map,
             ..scene
         }
     }

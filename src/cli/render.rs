@@ -8,7 +8,7 @@ use neif::data::Ending;
 use neif::geometry::Camera;
 use neif::render::{
     Backdrop, Background, Destination, FileKind, Film, FilmError, Layer, LobeShape,
-    ReferenceOptions,
+    ReferenceOptions, ToneMap,
 };
 
 use super::edits::{EnvironmentFlags, MaterialFlags, apply};
@@ -44,6 +44,9 @@ pub(crate) struct RenderArgs {
     /// Brighten the picture, in photographic stops; --env-exposure brightens the light instead
     #[arg(long, value_name = "EV", default_value_t, value_parser = values::finite, allow_hyphen_values = true)]
     exposure: f32,
+    /// What becomes of light brighter than white: clipped as in the photos, or compressed as Khronos' PBR Neutral does
+    #[arg(long, value_name = "photo|neutral", default_value_t)]
+    tone_map: ToneMap,
     /// The files: a png for each picture and layer, an exr for each picture (linear light, the layers named in it,
     /// with depth), one animated gif, or one mp4 (needs ffmpeg)
     #[arg(long, value_name = "png|exr|gif|mp4", default_value = "png")]
@@ -92,6 +95,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let mut scene = apply(scene, &args.material, &args.environment)?;
     scene.background = args.background;
     scene.display_ev = args.exposure;
+    scene.tone_map = args.tone_map;
     if args.env_match {
         scene.transform = scenes::matched(&scene, &run.scene.environment)?;
     }

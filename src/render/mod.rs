@@ -39,6 +39,7 @@ pub mod slice;
 #[cfg(test)]
 pub(crate) mod test_scene;
 mod thread_clock;
+mod tone_map;
 pub mod trace;
 pub mod turntable;
 
@@ -59,4 +60,5 @@ pub use progressive::PreviewScene;
 pub use reference::{LobeShape, ReferenceOptions};
 pub use scene::{Layer, Scene};
 pub use shade::{ShadeScratch, compose, shade_background, shade_object};
+pub use tone_map::ToneMap;
 pub use turntable::Spin;

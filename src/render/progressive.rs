@@ -91,6 +91,7 @@ impl PreviewScene {
             && self.scene.regions.effective() == other.scene.regions.effective()
             && self.scene.background == other.scene.background
             && self.scene.display_ev == other.scene.display_ev
+            && self.scene.tone_map == other.scene.tone_map
             && Arc::ptr_eq(&self.scene.environment, &other.scene.environment)
             && same(
                 self.scene.trained_in.as_ref(),

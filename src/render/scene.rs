@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::background::Background;
 use super::ground::{BakedGround, Ground};
 use super::irradiance::{DiffuseLights, KeyedLight, LightKey, Resolution};
+use super::tone_map::ToneMap;
 use crate::neif::environment::EnvironmentField;
 use crate::neif::exposure_match::matched;
 use crate::neif::{Environment, EnvironmentTransform, MaterialEdit, ObjectModel, Regions};
@@ -32,6 +33,8 @@ pub struct Scene {
     pub background: Background,
     /// Exposure of the picture, stops: brightens what is shown of any light, and changes none of it.
     pub display_ev: f32,
+    /// How light brighter than white is shown.
+    pub tone_map: ToneMap,
     /// The surroundings that the object was trained in: its diffuse part follows the light. `None` leaves it as it was
     /// learned, whatever the light, as the paper does.
     pub trained_in: Option<Arc<Environment>>,
@@ -54,6 +57,7 @@ impl Scene {
             regions: Regions::default(),
             background: Background::default(),
             display_ev: 0.0,
+            tone_map: ToneMap::default(),
             ground: None,
             diffuse_light: None,
         }

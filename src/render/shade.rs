@@ -9,6 +9,7 @@ use super::diagnostic::{depth_share, diagnostic_color, visibility};
 use super::gbuffer::GBuffer;
 use super::more_cones;
 use super::scene::{Layer, Scene};
+use super::tone_map::ToneMap;
 use super::trace::PIXEL_STD;
 use crate::geometry::Camera;
 use crate::neif::EditedSurfaces;
@@ -498,12 +499,13 @@ pub fn compose(
             let display = Display {
                 gamma: scene.environment.gamma(),
             };
-            let exposure = if layer == Layer::Tint {
-                1.0
+            let (exposure, tone_map) = if layer == Layer::Tint {
+                (1.0, ToneMap::Photo)
             } else {
-                display_gain(scene.display_ev)
+                (display_gain(scene.display_ev), scene.tone_map)
             };
-            mixed.map(|v| display.value(v.max(0.0) * exposure).min(1.0))
+            let shown = tone_map.apply(mixed.map(|v| v.max(0.0) * exposure));
+            shown.map(|v| display.value(v).min(1.0))
         }
     }
 }

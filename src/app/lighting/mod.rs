@@ -15,7 +15,7 @@ use glam::{Vec2, Vec3};
 
 use crate::app::state::{AppState, Compare, EnvironmentContent, Look, Source};
 use crate::neif::EnvironmentTransform;
-use crate::render::Background;
+use crate::render::{Background, ToneMap};
 use crate::train::run_folder::ENVIRONMENT;
 use gizmo::{Grab, Handle, Snap};
 
@@ -29,6 +29,8 @@ pub struct LightingState {
     pub background: Background,
     /// Exposure of the picture, stops; the light stays.
     pub display_ev: f32,
+    /// How light brighter than white is shown.
+    pub tone_map: ToneMap,
     /// Whether the surroundings can be grabbed in the picture.
     pub is_gizmo_shown: bool,
     /// The handle that is held.
@@ -50,6 +52,8 @@ pub enum LightingCommand {
     SetBackground(Background),
     /// Expose the picture, in stops.
     SetDisplayEv(f32),
+    /// Choose how light brighter than white is shown.
+    SetToneMap(ToneMap),
     /// Show or hide the gizmo.
     ToggleGizmo,
     /// Take hold of a handle.
@@ -93,6 +97,7 @@ pub fn apply(state: &mut AppState, command: LightingCommand) {
         LightingCommand::SetDisplayEv(ev) => {
             state.lighting.display_ev = ev.clamp(-LARGEST_DISPLAY_EV, LARGEST_DISPLAY_EV);
         }
+        LightingCommand::SetToneMap(map) => state.lighting.tone_map = map,
         LightingCommand::ToggleGizmo => {
             state.lighting.is_gizmo_shown ^= true;
             state.lighting.grab = None;

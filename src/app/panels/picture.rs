@@ -11,7 +11,7 @@ use crate::app::panels::section::section_heading;
 use crate::app::panels::widgets::{Setting, name_label, slider_row};
 use crate::app::sections::Section;
 use crate::app::state::AppState;
-use crate::render::Background;
+use crate::render::{Background, ToneMap};
 
 const DISPLAY_EV: Setting = Setting {
     name: "View EV",
@@ -42,6 +42,17 @@ pub fn picture_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     if slider_row(ui, &DISPLAY_EV, &mut ev) {
         send(LightingCommand::SetDisplayEv(ev));
     }
+    ui.horizontal(|ui| {
+        name_label(ui, "Bright light").on_hover_text("What becomes of light brighter than white");
+        for map in ToneMap::ALL {
+            let is_on = state.lighting.tone_map == map;
+            let (name, hint) = tone_map_name(map);
+            let button = ui.selectable_label(is_on, name);
+            if button.on_hover_text(hint).clicked() {
+                send(LightingCommand::SetToneMap(map));
+            }
+        }
+    });
     ui.horizontal(|ui| {
         let is_on = state.lighting.split.is_some();
         let both = ui.add(Button::selectable(is_on, "A | B"));
@@ -94,6 +105,16 @@ fn camera_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
 
 fn tenths(value: f32) -> f32 {
     (value * 10.0).round() / 10.0
+}
+
+fn tone_map_name(map: ToneMap) -> (&'static str, &'static str) {
+    match map {
+        ToneMap::Photo => ("As in photos", "Clipped at white; what training compares"),
+        ToneMap::Neutral => (
+            "Neutral",
+            "Compressed, so that lamps keep their shape (Khronos PBR Neutral)",
+        ),
+    }
 }
 
 fn background_name(background: Background) -> &'static str {

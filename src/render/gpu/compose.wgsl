@@ -47,6 +47,22 @@ fn display(linear: f32) -> f32 {
     return select(0.0, min(pow(max(srgb, 1e-12), frame.specular.w), 1.0), srgb > 0.0);
 }
 
+// Khronos PBR Neutral (`render/tone_map.rs`).
+fn neutral(given: vec3<f32>) -> vec3<f32> {
+    let light = clamp(given, vec3(0.0), vec3(1e6));
+    let least = min(light.x, min(light.y, light.z));
+    let color = light - select(0.04, least - 6.25 * least * least, least < 0.08);
+    let peak = max(color.x, max(color.y, color.z));
+    let start = 0.76;
+    if peak < start {
+        return color;
+    }
+    let room = 1.0 - start;
+    let new_peak = 1.0 - room * room / (peak + room - start);
+    let white = 1.0 - 1.0 / (0.15 * (peak - new_peak) + 1.0);
+    return mix(color * new_peak / peak, vec3(new_peak), white);
+}
+
 @compute @workgroup_size(64)
 fn compose(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
     let i = thread_index(id, groups);
@@ -60,7 +76,8 @@ fn compose(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups
     }
     object /= f32(max(pixel.n_paths, 1u));
     let mixed = object * pixel.coverage + incoming(pixel.ray) * (1.0 - pixel.coverage);
-    let shown = mixed * frame.diffuse.w;
+    let exposed = mixed * frame.diffuse.w;
+    let shown = select(exposed, neutral(exposed), frame.flags.w != 0u);
     let color = vec3(display(shown.x), display(shown.y), display(shown.z));
     let bytes = vec3<u32>(color * 255.0 + 0.5);
     picture[frame.size.z * frame.size.x + i] = bytes.x | (bytes.y << 8u) | (bytes.z << 16u) | 0xff000000u;

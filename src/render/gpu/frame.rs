@@ -9,7 +9,7 @@ use crate::geometry::Camera;
 use crate::neif::Environment;
 use crate::neif::edit::EnvironmentFromWorld;
 use crate::render::shade::display_gain;
-use crate::render::{Background, Layer, PathOptions, Scene};
+use crate::render::{Background, Layer, PathOptions, Scene, ToneMap};
 
 /// Levels that a grid may have.
 pub(super) const MAX_LEVELS: usize = 16;
@@ -64,7 +64,8 @@ impl Frame {
             _ => 0,
         };
         let has_object = u32::from(tables.object.is_some());
-        frame.integers([has_object, behind, shown, 0]);
+        let is_neutral = u32::from(scene.tone_map == ToneMap::Neutral);
+        frame.integers([has_object, behind, shown, is_neutral]);
         frame.ball(tables.object);
         frame.motion(&scene.environment, &motion);
         frame.cube(tables.object);

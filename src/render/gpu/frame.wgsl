@@ -14,7 +14,8 @@ struct Frame {
     size: vec4<u32>,
     // Paths per axis of a smooth and of a torn pixel, most vertices of a path, samples a ray.
     options: vec4<u32>,
-    // Whether there is an object, what is behind it (BEHIND_*), which layer (LAYER_*), rays given by the caller.
+    // Whether there is an object, what is behind it (BEHIND_*), which layer (LAYER_*); samples of a ray where the caller
+    // gives rays, else whether the tone map is neutral.
     flags: vec4<u32>,
     // Centre and radius of the ball that the mesh is scaled to.
     ball: vec4<f32>,

@@ -12,7 +12,7 @@ use crate::neif::proposal::ConeRay;
 use crate::neif::radiance_field::FieldBatch;
 use crate::render::picture::{Picture, render_with};
 use crate::render::test_scene::{camera, environment, object_of, scene};
-use crate::render::{Background, Layer, Scene};
+use crate::render::{Background, Layer, Scene, ToneMap};
 
 /// A renderer; none on a machine without any adapter, where there is nothing to test.
 fn renderer() -> Option<GpuRenderer> {
@@ -134,6 +134,11 @@ fn pictures_are_those_of_the_processor() {
         let db = compared(&mut renderer, &edited, small, layer, PathOptions::PLAIN);
         assert!(db > 40.0, "{background}: {db:.1} dB");
     }
+    edited.background = Background::Shown;
+    (edited.tone_map, edited.display_ev) = (ToneMap::Neutral, 1.5);
+    let layer = Layer::Final;
+    let db = compared(&mut renderer, &edited, small, layer, PathOptions::PLAIN);
+    assert!(db > 40.0, "neutral: {db:.1} dB");
     edited.object = None;
     let layer = Layer::Environment;
     let db = compared(&mut renderer, &edited, small, layer, PathOptions::PLAIN);

@@ -3,6 +3,7 @@
 use crate::neif::display::Display;
 use crate::render::scene::{Layer, Scene};
 use crate::render::shade::display_gain;
+use crate::render::tone_map::ToneMap;
 
 /// Entries of the table; they are spread evenly over the square root, so that dark values have as many as they need.
 const N: usize = 4096;
@@ -11,6 +12,8 @@ const N: usize = 4096;
 pub(super) struct Tone {
     /// Exposure, before the table.
     gain: f32,
+    /// What becomes of light brighter than white, before the table too.
+    map: ToneMap,
     bytes: Vec<u8>,
 }
 
@@ -28,24 +31,23 @@ impl Tone {
             };
             (shown.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
         };
-        let gain = match layer {
-            Layer::Roughness | Layer::Normal | Layer::Tint => 1.0,
-            _ => display_gain(scene.display_ev),
+        let (gain, map) = match layer {
+            Layer::Roughness | Layer::Normal | Layer::Tint => (1.0, ToneMap::Photo),
+            _ => (display_gain(scene.display_ev), scene.tone_map),
         };
         Self {
             gain,
+            map,
             bytes: (0..N).map(byte).collect(),
         }
     }
 
     /// Values above 1 are shown as 1; what is not a number as 0.
     pub(super) fn bytes(&self, linear: [f32; 3]) -> [u8; 3] {
-        linear.map(|v| {
-            let v = v * self.gain;
-            // Written so that what is not a number is 0.
-            let v = if v > 0.0 { v.min(1.0) } else { 0.0 };
-            self.bytes[(v.sqrt() * (N - 1) as f32 + 0.5) as usize]
-        })
+        // Written so that what is not a number is 0.
+        let light = linear.map(|v| if v > 0.0 { v * self.gain } else { 0.0 });
+        let shown = self.map.apply(light);
+        shown.map(|v| self.bytes[(v.min(1.0).sqrt() * (N - 1) as f32 + 0.5) as usize])
     }
 }
 
@@ -57,8 +59,13 @@ mod tests {
 
     #[test]
     fn the_table_is_the_display_transform() {
-        let scene = scene();
-        for layer in [Layer::Final, Layer::Normal] {
+        let mut scene = scene();
+        for (layer, map) in [
+            (Layer::Final, ToneMap::Photo),
+            (Layer::Final, ToneMap::Neutral),
+            (Layer::Normal, ToneMap::Neutral),
+        ] {
+            scene.tone_map = map;
             let tone = Tone::new(&scene, layer);
             for i in 0..2000 {
                 let v = i as f32 / 1500.0;
@@ -66,10 +73,12 @@ mod tests {
                 let byte = f32::from(tone.bytes([v; 3])[0]);
                 assert!(
                     (byte - exact).abs() < 1.2,
-                    "{layer} {v}: {byte}, not {exact}"
+                    "{layer} {map} {v}: {byte}, not {exact}"
                 );
             }
-            assert_eq!(tone.bytes([f32::NAN, -1.0, f32::INFINITY]), [0, 0, 255]);
+            if map == ToneMap::Photo {
+                assert_eq!(tone.bytes([f32::NAN, -1.0, f32::INFINITY]), [0, 0, 255]);
+            }
         }
     }
 }
