@@ -52,7 +52,7 @@ impl Pace {
     pub fn drag_share(self) -> f64 {
         match self {
             Self::Responsive => 1.0,
-            Self::Balanced => 0.36,
+            Self::Balanced => 0.33,
             Self::Fast => 0.15,
         }
     }
