@@ -15,12 +15,15 @@ static FOLDER: LazyLock<TempDir> =
 const CAMERAS: &str = "7 PINHOLE 40 30 50 50 20 15\n";
 const IMAGES: &str = "1 1 0 0 0 0 0 0 7 0000.png\n\n";
 
-/// A lens in COLMAP's binary format, number 1, and one pose of the photo `0000.png` by it.
+/// A lens in COLMAP's binary format, number 7 as in the tests' captures, and one pose of the photo `0000.png` by it.
 pub mod colmap {
+    const LENS: u32 = 7;
+    const PINHOLE: u32 = 1;
+
     /// `cameras.bin`.
     pub fn cameras_bin() -> Vec<u8> {
         let mut bytes = 1_u64.to_le_bytes().to_vec();
-        bytes.extend([1_u32, 1].iter().flat_map(|v| v.to_le_bytes()));
+        bytes.extend([LENS, PINHOLE].iter().flat_map(|v| v.to_le_bytes()));
         bytes.extend([40_u64, 30].iter().flat_map(|v| v.to_le_bytes()));
         bytes.extend(
             [50.0_f64, 50.0, 20.0, 15.0]
@@ -36,7 +39,7 @@ pub mod colmap {
         bytes.extend(1_u32.to_le_bytes());
         let pose = [1.0_f64, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         bytes.extend(pose.iter().flat_map(|v| v.to_le_bytes()));
-        bytes.extend(1_u32.to_le_bytes());
+        bytes.extend(LENS.to_le_bytes());
         bytes.extend(b"0000.png\0");
         bytes.extend(0_u64.to_le_bytes());
         bytes
