@@ -3,6 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
+use super::named::by_name;
 use serde::{Deserialize, Serialize};
 
 /// How the surroundings are seen directly; their reflections and their light stay.
@@ -54,11 +55,7 @@ impl FromStr for Background {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let found = Self::ALL.into_iter().find(|one| one.name() == text);
-        found.ok_or_else(|| {
-            let known = Self::ALL.map(Self::name).join(", ");
-            format!("unknown background `{text}`; known: {known}")
-        })
+        by_name("background", &Self::ALL, Self::name, text)
     }
 }
 

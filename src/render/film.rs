@@ -8,6 +8,7 @@ use std::str::FromStr;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::irradiance::DiffuseLights;
+use super::named::by_name;
 use super::parts::{Backdrop, Parts, PartsOptions, render_parts};
 use super::reference::ReferenceOptions;
 use super::scene::{Layer, Scene};
@@ -62,8 +63,7 @@ impl FromStr for FileKind {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let found = Self::ALL.into_iter().find(|kind| kind.extension() == text);
-        found.ok_or_else(|| format!("unknown format `{text}`; known: png, exr, gif, mp4"))
+        by_name("format", &Self::ALL, Self::extension, text)
     }
 }
 

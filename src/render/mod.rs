@@ -21,6 +21,7 @@ pub mod inbox;
 pub mod irradiance;
 pub mod metallic_roughness;
 mod more_cones;
+mod named;
 pub mod neilf;
 pub mod panorama;
 pub mod parts;

@@ -20,7 +20,7 @@ const STEPS: [(u32, f32); 4] = [
 ];
 
 /// How many times as many cones a pixel of this standard error gets; 1 where it is let be.
-fn times(doubt: f32) -> u32 {
+pub(super) fn times(doubt: f32) -> u32 {
     let passed = STEPS.iter().rev().find(|(_, least)| doubt > *least);
     passed.map_or(1, |(times, _)| *times)
 }

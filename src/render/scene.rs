@@ -11,7 +11,10 @@ use serde::{Deserialize, Serialize};
 use super::background::Background;
 use super::ground::{BakedGround, Ground};
 use super::irradiance::{DiffuseLights, KeyedLight, LightKey, Resolution};
+use super::named::by_name;
+use super::shade::display_gain;
 use super::tone_map::ToneMap;
+use crate::neif::display::Display;
 use crate::neif::environment::EnvironmentField;
 use crate::neif::exposure_match::matched;
 use crate::neif::{Environment, EnvironmentTransform, MaterialEdit, ObjectModel, Regions};
@@ -75,6 +78,22 @@ impl Scene {
         DiffuseLights::default().fine(self, cancel)
     }
 
+    /// How a layer is shown: light with the picture's exposure and tone map, reflectances without, the rest as numbers.
+    pub(super) fn shown(&self, layer: Layer) -> Shown {
+        let display = Display {
+            gamma: self.environment.gamma(),
+        };
+        let (gain, tone_map) = match layer {
+            Layer::Roughness | Layer::Normal | Layer::Tint => (1.0, ToneMap::Photo),
+            _ => (display_gain(self.display_ev), self.tone_map),
+        };
+        Shown {
+            gain,
+            tone_map,
+            display: (!matches!(layer, Layer::Roughness | Layer::Normal)).then_some(display),
+        }
+    }
+
     /// The surroundings alone, without the traces that the object left in its own; `None` when cancelled.
     pub fn emptied(&self, cancel: &AtomicBool) -> Option<Self> {
         let own = self.trained_in.as_ref().filter(|_| self.has_own_light());
@@ -133,6 +152,25 @@ impl Scene {
         let object = self.object.as_ref();
         let bounds = object.map_or_else(|| own.inner_box(), |o| o.tracer.mesh().bounds());
         matched(&self.transform, own, &self.environment, bounds.center())
+    }
+}
+
+/// How the values of a layer become what a screen shows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Shown {
+    /// Factor of the values, before the tone map.
+    pub(super) gain: f32,
+    /// What becomes of light brighter than white.
+    pub(super) tone_map: ToneMap,
+    /// `None` shows numbers as they are.
+    pub(super) display: Option<Display>,
+}
+
+impl Shown {
+    /// What is shown of linear values at least 0, in `[0, 1]`.
+    pub(super) fn values(&self, linear: [f32; 3]) -> [f32; 3] {
+        let shown = self.tone_map.apply(linear.map(|v| v * self.gain));
+        shown.map(|v| self.display.map_or(v, |display| display.value(v)).min(1.0))
     }
 }
 
@@ -220,14 +258,6 @@ impl FromStr for Layer {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        Self::ALL
-            .into_iter()
-            .find(|layer| layer.name() == text)
-            .ok_or_else(|| {
-                format!(
-                    "unknown layer `{text}`; known: {}",
-                    Self::ALL.map(Self::name).join(", ")
-                )
-            })
+        by_name("layer", &Self::ALL, Self::name, text)
     }
 }

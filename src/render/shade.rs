@@ -9,11 +9,9 @@ use super::diagnostic::{depth_share, diagnostic_color, visibility};
 use super::gbuffer::GBuffer;
 use super::more_cones;
 use super::scene::{Layer, Scene};
-use super::tone_map::ToneMap;
 use super::trace::PIXEL_STD;
 use crate::geometry::Camera;
 use crate::neif::EditedSurfaces;
-use crate::neif::display::Display;
 use crate::neif::environment::{EnvironmentField, LightScratch};
 use crate::neif::light_path::{self, LitVertex, PathVertex};
 use crate::neif::lobe_cones::PathOfPixel;
@@ -298,18 +296,38 @@ pub(super) fn shade_paths(
     lit.collect()
 }
 
-/// What the lobe at the first vertex of a path gathers, linear radiance; leaves the path's surfaces in the scratch.
-pub(super) fn light_of_path(
+/// What a path, the only one of a settled picture's pixel, sends to the eye, and what its first lobe gathers for that,
+/// linear radiance; leaves the path's surfaces in the scratch.
+pub(super) fn settled_path(
     scene: &Scene,
     object: &ObjectModel,
     path: &[PathVertex],
     scratch: &mut ShadeScratch,
-) -> Vec3 {
+) -> (Vec3, Vec3) {
     let points = path.iter();
     let points = points.map(|vertex| (vertex.point.position, vertex.point.normal));
     scratch.surfaces(scene, object, points);
-    let alone = |_| PathOfPixel::ALONE;
-    lobe_light(scene, object, (&[path], &[0]), alone, scratch)[0].0
+    let mut seen = |times: u32| {
+        let alone = |_| PathOfPixel {
+            times,
+            ..PathOfPixel::ALONE
+        };
+        let (light, doubt) = lobe_light(scene, object, (&[path], &[0]), alone, scratch)[0];
+        let (surface, gain) = (
+            scratch.edited.surfaces()[0],
+            scratch.edited.specular_gain()[0],
+        );
+        let cos = path[0].point.n_dot_v();
+        let doubt = fresnel(surface.tint, cos) * gain * doubt;
+        (outgoing(&surface, cos, gain, light), light, doubt)
+    };
+    let (value, light, doubt) = seen(1);
+    let times = more_cones::times(shown_doubt(scene, value, doubt));
+    if times == 1 {
+        return (value, light);
+    }
+    let (value, light, _) = seen(times);
+    (value, light)
 }
 
 /// What the lobe at the first vertex of each path gathers and the doubt of it; `starts` are the indices of its surfaces in the scratch.
@@ -493,19 +511,5 @@ pub fn compose(
     };
     let mixed: [f32; 3] =
         std::array::from_fn(|c| object[c] * coverage + behind[c] * (1.0 - coverage));
-    match layer {
-        Layer::Roughness | Layer::Normal => mixed.map(|v| v.clamp(0.0, 1.0)),
-        _ => {
-            let display = Display {
-                gamma: scene.environment.gamma(),
-            };
-            let (exposure, tone_map) = if layer == Layer::Tint {
-                (1.0, ToneMap::Photo)
-            } else {
-                (display_gain(scene.display_ev), scene.tone_map)
-            };
-            let shown = tone_map.apply(mixed.map(|v| v.max(0.0) * exposure));
-            shown.map(|v| display.value(v).min(1.0))
-        }
-    }
+    scene.shown(layer).values(mixed.map(|v| v.max(0.0)))
 }

@@ -3,6 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
+use super::named::by_name;
 use serde::{Deserialize, Serialize};
 
 /// Where compression begins: 0.8 less the reflectance of plastic seen straight on.
@@ -79,11 +80,7 @@ impl FromStr for ToneMap {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let found = Self::ALL.into_iter().find(|one| one.name() == text);
-        found.ok_or_else(|| {
-            let known = Self::ALL.map(Self::name).join(", ");
-            format!("unknown tone map `{text}`; known: {known}")
-        })
+        by_name("tone map", &Self::ALL, Self::name, text)
     }
 }
 

@@ -25,17 +25,7 @@ pub fn picture_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     if !section_heading(ui, state, Section::Picture, commands) {
         return;
     }
-    let mut send = |command| commands.push(Command::Lighting(command));
-    ui.horizontal(|ui| {
-        name_label(ui, "Background").on_hover_text("What stands behind the object (H)");
-        for background in Background::ALL {
-            let is_on = state.lighting.background == background;
-            let button = ui.selectable_label(is_on, background_name(background));
-            if button.on_hover_text(background_hint(background)).clicked() {
-                send(LightingCommand::SetBackground(background));
-            }
-        }
-    });
+    background_ui(ui, state, commands);
     camera_ui(ui, state, commands);
     let mut send = |command| commands.push(Command::Lighting(command));
     let mut ev = state.lighting.display_ev;
@@ -69,6 +59,21 @@ pub fn picture_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
         let what = "B becomes what A is now: material, environment and where it stands";
         if copy.on_hover_text(what).clicked() {
             send(LightingCommand::CopyToB);
+        }
+    });
+}
+
+/// What stands behind the object.
+fn background_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
+    ui.horizontal(|ui| {
+        name_label(ui, "Background").on_hover_text("What stands behind the object (H)");
+        for background in Background::ALL {
+            let is_on = state.lighting.background == background;
+            let button = ui.selectable_label(is_on, background_name(background));
+            if button.on_hover_text(background_hint(background)).clicked() {
+                let command = LightingCommand::SetBackground(background);
+                commands.push(Command::Lighting(command));
+            }
         }
     });
 }

@@ -8,7 +8,6 @@ use super::tables::{LevelRow, ObjectTables};
 use crate::geometry::Camera;
 use crate::neif::Environment;
 use crate::neif::edit::EnvironmentFromWorld;
-use crate::render::shade::display_gain;
 use crate::render::{Background, Layer, PathOptions, Scene, ToneMap};
 
 /// Levels that a grid may have.
@@ -64,15 +63,15 @@ impl Frame {
             _ => 0,
         };
         let has_object = u32::from(tables.object.is_some());
-        let is_neutral = u32::from(scene.tone_map == ToneMap::Neutral);
+        let screen = scene.shown(layer);
+        let is_neutral = u32::from(screen.tone_map == ToneMap::Neutral);
         frame.integers([has_object, behind, shown, is_neutral]);
         frame.ball(tables.object);
         frame.motion(&scene.environment, &motion);
         frame.cube(tables.object);
         // The light that the diffuse part follows; where it follows none, it stays as it was learned.
         let response = scene.trained_in.as_ref().map_or(Vec3::ONE, |_| motion.gain);
-        let exposure = display_gain(scene.display_ev);
-        frame.floats((scene.edit.diffuse_gain * response).extend(exposure));
+        frame.floats((scene.edit.diffuse_gain * response).extend(screen.gain));
         let gamma = scene.environment.gamma();
         frame.floats(scene.edit.specular_gain().extend(gamma));
         frame.levels(tables.environment_levels);

@@ -1,43 +1,30 @@
 //! The display transform of a picture by a table: three powers a pixel would take as long as the rest of it.
 
-use crate::neif::display::Display;
-use crate::render::scene::{Layer, Scene};
-use crate::render::shade::display_gain;
-use crate::render::tone_map::ToneMap;
+use crate::render::scene::{Layer, Scene, Shown};
 
 /// Entries of the table; they are spread evenly over the square root, so that dark values have as many as they need.
 const N: usize = 4096;
 
 /// Display bytes of linear values.
 pub(super) struct Tone {
-    /// Exposure, before the table.
-    gain: f32,
-    /// What becomes of light brighter than white, before the table too.
-    map: ToneMap,
+    /// Exposure and tone map, before the table.
+    shown: Shown,
     bytes: Vec<u8>,
 }
 
 impl Tone {
     /// The transform of [`crate::render::compose`] for a layer.
     pub(super) fn new(scene: &Scene, layer: Layer) -> Self {
-        let display = Display {
-            gamma: scene.environment.gamma(),
-        };
+        let shown = scene.shown(layer);
         let byte = |i: usize| {
             let linear = (i as f32 / (N - 1) as f32).powi(2);
-            let shown = match layer {
-                Layer::Roughness | Layer::Normal => linear,
-                _ => display.value(linear),
-            };
-            (shown.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
-        };
-        let (gain, map) = match layer {
-            Layer::Roughness | Layer::Normal | Layer::Tint => (1.0, ToneMap::Photo),
-            _ => (display_gain(scene.display_ev), scene.tone_map),
+            let value = shown
+                .display
+                .map_or(linear, |display| display.value(linear));
+            (value.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
         };
         Self {
-            gain,
-            map,
+            shown,
             bytes: (0..N).map(byte).collect(),
         }
     }
@@ -45,8 +32,8 @@ impl Tone {
     /// Values above 1 are shown as 1; what is not a number as 0.
     pub(super) fn bytes(&self, linear: [f32; 3]) -> [u8; 3] {
         // Written so that what is not a number is 0.
-        let light = linear.map(|v| if v > 0.0 { v * self.gain } else { 0.0 });
-        let shown = self.map.apply(light);
+        let light = linear.map(|v| if v > 0.0 { v * self.shown.gain } else { 0.0 });
+        let shown = self.shown.tone_map.apply(light);
         shown.map(|v| self.bytes[(v.min(1.0).sqrt() * (N - 1) as f32 + 0.5) as usize])
     }
 }
@@ -55,6 +42,7 @@ impl Tone {
 mod tests {
     use super::super::super::test_scene::scene;
     use super::*;
+    use crate::render::ToneMap;
     use crate::render::shade::compose;
 
     #[test]
