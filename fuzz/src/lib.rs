@@ -50,15 +50,7 @@ pub mod colmap {
 pub fn load_with(name: &str, bytes: &[u8], beside: &[(&str, &[u8])]) {
     let root = root_of(name);
     if !root.exists() {
-        for folder in [
-            "images",
-            "image",
-            "blended_images",
-            "inputs/images",
-            "color",
-        ] {
-            write_photo(&root.join(folder));
-        }
+        write_photos(&root);
         for (name, bytes) in beside {
             write(&root, name, bytes);
         }
@@ -133,7 +125,20 @@ fn assert_names(error: &impl Display, root: &Path) {
     assert!(message.contains(&*root.to_string_lossy()), "{message}");
 }
 
-fn write_photo(folder: &Path) {
-    fs::create_dir_all(folder).expect("a folder");
-    write_png_srgb(&folder.join("0000.png"), 40, 30, &[[0.5; 3]; 1200]).expect("a photo");
+/// The photos of every layout: as many as the tests' captures have where the fuzzed file speaks of them all, and one
+/// where it speaks of one.
+fn write_photos(root: &Path) {
+    let write = |name: &str| {
+        let path = root.join(name);
+        fs::create_dir_all(path.parent().expect("a folder")).expect("a folder");
+        write_png_srgb(&path, 40, 30, &[[0.5; 3]; 1200]).expect("a photo");
+    };
+    for folder in ["images", "image", "inputs/images"] {
+        for i in 0..9 {
+            write(&format!("{folder}/{i:04}.png"));
+        }
+    }
+    for name in ["blended_images/0000.png", "color/0000.png", "0.png"] {
+        write(name);
+    }
 }
