@@ -9,6 +9,7 @@ use glam::Vec3;
 
 use super::agreement;
 use super::config::TrainConfig;
+use super::distortion::distortion;
 use super::loss::{clipped_pull, pixel_loss};
 use super::normal_offsets::{NormalOffsets, OffsetBatch};
 use super::pixels::{BackgroundSample, PixelStore};
@@ -96,8 +97,8 @@ pub(super) struct ChunkLoss {
     pub(super) object: f64,
     pub(super) background: f64,
     pub(super) smoothness: f64,
-    pub(super) planarity: f64,
-    pub(super) agreement: f64,
+    /// What is asked of the surroundings beyond the photos.
+    pub(super) priors: f64,
     pub(super) d_gamma: f64,
 }
 
@@ -351,6 +352,7 @@ impl Chunk {
             .resize(self.material.surfaces.len(), Surface::default());
         self.background_losses(context);
         self.planarity_losses(context);
+        self.distortion_losses(context);
         self.agreement_losses(context);
         for index in 0..self.slots.len() {
             self.object_loss(context, index);
@@ -417,7 +419,21 @@ impl Chunk {
             return;
         }
         let bend = unseen::bend(&self.triples, scale, &mut self.batch);
-        self.loss.planarity = f64::from(scale) * bend;
+        self.loss.priors += f64::from(scale) * bend;
+    }
+
+    /// Haze before the cameras is no surroundings.
+    fn distortion_losses(&mut self, context: &StepContext<'_>) {
+        let config = context.config;
+        if context.material.is_none() || config.distortion_weight == 0.0 {
+            return;
+        }
+        let scale = config.background_weight * config.distortion_weight
+            / context.batch_size.backgrounds.max(1) as f32;
+        let first = self.first_background_ray;
+        let rays = first..first + self.backgrounds.len();
+        let sum = distortion(rays, scale, &mut self.batch);
+        self.loss.priors += f64::from(scale) * sum;
     }
 
     /// What narrow cones see, wide ones should.
@@ -425,7 +441,7 @@ impl Chunk {
         let n_groups = context.config.agreement_groups_alone.max(1);
         let scale = context.config.agreement_weight / n_groups as f32;
         let sum = agreement::disagreement(self.agreement, scale, &mut self.batch);
-        self.loss.agreement = f64::from(scale) * sum;
+        self.loss.priors += f64::from(scale) * sum;
     }
 
     /// Eq. 7 and its way back for one object pixel: the mean of its paths.
@@ -531,11 +547,7 @@ impl Chunk {
             && self.offsets.is_finite()
             && all_finite(&self.d_material_network)
             && self.batch.has_finite_gradients()
-            && (self.loss.object
-                + self.loss.background
-                + self.loss.smoothness
-                + self.loss.planarity
-                + self.loss.agreement)
+            && (self.loss.object + self.loss.background + self.loss.smoothness + self.loss.priors)
                 .is_finite()
     }
 }

@@ -7,6 +7,7 @@ mod checkpoint;
 mod chunk;
 pub mod config;
 mod convolution;
+mod distortion;
 pub mod eval;
 mod event_queue;
 pub mod events;

@@ -391,7 +391,7 @@ impl Trainer {
         let [object, background] = self.pixel_losses();
         object
             + f64::from(self.config.background_weight) * background
-            + self.sum(|c| c.loss.smoothness + c.loss.planarity + c.loss.agreement)
+            + self.sum(|c| c.loss.smoothness + c.loss.priors)
     }
 
     fn sum(&self, of: fn(&Chunk) -> f64) -> f64 {
