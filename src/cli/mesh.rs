@@ -1,4 +1,4 @@
-//! `neif mesh`: stage one alone, a mesh from the masks of a capture.
+//! `neif mesh`: stage one alone, a mesh from the depth maps, masks or points of a capture.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -19,7 +19,7 @@ use super::{interrupt, output, scenes, values};
 /// Arguments of `neif mesh`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct MeshArgs {
-    /// The capture: a folder or file of posed photos with masks
+    /// The capture: a folder or file of posed photos with masks, depth maps, or the points that they were posed by
     #[arg(value_name = "DATASET")]
     dataset: PathBuf,
     /// The file to write

@@ -66,7 +66,7 @@ pub use bundled::bundled_assets;
 pub use camera_file::{KeyView, read_key_views, write_key_views};
 pub use check::{
     CameraSummary, Conditions, DatasetReport, LensSummary, MaskAgreement, MaskSummary, MeshSummary,
-    PointSummary, Resolution, SplitCounts, check,
+    PointSummary, Resolution, SplitCounts, check, exposures_differ,
 };
 pub use choices::CaptureChoices;
 pub use colmap::{
@@ -83,7 +83,7 @@ pub use listing::{Listing, list_capture, list_capture_as};
 pub use load::first_photo;
 pub use mesh_io::{Texture, TexturedMesh, find_mesh, read_mesh, write_glb, write_textured_glb};
 pub use photo::{Mask, Photo};
-pub use points::PointCloud;
+pub use points::{PointCloud, SeenPoints};
 pub use problem::{Problem, Severity};
 pub use relight::{EnvironmentMove, RelightApply, RelightCase};
 pub use rgba8::Rgba8;

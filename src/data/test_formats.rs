@@ -170,7 +170,7 @@ pub(super) fn write_colmap_text(folder: &Path, cameras: &[Camera]) {
         .unwrap();
     }
     std::fs::write(folder.join("images.txt"), text).unwrap();
-    let text = "# 3D point list\n5 0.1 0.2 0.3 10 20 30 0.5 100 0\n";
+    let text = "# 3D point list\n5 0.1 0.2 0.3 10 20 30 0.5 0 0\n";
     std::fs::write(folder.join("points3D.txt"), text).unwrap();
 }
 

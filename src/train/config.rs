@@ -83,8 +83,8 @@ pub struct TrainConfig {
     pub unseen_triples_alone: usize,
     /// Weight of the bend of what they meet against background pixels.
     pub planarity_weight: f32,
-    /// Weight, against background pixels, of what keeps their light in one place along each ray, with an object; 0 is
-    /// none. Worth 1 dB of the whole picture on photos whose exposures differ, next to nothing on others.
+    /// Weight, against background pixels, of what keeps their light in one place along each ray, with an object and where
+    /// the photos' exposures differ; 0 is none.
     pub distortion_weight: f32,
     /// Groups of cones a step whose light should agree over their widths, without an object; 0 is none.
     pub agreement_groups_alone: usize,

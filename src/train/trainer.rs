@@ -18,7 +18,7 @@ use super::random::SlotRandom;
 use super::refinement::{self, Refinement};
 use super::skips::SkipShares;
 use super::snapshot::Snapshot;
-use crate::data::Dataset;
+use crate::data::{Dataset, exposures_differ};
 use crate::geometry::SurfaceTracer;
 use crate::neif::contraction::{FieldFrame, contract, unit_cube};
 use crate::neif::display::Display;
@@ -142,11 +142,15 @@ impl Trainer {
             .as_deref()
             .filter(|_| refinement::is_wanted(config, dataset))
             .map(Refinement::new);
+        let has_haze = tracer.is_some() && exposures_differ(dataset);
         let density = hollow_density(tracer.as_deref(), &frame);
         let has_exposures = config.exposure_rate > 0.0;
         let exposures = has_exposures.then(|| Exposures::new(pixels.n_views()));
         let mut trainer = Self {
-            config: config.clone(),
+            config: TrainConfig {
+                distortion_weight: config.distortion_weight * if has_haze { 1.0 } else { 0.0 },
+                ..config.clone()
+            },
             name: dataset.name.clone(),
             up: up_direction(dataset),
             pixels,

@@ -46,7 +46,9 @@ fn found(report: &DatasetReport, what: &str) -> bool {
 
 #[test]
 fn a_good_capture_raises_no_alarm() {
-    let report = check(&captured(&|_, world, _| texture(world)));
+    let dataset = captured(&|_, world, _| texture(world));
+    assert!(!exposures_differ(&dataset));
+    let report = check(&dataset);
     assert!(report.problems.is_empty(), "{:?}", report.problems);
     let conditions = &report.conditions;
     assert!(conditions.same_background.unwrap() < 0.02, "{conditions:?}");
@@ -79,9 +81,9 @@ fn jumping_exposure_is_measured() {
     let gain = |i: usize| (((i * 2_654_435_761) >> 7) % 101) as f32 / 50.0 - 1.0;
     let gain = |i: usize| 2.0_f32.powf(gain(i));
     let encoded = crate::color::srgb_from_linear;
-    let report = check(&captured(&|i, world, _| {
-        encoded(0.5 * gain(i) * texture(world))
-    }));
+    let dataset = captured(&|i, world, _| encoded(0.5 * gain(i) * texture(world)));
+    assert!(exposures_differ(&dataset));
+    let report = check(&dataset);
     assert!(found(&report, "exposure changes"), "{:?}", report.problems);
     let jitter = report.conditions.exposure_jitter_ev.unwrap();
     assert!((jitter - 0.58).abs() < 0.25, "{jitter} stops");

@@ -3,7 +3,10 @@
 //! Photos that look in nearly the same direction show nearly the same surroundings: where one is brighter than all of
 //! its neighbours, it is exposure; parallax goes either way.
 
+use glam::Vec3;
+
 use super::sharpness::median;
+use super::surroundings::shows_object;
 use super::thumb::Thumb;
 use crate::data::{Dataset, Problem, Severity};
 
@@ -29,33 +32,38 @@ pub(super) struct Exposures {
     pub(super) seen_jitter_ev: Option<f32>,
 }
 
-/// Measures the exposures of the training photos.
-pub(super) fn compare(
-    dataset: &Dataset,
-    thumbs: &[Thumb],
-    problems: &mut Vec<Problem>,
-) -> Exposures {
-    const ADVICE: &str = "one light is learned for all photos: fix exposure and white balance of the camera, or train with \
-         --photo-exposures, which learns them";
-    let noted = dataset
-        .origin
-        .noted_exposure_ev
-        .map(|[least, most]| most - least);
-    let seen = jitter(thumbs.len(), &neighbours(thumbs));
-    if let Some(range) = noted.filter(|range| *range > NOTED_FAIR_EV) {
-        let what = format!(
-            "the camera changed its exposure between photos, by up to {range:.1} stops (EXIF)"
-        );
-        problems.push(Problem::new(Severity::Warning, what, ADVICE));
-    } else if let Some(seen) = seen.filter(|seen| *seen > FAIR_EV) {
-        let what = format!(
-            "the exposure changes from photo to photo, by {seen:.2} stops (standard deviation)"
-        );
-        problems.push(Problem::new(Severity::Warning, what, ADVICE));
-    }
+/// Measures the exposures of the training photos. Cameras that stand anywhere in a room, and look at no `center`, see its
+/// walls from everywhere: brightness says nothing then.
+pub(super) fn measure(dataset: &Dataset, thumbs: &[Thumb], center: Vec3) -> Exposures {
+    let comparable = if shows_object(dataset, center) {
+        thumbs
+    } else {
+        &[]
+    };
+    let noted = dataset.origin.noted_exposure_ev;
     Exposures {
-        noted_range_ev: noted,
-        seen_jitter_ev: seen,
+        noted_range_ev: noted.map(|[least, most]| most - least),
+        seen_jitter_ev: jitter(comparable.len(), &neighbours(comparable)),
+    }
+}
+
+impl Exposures {
+    /// What is wrong with them, if anything is.
+    pub(super) fn problem(&self) -> Option<Problem> {
+        const ADVICE: &str = "one light is learned for all photos: fix exposure and white balance of the camera, or train with \
+             --photo-exposures, which learns them";
+        let noted = self.noted_range_ev.filter(|range| *range > NOTED_FAIR_EV);
+        let seen = self.seen_jitter_ev.filter(|seen| *seen > FAIR_EV);
+        let what = match (noted, seen) {
+            (Some(range), _) => format!(
+                "the camera changed its exposure between photos, by up to {range:.1} stops (EXIF)"
+            ),
+            (None, Some(seen)) => format!(
+                "the exposure changes from photo to photo, by {seen:.2} stops (standard deviation)"
+            ),
+            (None, None) => return None,
+        };
+        Some(Problem::new(Severity::Warning, what, ADVICE))
     }
 }
 

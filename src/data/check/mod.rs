@@ -243,24 +243,29 @@ pub fn check(dataset: &Dataset) -> DatasetReport {
     }
 }
 
+/// Whether the exposures of the training photos differ: by what the cameras noted, else by what neighbouring photos show.
+pub fn exposures_differ(dataset: &Dataset) -> bool {
+    let center = center(dataset, &statistics::camera_summary(dataset));
+    let exposures = exposure::measure(dataset, &thumb::thumbs(dataset), center);
+    exposures.problem().is_some()
+}
+
+/// Where the object is.
+fn center(dataset: &Dataset, cameras: &CameraSummary) -> Vec3 {
+    let mesh = dataset.mesh.as_ref();
+    mesh.map_or(Vec3::from(cameras.look_at), |mesh| mesh.bounds().center())
+}
+
 fn conditions(
     dataset: &Dataset,
     cameras: &CameraSummary,
     problems: &mut Vec<Problem>,
 ) -> Conditions {
     let thumbs = thumb::thumbs(dataset);
-    let center = dataset
-        .mesh
-        .as_ref()
-        .map_or(Vec3::from(cameras.look_at), |mesh| mesh.bounds().center());
+    let center = center(dataset, cameras);
     let up = dataset.origin.up.unwrap_or(Vec3::Z);
-    // Cameras that stand anywhere in a room see its walls from everywhere: brightness says nothing then.
-    let comparable = if surroundings::shows_object(dataset, center) {
-        thumbs.as_slice()
-    } else {
-        &[]
-    };
-    let exposures = exposure::compare(dataset, comparable, problems);
+    let exposures = exposure::measure(dataset, &thumbs, center);
+    problems.extend(exposures.problem());
     Conditions {
         circle_covered_deg: surroundings::circle_covered_deg(dataset, center, up, problems),
         directions_seen: surroundings::directions_seen(dataset, problems),

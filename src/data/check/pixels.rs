@@ -34,6 +34,9 @@ fn find_mask_faults(dataset: &Dataset, problems: &mut Vec<Problem>) {
     if without.len() == n_views {
         let advice = if dataset.mesh.is_some() {
             "the mesh's silhouette is used"
+        } else if dataset.origin.points.is_some() {
+            "without masks and mesh the object cannot be told from its surroundings; `neif mesh` makes a coarse mesh of \
+             the points around the place that the cameras look at"
         } else {
             "without masks and mesh the object cannot be told from its surroundings"
         };

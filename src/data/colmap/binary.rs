@@ -106,12 +106,18 @@ fn read_points(path: &Path) -> Result<Vec<ColmapPoint>, DataError> {
         // COLMAP writes NaN or -1 for points that were never adjusted.
         let error_px = file.any_f64("error")?;
         let n_seen = file.count("track length", TRACK_BYTES)?;
-        file.skip("track", n_seen, TRACK_BYTES)?;
+        let mut seen_by = Vec::with_capacity(n_seen);
+        for _ in 0..n_seen {
+            seen_by.push(file.u32("track")?);
+            // The number of the feature in that image.
+            file.u32("track")?;
+        }
         points.push(ColmapPoint {
             id,
             position,
             color,
             error_px,
+            seen_by,
         });
     }
     Ok(points)

@@ -17,7 +17,7 @@ use super::capture_path::path_below;
 use super::listing::{Found, Listed};
 use super::photo_folder::photo_folders;
 use super::problem::first_names;
-use super::{DataError, Frame, PointCloud, Problem, Severity};
+use super::{DataError, Frame, PointCloud, Problem, SeenPoints, Severity};
 
 pub use model::{ColmapCamera, ColmapImage, ColmapPoint, Observation};
 
@@ -131,7 +131,7 @@ pub(super) fn list(found: &Found) -> Result<Listed, DataError> {
     );
     Ok(Listed {
         frames,
-        points: Some(point_cloud(&model.points)),
+        points: Some(point_cloud(&model)),
         recognised,
         problems: other_models(found),
     })
@@ -175,25 +175,47 @@ fn frames_of(model: &Model, listed_in: &Path, photos: &Path) -> Result<Vec<Frame
         let photo = path_below(photos, &image.name, 0).map_err(|problem| error("name", problem))?;
         let (pose, lens) = (image.world_from_camera, camera.intrinsics);
         Ok(Frame {
-            name: Path::new(&image.name)
-                .with_extension("")
-                .to_string_lossy()
-                .replace(['/', '\\'], "_"),
+            name: view_name(&image.name),
             ..Frame::new(index, photo, pose, lens, listed_in)
         })
     };
     model.images.iter().enumerate().map(frame).collect()
 }
 
-fn point_cloud(points: &[ColmapPoint]) -> PointCloud {
-    let mut cloud = PointCloud::default();
-    for point in points {
+/// The name of the view of a photo.
+fn view_name(image: &str) -> String {
+    let name = Path::new(image).with_extension("");
+    name.to_string_lossy().replace(['/', '\\'], "_")
+}
+
+fn point_cloud(model: &Model) -> PointCloud {
+    let mut cloud = PointCloud {
+        photos: model
+            .images
+            .iter()
+            .map(|image| SeenPoints {
+                name: view_name(&image.name),
+                points: Vec::new(),
+            })
+            .collect(),
+        ..PointCloud::default()
+    };
+    let numbers = model.images.iter().map(|image| image.id).zip(0..);
+    let number_of_image: HashMap<u32, usize> = numbers.collect();
+    for point in &model.points {
         let position = point.position.as_vec3();
-        if position.is_finite() {
-            cloud.positions.push(position);
-            cloud.colors.push(point.color);
-            cloud.errors_px.push(point.error_px as f32);
+        if !position.is_finite() {
+            continue;
         }
+        let number = cloud.positions.len() as u32;
+        for image in &point.seen_by {
+            if let Some(&image) = number_of_image.get(image) {
+                cloud.photos[image].points.push(number);
+            }
+        }
+        cloud.positions.push(position);
+        cloud.colors.push(point.color);
+        cloud.errors_px.push(point.error_px as f32);
     }
     cloud
 }

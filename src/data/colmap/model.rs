@@ -234,7 +234,7 @@ pub struct Observation {
 }
 
 /// A triangulated point.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct ColmapPoint {
     /// What observations refer to it by.
     pub id: u64,
@@ -244,4 +244,6 @@ pub struct ColmapPoint {
     pub color: [u8; 3],
     /// Mean reprojection error; may be negative or no number where it was never computed.
     pub error_px: f64,
+    /// Ids of the images that see it.
+    pub seen_by: Vec<u32>,
 }

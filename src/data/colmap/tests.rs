@@ -37,6 +37,9 @@ fn binary_and_text_models_are_read_wherever_they_lie() {
             );
             let points = listing.points.clone().unwrap();
             assert_eq!(points.colors, [[10, 20, 30]], "points in \"{below}\"");
+            let seeing = points.photos.iter().filter(|photo| photo.points == [0]);
+            let names: Vec<&str> = seeing.map(|photo| photo.name.as_str()).collect();
+            assert_eq!(names, ["0000"], "tracks in \"{below}\"");
             assert_eq!(listing.test[0].name, "0000", "sorted by name");
             assert_cameras(&all(listing), &cameras);
             let by_folder = list_capture(&folder.path().join(below)).unwrap();

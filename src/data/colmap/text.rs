@@ -89,12 +89,19 @@ fn read_points(path: &Path) -> Result<Vec<ColmapPoint>, DataError> {
     let mut points = Vec::new();
     while let Some(line) = lines.next_record()? {
         let mut fields = lines.fields(&line);
-        points.push(ColmapPoint {
+        let mut point = ColmapPoint {
             id: fields.parse("POINT3D_ID")?,
             position: DVec3::from_array(fields.numbers("X, Y, Z")?),
             color: [fields.parse("R")?, fields.parse("G")?, fields.parse("B")?],
             error_px: fields.parse("ERROR")?,
-        });
+            seen_by: Vec::new(),
+        };
+        while let Some(image) = fields.words.next() {
+            point.seen_by.push(fields.parse_word("TRACK", image)?);
+            // The number of the feature in that image.
+            fields.parse::<u32>("TRACK")?;
+        }
+        points.push(point);
     }
     Ok(points)
 }

@@ -9,7 +9,7 @@ use crate::data::{Dataset, DepthMap, DepthView, Mask, View};
 use crate::geometry::{Aabb, Projector, ScalarGrid, nearest_point};
 
 /// Depth maps that are fused at most; of more, evenly spaced ones.
-const MOST_MAPS: usize = 240;
+pub(super) const MOST_MAPS: usize = 240;
 /// Depth maps in memory at once.
 const BATCH: usize = 8;
 /// Depth maps without which there is no shape.
@@ -29,8 +29,32 @@ const REACH_OF_LOOK: f32 = 0.5;
 /// Share of the cameras that must see that point near their pictures' middle.
 const LOOKING: f32 = 0.8;
 
+/// Depths of what a training view shows.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Depths<'a> {
+    map: Map<'a>,
+    view: &'a View,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Map<'a> {
+    /// Read when it is needed: many are too large to have at once.
+    File(&'a DepthView),
+    Known(&'a DepthMap),
+}
+
+impl<'a> Depths<'a> {
+    /// A map that is no file.
+    pub(super) fn known(map: &'a DepthMap, view: &'a View) -> Self {
+        Self {
+            map: Map::Known(map),
+            view,
+        }
+    }
+}
+
 /// The training views with depth maps, evenly chosen where they are many.
-pub(super) fn depth_views(dataset: &Dataset) -> Vec<(&DepthView, &View)> {
+pub(super) fn depth_views(dataset: &Dataset) -> Vec<Depths<'_>> {
     let views: HashMap<&str, &View> = dataset
         .train
         .iter()
@@ -38,12 +62,18 @@ pub(super) fn depth_views(dataset: &Dataset) -> Vec<(&DepthView, &View)> {
         .collect();
     let depths = dataset.origin.depths.iter();
     let found: Vec<_> = depths
-        .filter_map(|depth| Some((depth, *views.get(depth.name.as_str())?)))
+        .filter_map(|depth| {
+            Some(Depths {
+                map: Map::File(depth),
+                view: views.get(depth.name.as_str())?,
+            })
+        })
         .collect();
     evenly(&found, MOST_MAPS)
 }
 
-fn evenly<T: Copy>(items: &[T], n: usize) -> Vec<T> {
+/// At most `n` of the items, evenly chosen.
+pub(super) fn evenly<T: Copy>(items: &[T], n: usize) -> Vec<T> {
     if items.len() <= n {
         return items.to_vec();
     }
@@ -61,8 +91,12 @@ struct Source<'a> {
 
 impl<'a> Source<'a> {
     /// `None` where the file is of no use.
-    fn read(depth: &DepthView, view: &'a View) -> Option<Self> {
-        let map = depth.read(&view.camera).ok()?;
+    fn read(depths: &Depths<'a>) -> Option<Self> {
+        let Depths { map, view } = depths;
+        let map = match map {
+            Map::File(depth) => depth.read(&view.camera).ok()?,
+            Map::Known(map) => (*map).clone(),
+        };
         let camera = map.camera;
         Some(Self {
             projector: camera.projector(glam::Affine3A::IDENTITY),
@@ -116,14 +150,14 @@ impl<'a> Source<'a> {
 
 /// The box around what the depth maps show: of the object by its masks; without them, of what lies around the place that
 /// the cameras look at, or of everything where they look at no one place. `None` where they show nothing.
-pub(super) fn bounds(dataset: &Dataset, views: &[(&DepthView, &View)]) -> Option<Aabb> {
+pub(super) fn bounds(dataset: &Dataset, views: &[Depths<'_>]) -> Option<Aabb> {
     let chosen = evenly(views, MAPS_FOR_BOUNDS);
     let points: Vec<Vec<Vec3>> = chosen
         .par_iter()
-        .map(|(depth, view)| Source::read(depth, view).map_or_else(Vec::new, |s| s.points()))
+        .map(|depths| Source::read(depths).map_or_else(Vec::new, |s| s.points()))
         .collect();
     let mut points: Vec<Vec3> = points.into_iter().flatten().collect();
-    let has_masks = views.iter().any(|(_, view)| view.mask.is_some());
+    let has_masks = views.iter().any(|depths| depths.view.mask.is_some());
     if !has_masks && let Some((center, reach)) = looked_at(dataset) {
         points.retain(|p| (*p - center).abs().max_element() < reach);
     }
@@ -154,7 +188,7 @@ pub(super) fn shows_object(dataset: &Dataset) -> bool {
 }
 
 /// The place that the cameras look at and how far from it the object reaches; `None` where they look at no one place.
-fn looked_at(dataset: &Dataset) -> Option<(Vec3, f32)> {
+pub(super) fn looked_at(dataset: &Dataset) -> Option<(Vec3, f32)> {
     let cameras = || dataset.train.iter().map(|view| &view.camera);
     let axes: Vec<(Vec3, Vec3)> = cameras().map(|c| (c.position(), c.forward())).collect();
     let center = nearest_point(&axes);
@@ -190,7 +224,7 @@ struct Node {
 ///
 /// `is_late`: asked after each few maps, ends the work with what there is.
 pub(super) fn fill(
-    views: &[(&DepthView, &View)],
+    views: &[Depths<'_>],
     grid: &mut ScalarGrid,
     is_late: &dyn Fn() -> bool,
     go_on: &(dyn Fn() -> bool + Sync),
@@ -206,7 +240,7 @@ pub(super) fn fill(
         let of_batch: Vec<_> = views.iter().skip(batch).step_by(n_batches).collect();
         let sources: Vec<Source<'_>> = of_batch
             .par_iter()
-            .filter_map(|(depth, view)| Source::read(depth, view))
+            .filter_map(|depths| Source::read(depths))
             .collect();
         n_read += sources.len();
         let frame = &*grid;

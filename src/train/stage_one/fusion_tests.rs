@@ -8,9 +8,9 @@ use std::sync::atomic::AtomicBool;
 use glam::{Mat4, Vec3};
 
 use super::*;
-use crate::data::{LoadOptions, write_png_srgb};
+use crate::data::{LoadOptions, PointCloud, SeenPoints, write_png_srgb};
 use crate::geometry::test_mesh::ellipsoid;
-use crate::geometry::{Camera, SurfaceTracer, fibonacci_sphere};
+use crate::geometry::{Camera, Ray, SurfaceTracer, fibonacci_sphere};
 
 /// Pixels on a side.
 const SIDE: u32 = 96;
@@ -122,4 +122,71 @@ fn masks_part_the_object_from_what_it_stands_on() {
         "without masks what it stands on belongs to it: {:?}",
         mesh.bounds()
     );
+}
+
+/// Points of the object and of a floor below it, and which of them each view sees.
+fn cloud(dataset: &Dataset) -> PointCloud {
+    let mesh = shape();
+    let tracer = SurfaceTracer::new(Arc::clone(&mesh));
+    let spots = fibonacci_sphere(600).into_iter().map(|d| {
+        let from = Ray {
+            origin: CENTER + 5.0 * d,
+            direction: -d,
+        };
+        tracer
+            .intersect(&from, 0.0, f32::INFINITY)
+            .unwrap()
+            .position
+    });
+    let floor = fibonacci_sphere(100).into_iter();
+    let floor = floor.map(|d| CENTER + Vec3::new(1.2 * d.x, 1.2 * d.y, -0.4));
+    let positions: Vec<Vec3> = spots.chain(floor).collect();
+    let photos = dataset.train.iter().map(|view| {
+        let eye = view.camera.position();
+        let is_seen = |p: Vec3| {
+            let ray = Ray {
+                origin: eye,
+                direction: (p - eye).normalize_or_zero(),
+            };
+            !tracer.occluded(&ray, 0.0, 0.999 * p.distance(eye))
+        };
+        SeenPoints {
+            name: view.name.clone(),
+            points: (0..positions.len() as u32)
+                .filter(|i| is_seen(positions[*i as usize]))
+                .collect(),
+        }
+    });
+    PointCloud {
+        photos: photos.collect(),
+        colors: vec![[0; 3]; positions.len()],
+        errors_px: vec![0.5; positions.len()],
+        positions,
+    }
+}
+
+#[test]
+fn points_alone_give_a_coarse_surface_without_the_floor() {
+    let folder = tempfile::tempdir().unwrap();
+    write_capture(folder.path(), Ground::Floor, false);
+    let mut dataset = Dataset::load(folder.path(), &LoadOptions::default()).unwrap();
+    dataset.origin.depths.clear();
+    let options = StageOneOptions::default();
+    let make = |dataset: &Dataset| make_mesh(dataset, &options, &AtomicBool::new(false), &|_| ());
+    let without = make(&dataset);
+    assert!(
+        matches!(without, Err(StageOneError::TooFewMasks { .. })),
+        "{without:?}"
+    );
+    dataset.origin.points = Some(Arc::new(cloud(&dataset)));
+    assert!(!is_needed(&dataset), "so coarse a mesh is made on demand");
+    let mesh = Arc::new(make(&dataset).unwrap());
+    let cameras: Vec<Camera> = dataset.train.iter().map(|view| view.camera).collect();
+    let difference = compare(&mesh, &shape(), &cameras);
+    assert!(
+        difference.chamfer_visible < 0.02 && difference.normal_median_deg < 12.0,
+        "{difference:?}"
+    );
+    let extent = mesh.bounds().extent();
+    assert!(extent.max_element() < 1.15, "no floor: {extent:?}");
 }

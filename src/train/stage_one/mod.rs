@@ -1,18 +1,21 @@
-//! Stage one: a mesh of the object where a capture has none, from its depth maps, or from its masks and cameras.
+//! Stage one: a mesh of the object where a capture has none, from its depth maps, its masks or its points.
 //!
-//! Depth maps are fused on a grid. Without them
+//! Depth maps are fused on a grid; so are, where there are neither maps nor masks, those that the reconstruction's points
+//! give.
 //!
-//! The visual hull comes first, as signed distances on a grid; then the fairest surface within it
-//! whose outlines are those of the masks, to a fraction of a pixel. Nothing is asked of the
-//! photos' colours, which on glossy surfaces tell of the surroundings.
+//! From masks, the visual hull comes first, as signed distances on a grid; then the fairest surface within it whose
+//! outlines are those of the masks, to a fraction of a pixel. Nothing is asked of the photos' colours, which on glossy
+//! surfaces tell of the surroundings.
 
 mod band;
 mod compare;
 mod fairing;
+mod floor;
 mod fusion;
 #[cfg(test)]
 mod fusion_tests;
 mod hull;
+mod point_maps;
 mod silhouette;
 #[cfg(test)]
 mod tests;
@@ -24,9 +27,11 @@ use std::time::{Duration, Instant};
 use rayon::prelude::*;
 
 use self::fairing::Fairing;
+use self::fusion::Depths;
 use self::silhouette::Silhouette;
 use crate::data::{Dataset, View};
 use crate::geometry::{Aabb, Mesh, MeshError, ScalarGrid, iso_surface};
+use crate::train::placement::up_direction;
 use crate::train::plan::Budget;
 
 pub use compare::{MeshDifference, compare, silhouette_agreement};
@@ -45,6 +50,12 @@ const MOST_SECS: f64 = 120.0;
 /// Budgets in seconds below which the grid is coarser, and its cells then.
 const SHORT_SECS: f64 = 45.0;
 const SHORT_CELLS: usize = 80;
+/// Most cells for a mesh of points.
+const POINT_CELLS: usize = 64;
+/// The same as [`SPECK`] for a mesh of points: bits of the surroundings are near.
+const LONE_PART: f64 = 0.5;
+/// Cells over the floor up to which a mesh of points is cut off.
+const FLOOR_CELLS: f32 = 1.5;
 
 /// How a mesh is made.
 #[derive(Clone, Copy, Debug)]
@@ -93,8 +104,8 @@ impl StageOneOptions {
 pub enum StageOneError {
     /// Too few views have a mask with the object's edge in it.
     #[error(
-        "{}: a mesh needs depth maps, or the object's outline in at least {needed} training views, but only {n_found} \
-         of {n_views} have a mask that shows it", dataset.display(), needed = MIN_VIEWS
+        "{}: a mesh needs depth maps, a reconstruction's points, or the object's outline in at least {needed} training views, \
+         but only {n_found} of {n_views} have a mask that shows it", dataset.display(), needed = MIN_VIEWS
     )]
     TooFewMasks {
         /// The capture.
@@ -149,7 +160,13 @@ pub fn make_mesh(
 ) -> Result<Mesh, StageOneError> {
     let go_on = || !cancel.load(Ordering::Relaxed);
     let root = || dataset.root.clone();
-    if let Some(mesh) = fused(dataset, options, &go_on, on_progress)? {
+    let maps = fusion::depth_views(dataset);
+    if let Some(mesh) = fused(dataset, &maps, options, &go_on, on_progress)? {
+        return Ok(mesh);
+    }
+    if !has_masks(dataset)
+        && let Some(mesh) = from_points(dataset, options, &go_on, on_progress)?
+    {
         return Ok(mesh);
     }
     let silhouettes = silhouettes(dataset)?;
@@ -181,43 +198,87 @@ pub fn make_mesh(
         fairing::round(&mut phi, &hull, &silhouettes, &Fairing::default());
         on_progress(0.2 + 0.8 * (round + 1) as f32 / options.n_rounds as f32);
     }
-    iso_surface(&phi)
-        .and_then(|mesh| mesh.without_specks(SPECK))
-        .map_err(|source| StageOneError::NoSurface {
-            dataset: root(),
-            source,
-        })
+    surface(dataset, &phi, SPECK)
 }
 
-/// The mesh that the depth maps show; `None` where there are too few, or too few that can be read.
-fn fused(
+/// The mesh of what the reconstruction's points show of the object, without the floor that it stands on, on a grid no finer
+/// than they are; `None` where there are too few.
+fn from_points(
     dataset: &Dataset,
     options: &StageOneOptions,
     go_on: &(dyn Fn() -> bool + Sync),
     on_progress: &(dyn Fn(f32) + Sync),
 ) -> Result<Option<Mesh>, StageOneError> {
-    let views = fusion::depth_views(dataset);
+    let maps = point_maps::maps(dataset, go_on);
+    if !go_on() {
+        return Err(StageOneError::Cancelled);
+    }
+    let views: Vec<_> = maps
+        .iter()
+        .map(|(map, view)| Depths::known(map, view))
+        .collect();
+    let coarse = StageOneOptions {
+        n_cells: options.n_cells.min(POINT_CELLS),
+        ..*options
+    };
+    let Some(mut grid) = fused_grid(dataset, &views, &coarse, go_on, on_progress)? else {
+        return Ok(None);
+    };
+    if let Some((points, reach)) = point_maps::around_object(dataset)
+        && let Some(floor) = floor::find(&points, up_direction(dataset), reach)
+    {
+        let clearance = FLOOR_CELLS * grid.cell;
+        floor.cut(&mut grid, clearance);
+    }
+    surface(dataset, &grid, LONE_PART).map(Some)
+}
+
+/// The mesh that the depth maps show; `None` where there are too few, or too few that can be read.
+fn fused(
+    dataset: &Dataset,
+    views: &[Depths<'_>],
+    options: &StageOneOptions,
+    go_on: &(dyn Fn() -> bool + Sync),
+    on_progress: &(dyn Fn(f32) + Sync),
+) -> Result<Option<Mesh>, StageOneError> {
+    let grid = fused_grid(dataset, views, options, go_on, on_progress)?;
+    grid.map(|grid| surface(dataset, &grid, SPECK)).transpose()
+}
+
+/// The surface of a grid, without parts of less than `least_share` of the largest one's area.
+fn surface(dataset: &Dataset, grid: &ScalarGrid, least_share: f64) -> Result<Mesh, StageOneError> {
+    let mesh = iso_surface(grid).and_then(|mesh| mesh.without_specks(least_share));
+    mesh.map_err(|source| StageOneError::NoSurface {
+        dataset: dataset.root.clone(),
+        source,
+    })
+}
+
+/// Distances to what the depth maps show; `None` where there are too few, or too few that can be read.
+fn fused_grid(
+    dataset: &Dataset,
+    views: &[Depths<'_>],
+    options: &StageOneOptions,
+    go_on: &(dyn Fn() -> bool + Sync),
+    on_progress: &(dyn Fn(f32) + Sync),
+) -> Result<Option<ScalarGrid>, StageOneError> {
     if views.len() < fusion::MIN_MAPS {
         return Ok(None);
     }
-    let Some(bounds) = fusion::bounds(dataset, &views) else {
+    let Some(bounds) = fusion::bounds(dataset, views) else {
         return Ok(None);
     };
     on_progress(0.1);
     let mut grid = ScalarGrid::over(&bounds, options.n_cells, 0.0);
     let is_late = || options.deadline.is_some_and(|end| Instant::now() >= end);
     let on_batch = |fraction: f32| on_progress(0.1 + 0.85 * fraction);
-    let n_read = fusion::fill(&views, &mut grid, &is_late, go_on, &on_batch);
+    let n_read = fusion::fill(views, &mut grid, &is_late, go_on, &on_batch);
     match n_read {
         None => return Err(StageOneError::Cancelled),
         Some(n) if n < fusion::MIN_MAPS => return Ok(None),
         Some(_) => {}
     }
-    let mesh = iso_surface(&grid).and_then(|mesh| mesh.without_specks(SPECK));
-    mesh.map(Some).map_err(|source| StageOneError::NoSurface {
-        dataset: dataset.root.clone(),
-        source,
-    })
+    Ok(Some(grid))
 }
 
 /// A grid of `n_cells` along the longest side of `bounds`, with a margin on all sides.
@@ -256,6 +317,9 @@ fn silhouettes(dataset: &Dataset) -> Result<Vec<Silhouette>, StageOneError> {
 /// Whether the capture lacks a mesh and has masks, or depth maps of something that the cameras stand around, to make one
 /// from.
 pub fn is_needed(dataset: &Dataset) -> bool {
-    let has_masks = || dataset.train.iter().any(|view: &View| view.mask.is_some());
-    dataset.mesh.is_none() && (has_masks() || fusion::shows_object(dataset))
+    dataset.mesh.is_none() && (has_masks(dataset) || fusion::shows_object(dataset))
+}
+
+fn has_masks(dataset: &Dataset) -> bool {
+    dataset.train.iter().any(|view: &View| view.mask.is_some())
 }
