@@ -99,7 +99,7 @@ fn read_points(path: &Path) -> Result<Vec<ColmapPoint>, DataError> {
         while let Some(image) = fields.words.next() {
             point.seen_by.push(fields.parse_word("TRACK", image)?);
             // The number of the feature in that image.
-            fields.parse::<u32>("TRACK")?;
+            fields.parse::<i64>("TRACK")?;
         }
         points.push(point);
     }

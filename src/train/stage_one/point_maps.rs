@@ -15,7 +15,7 @@ use crate::data::{Dataset, DepthMap, PointCloud, View};
 const SIDE: u32 = 128;
 /// Points that a photo must see.
 const MIN_POINTS: usize = 30;
-/// Points of a photo that are used at most, evenly chosen.
+/// Points that are used at most, of a photo or around the object, evenly chosen.
 const MOST_POINTS: usize = 4000;
 /// Reprojection error in the photo's pixels above which a point is not believed.
 const MOST_ERROR_PX: f32 = 2.0;
@@ -50,14 +50,14 @@ pub(super) fn maps<'a>(
     maps.collect()
 }
 
-/// The points around the place that the cameras look at, and how far they reach from there; `None` where they look at no
-/// one place.
+/// Points around the place that the cameras look at, evenly chosen where they are many, and how far they reach from there;
+/// `None` where the cameras look at no one place.
 pub(super) fn around_object(dataset: &Dataset) -> Option<(Vec<Vec3>, f32)> {
     let cloud = dataset.origin.points.as_ref()?;
     let (center, reach) = looked_at(dataset)?;
     let points = cloud.positions.iter().copied();
     let near = points.filter(|p| (*p - center).abs().max_element() < reach);
-    Some((near.collect(), reach))
+    Some((evenly(&near.collect::<Vec<_>>(), MOST_POINTS), reach))
 }
 
 fn map(cloud: &PointCloud, points: &[u32], view: &View) -> Option<DepthMap> {
