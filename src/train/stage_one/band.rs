@@ -88,6 +88,41 @@ impl Band {
             });
     }
 
+    /// `[n]` weights of the differences of `v` between a node and its neighbours: 1 where it is even, a half where two differ
+    /// by `doubt`, zero where one of them lacks a neighbour.
+    pub(super) fn evenness(&self, v: &[f32], doubt: f32) -> Vec<[f32; 6]> {
+        let is_inner = |slot: usize| !self.neighbours[slot].contains(&NONE);
+        (0..self.len())
+            .into_par_iter()
+            .map(|i| {
+                self.neighbours[i].map(|n| {
+                    if n == NONE || !is_inner(i) || !is_inner(n as usize) {
+                        return 0.0;
+                    }
+                    1.0 / (1.0 + ((v[i] - v[n as usize]) / doubt).powi(2))
+                })
+            })
+            .collect()
+    }
+
+    /// `out = own v + D v`: `D v` is the sum of the weighted differences to the neighbours, half the gradient of the sum of
+    /// their weighted squares.
+    pub(super) fn unevenness(&self, v: &[f32], weights: &[[f32; 6]], own: f32, out: &mut [f32]) {
+        out.par_chunks_mut(CHUNK)
+            .enumerate()
+            .for_each(|(chunk, out)| {
+                let first = chunk * CHUNK;
+                for (i, out) in out.iter_mut().enumerate() {
+                    let i = first + i;
+                    let pairs = self.neighbours[i].iter().zip(&weights[i]);
+                    let differences = pairs
+                        .filter(|(_, weight)| **weight > 0.0)
+                        .map(|(n, weight)| weight * (v[i] - v[*n as usize]));
+                    *out = own * v[i] + differences.sum::<f32>();
+                }
+            });
+    }
+
     /// `out = scale * LT v`, where `v` is zero at nodes that lack a neighbour.
     pub(super) fn laplacian_transposed(&self, v: &[f32], scale: f32, out: &mut [f32]) {
         out.par_chunks_mut(CHUNK)

@@ -1,11 +1,14 @@
 //! The fairest surface that has the given outlines: signed distances on a grid, pulled onto the
-//! rays that graze the object and bent as little as possible between them.
+//! rays that graze the object and bent as evenly as possible between them.
 //!
 //! Each round finds where every grazing ray comes nearest to the surface and solves the linear
-//! least squares `sum w (phi(x))^2 + stiffness sum (L phi)^2` for the change of `phi`, with a
-//! one-sided term that keeps `phi` above the distance to the hull. `L phi` is the surface's
-//! curvature; distances to a sphere or a plane have the least bending energy for their outline,
-//! whatever their size.
+//! least squares `sum w (phi(x))^2 + evenness sum c (L phi(i) - L phi(j))^2 + stiffness sum (L phi)^2`,
+//! over neighbours `i` and `j`, for the change of `phi`, with a one-sided term that keeps `phi` above the
+//! distance to the hull. `L phi` is the surface's curvature: where it is bent, it shall go on bending as
+//! it does beside (the surfaces of least variation of curvature of Moreton and Séquin 1992, of which
+//! spheres and cylinders are some), rather than be as little bent as can be, which fills the gap between
+//! two balls with a neck and ripples between the outlines. The weights `c` are those of a Cauchy loss, so
+//! that a crease may be as sharp as the outlines are sure.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -20,6 +23,8 @@ const BAND: f32 = 3.5;
 pub(super) const REACH: f32 = 6.0;
 /// Distance in cells at which a ray's weight has fallen to a half: what is further off belongs to another surface.
 const DOUBT: f32 = 1.0;
+/// Least difference of curvature between neighbours, a cell, whose weight is a half, however sure the outlines are.
+const LEAST_CREASE: f32 = 0.04;
 
 /// Steps along a ray.
 const MAX_STEPS: usize = 2048;
@@ -27,7 +32,12 @@ const MAX_STEPS: usize = 2048;
 /// How a surface is faired.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Fairing {
-    /// Weight of the bending, in cells.
+    /// Weight of the curvature's differences between neighbours, in cells.
+    pub(super) evenness: f32,
+    /// Difference of curvature between neighbours, a cell, whose weight is a half, over the mean distance of the rays from
+    /// the surface: outlines that err would rip it.
+    pub(super) crease: f32,
+    /// Weight of the curvature itself, in cells.
     pub(super) stiffness: f32,
     /// Weight of the hull.
     pub(super) hull: f32,
@@ -68,8 +78,9 @@ pub(super) fn round(
         .collect();
     let sum: f32 = conditions.iter().map(|c| c.value.abs()).sum();
     let residual = sum / conditions.len().max(1) as f32;
-    let system = System::new(phi, hull, &band, &conditions, fairing);
-    let change = system.solve(fairing.steps);
+    let crease = (fairing.crease * residual).max(LEAST_CREASE);
+    let system = System::new(phi, hull, &band, &conditions, fairing, crease);
+    let change = system.solve();
     for (slot, node) in band.nodes.iter().enumerate() {
         // A change of more than a cell is beyond what the round knows.
         phi.values[*node as usize] += change[slot].clamp(-1.0, 1.0) * phi.cell;
@@ -143,7 +154,9 @@ fn nearest_approach(phi: &ScalarGrid, ray: &Ray) -> Option<Vec3> {
 struct System<'a> {
     band: &'a Band,
     conditions: &'a [Condition],
-    stiffness: f32,
+    fairing: &'a Fairing,
+    /// `[n]` weights of the curvature's differences.
+    evenness: Vec<[f32; 6]>,
     /// `[n]` weight of each node's own term.
     diagonal: Vec<f32>,
     right: Vec<f32>,
@@ -155,7 +168,8 @@ impl<'a> System<'a> {
         hull: &ScalarGrid,
         band: &'a Band,
         conditions: &'a [Condition],
-        fairing: &Fairing,
+        fairing: &'a Fairing,
+        crease: f32,
     ) -> Self {
         let values: Vec<f32> = band
             .nodes
@@ -164,8 +178,14 @@ impl<'a> System<'a> {
             .collect();
         let mut curvature = vec![0.0; band.len()];
         band.laplacian(&values, &mut curvature);
+        let mut evenness = band.evenness(&curvature, crease);
+        for weight in evenness.as_flattened_mut() {
+            *weight *= fairing.evenness;
+        }
         let mut right = vec![0.0; band.len()];
-        band.laplacian_transposed(&curvature, -fairing.stiffness, &mut right);
+        let mut bent = vec![0.0; band.len()];
+        band.unevenness(&curvature, &evenness, fairing.stiffness, &mut bent);
+        band.laplacian_transposed(&bent, -1.0, &mut right);
         let mut diagonal = vec![fairing.inertia; band.len()];
         for (slot, node) in band.nodes.iter().enumerate() {
             let missing = hull.values[*node as usize] / phi.cell - values[slot];
@@ -182,16 +202,20 @@ impl<'a> System<'a> {
         Self {
             band,
             conditions,
-            stiffness: fairing.stiffness,
+            fairing,
+            evenness,
             diagonal,
             right,
         }
     }
 
-    /// `out = A u`; `scratch` is as long.
-    fn apply(&self, u: &[f32], scratch: &mut [f32], out: &mut [f32]) {
-        self.band.laplacian(u, scratch);
-        self.band.laplacian_transposed(scratch, self.stiffness, out);
+    /// `out = A u`; the scratch is as long.
+    fn apply(&self, u: &[f32], scratch: &mut [Vec<f32>; 2], out: &mut [f32]) {
+        let [curvature, bent] = scratch;
+        self.band.laplacian(u, curvature);
+        self.band
+            .unevenness(curvature, &self.evenness, self.fairing.stiffness, bent);
+        self.band.laplacian_transposed(bent, 1.0, out);
         for ((out, u), d) in out.iter_mut().zip(u).zip(&self.diagonal) {
             *out += d * u;
         }
@@ -208,15 +232,16 @@ impl<'a> System<'a> {
     }
 
     /// Conjugate gradients from zero.
-    fn solve(&self, steps: usize) -> Vec<f32> {
+    fn solve(&self) -> Vec<f32> {
         let n = self.band.len();
         let mut u = vec![0.0; n];
         let mut residual = self.right.clone();
         let mut direction = residual.clone();
-        let (mut scratch, mut product) = (vec![0.0; n], vec![0.0; n]);
+        let mut scratch = [vec![0.0; n], vec![0.0; n]];
+        let mut product = vec![0.0; n];
         let mut energy = dot(&residual, &residual);
         let end = 1e-6 * energy;
-        for _ in 0..steps {
+        for _ in 0..self.fairing.steps {
             if energy <= end {
                 break;
             }
@@ -239,10 +264,12 @@ impl<'a> System<'a> {
 impl Default for Fairing {
     fn default() -> Self {
         Self {
-            stiffness: 0.1,
+            evenness: 1.0,
+            crease: 1.5,
+            stiffness: 0.01,
             hull: 0.3,
             inertia: 0.02,
-            steps: 40,
+            steps: 160,
         }
     }
 }

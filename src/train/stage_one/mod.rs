@@ -73,7 +73,7 @@ impl Default for StageOneOptions {
     fn default() -> Self {
         Self {
             n_cells: 144,
-            n_rounds: 12,
+            n_rounds: 24,
             deadline: None,
         }
     }
