@@ -87,6 +87,32 @@ fn a_paused_session_stands_still_and_steps_on_request() {
 }
 
 #[test]
+fn who_asks_sees_the_surface_grow_that_is_made_from_masks() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let capture = folder.path().join("scene");
+    capture::write_capture(&capture);
+    std::fs::remove_file(capture.join("mesh.ply")).expect("a mesh");
+    for shows_growth in [true, false] {
+        let options = SessionOptions {
+            shows_growth,
+            ..SessionOptions::new(&capture, tiny_config(), Budget::Seconds(6.0))
+        };
+        let session = Session::spawn(options, || {}).expect("a thread");
+        wait_for(&session, |event| matches!(event, TrainEvent::Loaded { .. }));
+        let (picture, n_pictures) = session.growth();
+        assert_eq!(n_pictures > 0, shows_growth, "{n_pictures} pictures");
+        if let Some(picture) = picture {
+            assert_eq!(picture.size, [32, 32], "as large as the photo");
+            let corner = picture.pixels[0];
+            let middle = picture.pixels[16 * 32 + 16];
+            assert_ne!(middle, corner, "the ball is in the middle");
+        }
+        session.send(TrainCommand::Stop);
+        session.join().expect("a clean end");
+    }
+}
+
+#[test]
 fn a_finished_session_saves_and_trains_further() {
     let folder = tempfile::tempdir().expect("a folder");
     let session = start(folder.path(), Budget::Steps(5));

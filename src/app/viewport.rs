@@ -46,8 +46,8 @@ pub struct Pictures {
     pub error: Option<TextureId>,
     /// The slice through the surroundings.
     pub slice: Option<TextureId>,
-    /// The first photo of a capture that is being read, and its size in pixels.
-    pub first_photo: Option<(TextureId, [usize; 2])>,
+    /// A photo of a capture that is being read, or the object's surface as it grows; its size in pixels, and what is said of it.
+    pub first: Option<(TextureId, [usize; 2], &'static str)>,
     /// The surroundings as the picked point sees them.
     pub panorama: Option<TextureId>,
     /// Small pictures of environments, with their files.
@@ -69,7 +69,7 @@ pub fn viewport_ui(
     let per_point = ui.ctx().pixels_per_point();
     let size = (rect.size() * per_point).round();
     let window = (size.x.max(1.0) as u32, size.y.max(1.0) as u32);
-    match (pictures.preview, pictures.first_photo) {
+    match (pictures.preview, pictures.first) {
         (Some(preview), _) => {
             let response = ui.interact(
                 rect,
@@ -93,14 +93,14 @@ pub fn viewport_ui(
             caption_ui(ui, rect, state);
             layer_bar_ui(ui, rect, state);
         }
-        (None, Some((photo, size))) => {
+        (None, Some((picture, size, words))) => {
             let area = fit(rect, vec2(size[0] as f32, size[1] as f32));
-            ui.painter().image(photo, area, WHOLE, Color32::WHITE);
+            ui.painter().image(picture, area, WHOLE, Color32::WHITE);
             label(
                 ui,
                 area.left_top() + vec2(10.0, 10.0),
                 Align2::LEFT_TOP,
-                "First photo of the capture; the preview comes next",
+                words,
             );
         }
         (None, None) => empty_ui(ui, rect, state, commands),

@@ -41,7 +41,8 @@ use crate::train::Snapshot;
 struct Textures {
     /// The photo and the view it is of.
     photo: Option<(usize, TextureHandle)>,
-    first_photo: Option<(TextureHandle, [usize; 2])>,
+    /// What is shown before the preview, its size in pixels and what is said of it.
+    first: Option<(TextureHandle, [usize; 2], &'static str)>,
     /// The view whose photo was asked for.
     asked_photo: Option<usize>,
 }
@@ -222,9 +223,9 @@ impl Window {
         self.state.messages.now_secs = self.started.elapsed().as_secs_f64();
         for news in self.work.poll(&mut self.state) {
             match news {
-                News::FirstPhoto(photo) => {
-                    let size = photo.size;
-                    self.textures.first_photo = Some((upload(ctx, "first photo", &photo), size));
+                News::FirstPicture(picture, words) => {
+                    let texture = upload(ctx, "first picture", &picture);
+                    self.textures.first = Some((texture, picture.size, words));
                 }
                 News::ViewPhoto(view, photo) => {
                     self.textures.photo = Some((view, upload(ctx, "photo", &photo)));
@@ -234,7 +235,7 @@ impl Window {
         }
         self.inspector.poll(ctx, &mut self.state.inspect);
         if let Some(shown) = self.preview.take_frame(ctx) {
-            self.textures.first_photo = None;
+            self.textures.first = None;
             self.state.shown = Some(shown);
             self.state.tell_who_draws(self.preview.drawn_by());
         }
@@ -391,10 +392,10 @@ impl Window {
             photo: photo.map(|(_, texture)| texture.id()),
             error: self.errors.texture(&self.state),
             slice: self.slice.texture(),
-            first_photo: textures
-                .first_photo
+            first: textures
+                .first
                 .as_ref()
-                .map(|(texture, size)| (texture.id(), *size)),
+                .map(|(texture, size, words)| (texture.id(), *size, *words)),
             panorama: self.inspector.texture(),
         }
     }

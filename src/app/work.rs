@@ -39,11 +39,16 @@ const PRESET: &str = "fast";
 pub(super) enum News {
     /// Something else was opened: pictures of the old one are void.
     Reset,
-    /// To be shown until the preview begins.
-    FirstPhoto(ScreenPhoto),
+    /// To be shown until the preview begins, with what is said of it.
+    FirstPicture(ScreenPhoto, &'static str),
     /// The photo of a view.
     ViewPhoto(usize, ScreenPhoto),
 }
+
+/// Said of the first photo.
+const FIRST_PHOTO: &str = "First photo of the capture; the preview comes next";
+/// Said of the surface that is being made.
+const GROWTH: &str = "The object's surface takes shape; the preview comes next";
 
 /// The threads' handles.
 #[derive(Debug)]
@@ -51,6 +56,7 @@ pub(super) struct Work {
     ctx: Context,
     session: Option<Session>,
     snapshot_version: u64,
+    growth_version: u64,
     opener: Opener,
     dialog: Option<FileDialog>,
     /// Captures that are read as somebody chose.
@@ -69,6 +75,7 @@ impl Work {
             ctx: ctx.clone(),
             session: None,
             snapshot_version: 0,
+            growth_version: 0,
             opener,
             dialog: None,
             chosen: Vec::new(),
@@ -188,7 +195,7 @@ impl Work {
     fn reset(&mut self, state: &mut AppState) {
         // A dropped session stops by itself and saves in the background where it has a folder.
         self.session = None;
-        self.snapshot_version = 0;
+        (self.snapshot_version, self.growth_version) = (0, 0);
         state.training = TrainingState::default();
         state.dataset = None;
         state.snapshot = None;
@@ -223,6 +230,7 @@ impl Work {
         let ctx = self.ctx.clone();
         let session = options.and_then(|options| {
             let options = SessionOptions {
+                shows_growth: true,
                 nice: true,
                 ..options
             };
@@ -233,7 +241,7 @@ impl Work {
             Ok(session) => {
                 session.use_threads(state.pace.threads());
                 self.session = Some(session);
-                self.snapshot_version = 0;
+                (self.snapshot_version, self.growth_version) = (0, 0);
                 let phase = Phase::Loading {
                     what: "Reading the capture".to_owned(),
                     fraction: 0.0,
@@ -254,7 +262,7 @@ impl Work {
         self.poll_session(state);
         self.exporter.poll(state);
         self.poll_keeper(state);
-        let mut news = Vec::new();
+        let mut news: Vec<News> = self.poll_growth(state).into_iter().collect();
         while let Some(opened) = self.opener.next() {
             news.extend(self.take(state, opened));
         }
@@ -291,6 +299,19 @@ impl Work {
             self.snapshot_version = version;
             state.snapshot = session.snapshot();
         }
+    }
+
+    /// The object's surface as it grew since the last frame.
+    fn poll_growth(&mut self, state: &AppState) -> Option<News> {
+        let (picture, version) = self.session.as_ref()?.growth();
+        let is_new = std::mem::replace(&mut self.growth_version, version) != version;
+        let picture = picture.filter(|_| is_new && state.snapshot.is_none())?;
+        let pixels = picture.pixels.iter().map(|[r, g, b]| [*r, *g, *b, 255]);
+        let shown = ScreenPhoto {
+            size: picture.size,
+            pixels: pixels.collect(),
+        };
+        Some(News::FirstPicture(shown, GROWTH))
     }
 
     fn take(&mut self, state: &mut AppState, opened: Opened) -> Option<News> {
@@ -337,7 +358,7 @@ impl Work {
             Opened::FirstPhoto { path, photo }
                 if state.source.path() == Some(&path) && state.snapshot.is_none() =>
             {
-                return Some(News::FirstPhoto(photo));
+                return Some(News::FirstPicture(photo, FIRST_PHOTO));
             }
             Opened::Wrote(path) => state
                 .messages

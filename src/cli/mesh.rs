@@ -7,7 +7,8 @@ use std::time::{Duration, Instant};
 use neif::data::{CaptureChoices, Dataset, LoadOptions, read_mesh, write_glb};
 use neif::geometry::Mesh;
 use neif::train::stage_one::{
-    MeshDifference, StageOneError, StageOneOptions, compare, make_mesh, silhouette_agreement,
+    Making, MeshDifference, StageOneError, StageOneOptions, compare, make_mesh,
+    silhouette_agreement,
 };
 use serde_json::json;
 
@@ -68,7 +69,10 @@ pub(crate) fn run(args: &MeshArgs, started: Instant) -> Result<(), Failure> {
         ..StageOneOptions::default()
     };
     let display = std::sync::Mutex::new(Display::new(args.json));
-    let show = |fraction: f32| {
+    let show = |making: Making<'_>| {
+        let Making::Progress(fraction) = making else {
+            return;
+        };
         // Progress that cannot be shown is no reason to stop the work.
         if let Ok(mut display) = display.lock() {
             display.set(fraction, "Making the mesh", "");

@@ -2,6 +2,8 @@
 
 use glam::{Affine3A, Vec3};
 
+use super::Ray;
+
 /// An axis-aligned box; empty when a component of `min` exceeds that of `max`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Aabb {
@@ -52,6 +54,18 @@ impl Aabb {
     /// Whether the box holds no point.
     pub fn is_empty(&self) -> bool {
         self.min.cmpgt(self.max).any()
+    }
+
+    /// The part of the ray, as distances from its origin, that lies in the box; `None` where it misses it.
+    pub fn span(&self, ray: &Ray) -> Option<(f32, f32)> {
+        let inverse = ray.direction.recip();
+        let (a, b) = (
+            (self.min - ray.origin) * inverse,
+            (self.max - ray.origin) * inverse,
+        );
+        let start = a.min(b).max_element().max(0.0);
+        let end = a.max(b).min_element();
+        (start < end).then_some((start, end))
     }
 
     /// Whether `p` lies in the box, its faces included.

@@ -26,6 +26,7 @@ use crate::train::latest::Latest;
 use crate::train::plan::Budget;
 use crate::train::run_folder::{RunConfig, RunFolder, RunFolderError};
 use crate::train::session_thread::Worker;
+use crate::train::stage_one::GrowthPicture;
 use crate::train::{Snapshot, TrainError};
 
 /// Commands that may wait for the training thread, e.g. while the capture is loaded.
@@ -71,6 +72,8 @@ pub struct SessionOptions {
     pub storage: Storage,
     /// When the budget began to count.
     pub started: Instant,
+    /// Make pictures of the object's surface while stage one shapes it ([`Session::growth`]).
+    pub shows_growth: bool,
     /// Give way to other threads of the machine, such as the window's.
     pub nice: bool,
 }
@@ -90,6 +93,7 @@ impl SessionOptions {
             environment_only: false,
             storage: Storage::default(),
             started: Instant::now(),
+            shows_growth: false,
             nice: false,
         }
     }
@@ -190,6 +194,8 @@ pub(super) struct Shared {
     pub(super) spares_core: AtomicBool,
     /// The newest state of the fields.
     pub(super) snapshot: Latest<Snapshot>,
+    /// The object's surface as it grew last.
+    pub(super) growth: Latest<GrowthPicture>,
     /// The capture, once it is loaded.
     pub(super) dataset: Latest<Dataset>,
 }
@@ -261,6 +267,12 @@ impl Session {
     /// How many snapshots there have been: a change means news.
     pub fn snapshot_version(&self) -> u64 {
         self.shared.snapshot.version()
+    }
+
+    /// The object's surface over the first training photo, and how many such pictures there have been; where stage one
+    /// makes the mesh from masks and [`SessionOptions::shows_growth`].
+    pub fn growth(&self) -> (Option<Arc<GrowthPicture>>, u64) {
+        (self.shared.growth.get(), self.shared.growth.version())
     }
 
     /// The capture, once it is loaded.

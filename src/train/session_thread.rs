@@ -1,12 +1,14 @@
 //! The training thread: makes its thread pool, reads the capture, prepares the run, hands over.
 
-use std::sync::Arc;
 use std::sync::atomic::Ordering;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 use crossbeam::channel::Receiver;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::data::{Dataset, LoadOptions, Splits};
+use crate::geometry::ScalarGrid;
 use crate::neif::ObjectModel;
 use crate::render::priority::lower_thread_priority;
 use crate::train::TrainError;
@@ -17,7 +19,7 @@ use crate::train::refinement;
 use crate::train::run::Run;
 use crate::train::run_folder::RunFolder;
 use crate::train::session::{SessionError, SessionOptions, Shared, Start};
-use crate::train::stage_one::{self, StageOneError, StageOneOptions};
+use crate::train::stage_one::{self, GrowthPicture, Making, StageOneError, StageOneOptions};
 use crate::train::validation::Validator;
 
 /// Training then takes only time that nothing else wants, and the window stays smooth (measured:
@@ -27,6 +29,8 @@ const LOWEST_PRIORITY: i32 = 19;
 const READING: &str = "Reading the capture";
 /// What the person reads while a mesh is made of depth maps or masks.
 const MAKING_MESH: &str = "Making the object's mesh";
+/// Between two pictures of the growing surface.
+const GROWTH_PAUSE: Duration = Duration::from_millis(500);
 /// What the person reads while pixels are traced.
 const PREPARING: &str = "Preparing the training pixels";
 
@@ -196,7 +200,11 @@ impl Worker {
         if !is_needed {
             return Ok(true);
         }
-        let report = |fraction| self.loading(MAKING_MESH, fraction);
+        let next_picture = Mutex::new(Instant::now());
+        let report = |making: Making<'_>| match making {
+            Making::Progress(fraction) => self.loading(MAKING_MESH, fraction),
+            Making::Surface(distances) => self.show_growth(dataset, distances, &next_picture),
+        };
         let settings = StageOneOptions::within(options.started, options.budget);
         let make = || stage_one::make_mesh(dataset, &settings, &self.shared.stop, &report);
         match self.pool.install(make) {
@@ -208,6 +216,19 @@ impl Worker {
             }
         }
         Ok(true)
+    }
+
+    /// Makes a picture of the surface where somebody looks and the last one is a while ago.
+    fn show_growth(&self, dataset: &Dataset, distances: &ScalarGrid, next: &Mutex<Instant>) {
+        let (true, Some(view)) = (self.options.shows_growth, dataset.train.first()) else {
+            return;
+        };
+        let mut next = next.lock().unwrap_or_else(PoisonError::into_inner);
+        if Instant::now() >= *next {
+            let picture = GrowthPicture::new(distances, view);
+            self.shared.growth.publish(Arc::new(picture));
+            *next = Instant::now() + GROWTH_PAUSE;
+        }
     }
 
     fn loading(&self, what: &str, fraction: f32) {

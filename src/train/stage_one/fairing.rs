@@ -113,14 +113,7 @@ fn condition(phi: &ScalarGrid, band: &Band, ray: &Ray) -> Option<Condition> {
 
 /// Where along the ray the value is least; `None` for rays that miss the grid.
 fn nearest_approach(phi: &ScalarGrid, ray: &Ray) -> Option<Vec3> {
-    let bounds = phi.bounds();
-    let inverse = ray.direction.recip();
-    let (a, b) = (
-        (bounds.min - ray.origin) * inverse,
-        (bounds.max - ray.origin) * inverse,
-    );
-    let start = a.min(b).max_element().max(0.0);
-    let end = a.max(b).min_element();
+    let (start, end) = phi.bounds().span(ray)?;
     let (mut t, mut best_t, mut best) = (start, start, f32::INFINITY);
     // Bounded, as a step may be lost in the rounding of a far camera's distances.
     for _ in 0..MAX_STEPS {

@@ -14,6 +14,7 @@ mod floor;
 mod fusion;
 #[cfg(test)]
 mod fusion_tests;
+mod growth;
 mod hull;
 mod point_maps;
 mod silhouette;
@@ -35,6 +36,7 @@ use crate::train::placement::up_direction;
 use crate::train::plan::Budget;
 
 pub use compare::{MeshDifference, compare, silhouette_agreement};
+pub use growth::GrowthPicture;
 
 /// Silhouettes without which there is no shape.
 const MIN_VIEWS: usize = 3;
@@ -145,8 +147,17 @@ pub enum StageOneError {
     Cancelled,
 }
 
+/// What is told while a mesh is made.
+#[derive(Clone, Copy, Debug)]
+pub enum Making<'a> {
+    /// Share that is done, 0..1.
+    Progress(f32),
+    /// Distances to the surface as it stands, scene units, negative inside: before each progress of a mesh made from masks.
+    Surface(&'a ScalarGrid),
+}
+
 /// Makes the mesh of the object that the masks of the training views show, in the capture's world
-/// frame, on the current thread pool. `on_progress` gets 0..1.
+/// frame, on the current thread pool.
 ///
 /// The same capture and options without a deadline give the same mesh on any number of threads.
 ///
@@ -156,8 +167,9 @@ pub fn make_mesh(
     dataset: &Dataset,
     options: &StageOneOptions,
     cancel: &AtomicBool,
-    on_progress: &(dyn Fn(f32) + Sync),
+    on_news: &(dyn Fn(Making<'_>) + Sync),
 ) -> Result<Mesh, StageOneError> {
+    let on_progress: &(dyn Fn(f32) + Sync) = &|fraction| on_news(Making::Progress(fraction));
     let go_on = || !cancel.load(Ordering::Relaxed);
     let root = || dataset.root.clone();
     let maps = fusion::depth_views(dataset);
@@ -182,9 +194,10 @@ pub fn make_mesh(
         return Err(StageOneError::Cancelled);
     }
     hull::cut(&mut hull, &bounds);
-    on_progress(0.2);
     let mut phi = hull.clone();
     phi.redistance(fairing::REACH);
+    on_news(Making::Surface(&phi));
+    on_progress(0.2);
     for round in 0..options.n_rounds {
         if !go_on() {
             return Err(StageOneError::Cancelled);
@@ -196,6 +209,7 @@ pub fn make_mesh(
             break;
         }
         fairing::round(&mut phi, &hull, &silhouettes, &Fairing::default());
+        on_news(Making::Surface(&phi));
         on_progress(0.2 + 0.8 * (round + 1) as f32 / options.n_rounds as f32);
     }
     surface(dataset, &phi, SPECK)
