@@ -152,7 +152,8 @@ pub enum StageOneError {
 pub enum Making<'a> {
     /// Share that is done, 0..1.
     Progress(f32),
-    /// Distances to the surface as it stands, scene units, negative inside: before each progress of a mesh made from masks.
+    /// Distances to the surface as it stands, scene units, negative inside; of a mesh made from masks: the hull, then after each
+    /// round.
     Surface(&'a ScalarGrid),
 }
 
