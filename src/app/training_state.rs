@@ -187,7 +187,7 @@ impl TrainingState {
             }
             TrainEvent::Validated(validation) => self.take_validation(validation),
             TrainEvent::ViewsValidated(psnr) => self.view_psnr = psnr,
-            TrainEvent::Exposures(_) => {}
+            TrainEvent::Exposures(_) | TrainEvent::Poses(_) => {}
             TrainEvent::Warning(message) => return vec![(Level::Warning, message)],
             TrainEvent::Saved(path) => {
                 self.saved_step = Some(self.progress.step);

@@ -81,6 +81,9 @@ pub(crate) struct TrainArgs {
     /// Learn the exposure and white balance of each photo: for cameras that chose them anew for every one
     #[arg(long, conflicts_with = "resume")]
     photo_exposures: bool,
+    /// Refine the poses of the photos: for cameras that structure from motion has left a pixel off
+    #[arg(long, conflicts_with = "resume")]
+    refine_poses: bool,
     /// Refine the mesh's normals while training: for meshes that are good to a degree or two. It is done anyway where the
     /// mesh was made from masks or depth maps
     #[arg(long, conflicts_with = "resume")]
@@ -181,6 +184,7 @@ fn options(args: &TrainArgs, started: Instant) -> Result<SessionOptions, Failure
     if args.photo_exposures {
         options.config.exposure_rate = TrainConfig::EXPOSURE_RATE;
     }
+    options.config.refine_poses |= args.refine_poses;
     if args.refine_normals {
         options.config.normals = Normals::Refined;
     }

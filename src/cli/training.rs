@@ -141,6 +141,15 @@ impl Watcher {
                     "exposures of the photos: {least:+.2} to {most:+.2} stops from their mean"
                 ));
             }
+            TrainEvent::Poses(photos) => {
+                let mut moved: Vec<f32> = photos.iter().map(|(_, moved_px)| *moved_px).collect();
+                moved.sort_by(f32::total_cmp);
+                if let (Some(median), Some(most)) = (moved.get(moved.len() / 2), moved.last()) {
+                    self.display.say(&format!(
+                        "poses of the photos: {median:.2} pixels corrected in the median, {most:.2} at most"
+                    ));
+                }
+            }
             TrainEvent::Warning(message) => self.display.say(&format!("warning: {message}")),
             TrainEvent::Finished(finish) => self.finish = Some(*finish),
             // Saving is routine; a failure comes back from the session itself.

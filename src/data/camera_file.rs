@@ -49,21 +49,38 @@ pub fn read_key_views(path: &Path) -> Result<Vec<KeyView>, DataError> {
 /// # Errors
 /// When the file cannot be written.
 pub fn write_key_views(path: &Path, keys: &[KeyView]) -> Result<(), DataError> {
-    let frames: Vec<Value> = keys.iter().enumerate().map(frame).collect();
+    let frame = |(number, key): (usize, &KeyView)| {
+        let mut frame = frame(&format!("key_{number:03}.png"), &key.camera);
+        frame["time"] = json!(key.time_secs);
+        frame
+    };
+    write_frames(path, keys.iter().enumerate().map(frame).collect())
+}
+
+/// Writes the cameras of photos, with their names, so that [`read_key_views`] and [`read_frames`] read them; whole or not at
+/// all.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_cameras(path: &Path, photos: &[(String, Camera)]) -> Result<(), DataError> {
+    let frames = photos.iter().map(|(name, camera)| frame(name, camera));
+    write_frames(path, frames.collect())
+}
+
+fn write_frames(path: &Path, frames: Vec<Value>) -> Result<(), DataError> {
+    let content = json!({ "frames": frames });
     write_atomically(path, |file| {
-        serde_json::to_writer_pretty(file, &json!({ "frames": frames })).map_err(io::Error::from)
+        serde_json::to_writer_pretty(file, &content).map_err(io::Error::from)
     })
     .map_err(|e| DataError::io(path, e))
 }
 
-fn frame((number, key): (usize, &KeyView)) -> Value {
-    let camera = &key.camera;
+fn frame(name: &str, camera: &Camera) -> Value {
     let pose = glam::Mat4::from(camera.world_from_camera);
     let rows: Vec<[f32; 4]> = (0..4).map(|row| pose.row(row).to_array()).collect();
     let lens = &camera.distortion;
     json!({
-        "file_path": format!("key_{number:03}.png"),
-        "time": key.time_secs,
+        "file_path": name,
         "w": camera.width, "h": camera.height,
         "fl_x": camera.fx, "fl_y": camera.fy, "cx": camera.cx, "cy": camera.cy,
         "k1": lens.k1, "k2": lens.k2, "k3": lens.k3, "k4": lens.k4, "p1": lens.p1, "p2": lens.p2,

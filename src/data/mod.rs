@@ -63,7 +63,7 @@ use crate::geometry::{Camera, Mesh};
 
 pub use atomic::write_atomically;
 pub use bundled::bundled_assets;
-pub use camera_file::{KeyView, read_key_views, write_key_views};
+pub use camera_file::{KeyView, read_key_views, write_cameras, write_key_views};
 pub use check::{
     CameraSummary, Conditions, DatasetReport, LensSummary, MaskAgreement, MaskSummary, MeshSummary,
     PointSummary, Resolution, SplitCounts, check, exposures_differ,

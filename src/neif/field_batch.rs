@@ -158,4 +158,17 @@ impl FieldBatch {
     pub fn distances(&self) -> &[f32] {
         self.samples.distances()
     }
+
+    /// Mean distance at which the light of a ray begins, field units, and the ray's opacity, in the last forward pass.
+    pub fn end(&self, ray: usize) -> (f32, f32) {
+        let n = self.samples.n_per_ray();
+        let samples = ray * n..(ray + 1) * n;
+        let weighted = self.weights()[samples.clone()].iter();
+        let (moment, opacity) = weighted
+            .zip(&self.distances()[samples])
+            .fold((0.0, 0.0), |(moment, sum), (w, t)| {
+                (moment + w * t, sum + w)
+            });
+        (moment / opacity.max(f32::MIN_POSITIVE), opacity)
+    }
 }

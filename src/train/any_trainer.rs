@@ -7,6 +7,7 @@ use glam::Vec3;
 use super::TrainError;
 use super::config::TrainConfig;
 use super::paper::PaperTrainer;
+use super::poses::Poses;
 use super::skips::SkipShares;
 use super::snapshot::Snapshot;
 use super::trainer::{StepStats, Trainer};
@@ -95,7 +96,15 @@ impl AnyTrainer {
         }
     }
 
-    /// Traces every training pixel anew where normals are refined.
+    /// Whether the pixels' light paths change while training, as normals or poses are refined.
+    pub fn needs_retracing(&self) -> bool {
+        match self {
+            Self::Fast(trainer) => trainer.needs_retracing(),
+            Self::Paper(_) => false,
+        }
+    }
+
+    /// Traces every training pixel anew where [`Self::needs_retracing`].
     ///
     /// # Errors
     /// When cancelled.
@@ -110,6 +119,14 @@ impl AnyTrainer {
     pub fn gains(&self) -> Option<&[Vec3]> {
         match self {
             Self::Fast(trainer) => trainer.gains(),
+            Self::Paper(_) => None,
+        }
+    }
+
+    /// The poses of the training photos as they are known by now; `None` where they are taken as given.
+    pub fn poses(&self) -> Option<&Poses> {
+        match self {
+            Self::Fast(trainer) => trainer.poses(),
             Self::Paper(_) => None,
         }
     }

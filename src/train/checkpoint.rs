@@ -1,5 +1,5 @@
-//! All that a run needs to go on exactly where it stopped, as tensors. Where normals are refined, its pixels are traced
-//! anew on the saved mesh, which has all that was learned: then it goes on there, but not to the bit.
+//! All that a run needs to go on exactly where it stopped, as tensors. Where normals or poses are refined, its pixels are
+//! traced anew with all that was learned of them: then it goes on there, but not to the bit.
 
 use super::TrainError;
 use super::trainer::Trainer;
@@ -36,6 +36,9 @@ impl Trainer {
             insert(&mut file, "exposures.log_gains", log_gains);
             insert(&mut file, "exposures.first", first);
             insert(&mut file, "exposures.second", second);
+        }
+        if let Some(poses) = &self.poses {
+            insert(&mut file, "poses.corrections", &poses.state());
         }
         if let Some(refinement) = &self.refinement {
             let [total, moments] = refinement.offsets.state();
@@ -88,6 +91,9 @@ impl Trainer {
             }
             None => None,
         };
+        let poses = self.poses.as_ref();
+        let poses = poses.map(|poses| vector("poses.corrections", poses.state().len()));
+        let poses = poses.transpose()?;
         let gamma = vector("gamma", 3)?;
         let counters = file.u64("counters", &[3])?.to_vec();
         let density =
@@ -97,7 +103,7 @@ impl Trainer {
                     what: "has another density grid",
                 })?;
         let optional = material.iter().chain(&exposures).flatten();
-        let optional = optional.chain(normals.iter().flatten());
+        let optional = optional.chain(normals.iter().flatten()).chain(&poses);
         let all = field.iter().chain(optional).flatten();
         if !all.chain(&gamma).all(|v| v.is_finite()) {
             return Err(TrainError::Checkpoint {
@@ -120,6 +126,10 @@ impl Trainer {
         ) = (gamma[0], gamma[1], gamma[2]);
         if let (Some(exposures), Some(stored)) = (&mut self.exposures, exposures) {
             exposures.set_state(stored);
+        }
+        if let (Some(poses), Some(stored)) = (&mut self.poses, &poses) {
+            poses.set_state(stored);
+            self.pixels.set_cameras(&poses.cameras());
         }
         if let (Some(refinement), Some([total, moments])) = (&mut self.refinement, &normals) {
             refinement.offsets.set_state([total, moments]);

@@ -13,6 +13,7 @@ use super::distortion::distortion;
 use super::loss::{clipped_pull, pixel_loss};
 use super::normal_offsets::{NormalOffsets, OffsetBatch};
 use super::pixels::{BackgroundSample, PixelStore};
+use super::poses::PoseRow;
 use super::random::SlotRandom;
 use super::tilted_rays::TiltedRays;
 use super::unseen::{self, Triple};
@@ -76,6 +77,8 @@ pub(super) struct StepContext<'a> {
     pub(super) display: Display,
     /// What each photo's exposure multiplies radiance by; empty where all are alike.
     pub(super) gains: &'a [Vec3],
+    /// Whether the photos' poses are refined.
+    pub(super) finds_poses: bool,
     /// Corrections of the normals, where they are refined, and whether they are learned yet.
     pub(super) offsets: Option<&'a NormalOffsets>,
     pub(super) tilts: bool,
@@ -157,6 +160,8 @@ pub(super) struct Chunk {
     pub(super) d_material_network: Vec<f32>,
     /// By the logarithms of the views' gains, a pixel each; empty where all are alike.
     pub(super) d_log_gains: Vec<(usize, Vec3)>,
+    /// What background pixels tell of their photos' poses.
+    pub(super) pose_rows: Vec<PoseRow>,
     pub(super) loss: ChunkLoss,
     pub(super) is_finite: bool,
 }
@@ -338,6 +343,7 @@ impl Chunk {
     pub(super) fn run(&mut self, context: &StepContext<'_>) {
         self.loss = ChunkLoss::default();
         self.d_log_gains.clear();
+        self.pose_rows.clear();
         self.d_field_networks.clear();
         self.d_field_networks
             .resize(context.field.n_network_params(), 0.0);
@@ -405,6 +411,16 @@ impl Chunk {
             if !context.gains.is_empty() {
                 let d = loss.d_linear * exposed * scale;
                 self.d_log_gains.push((sample.view, d));
+            }
+            if context.finds_poses
+                && let Some(slope) = context.pixels.slope(sample)
+            {
+                let shown = exposed.to_array().map(|v| context.display.value(v));
+                let differences = (0..3).map(|c| shown[c] - sample.target[c]);
+                let grey = differences.sum::<f32>() / 3.0;
+                let end = self.batch.end(ray);
+                let row = PoseRow::new(sample.view, sample.direction, slope, grey, end);
+                self.pose_rows.extend(row);
             }
         }
     }

@@ -65,6 +65,8 @@ pub struct TrainConfig {
     /// Learning rate of the exposure and white balance of each training photo (logarithms of a gain a colour, 1 in the
     /// mean over the photos); 0 takes them as equal.
     pub exposure_rate: f32,
+    /// Whether the poses of the training photos are refined.
+    pub refine_poses: bool,
     /// Whether the mesh's normals are refined.
     pub normals: Normals,
     /// Steps over which the learning rates rise from zero.
@@ -161,6 +163,7 @@ impl Default for TrainConfig {
             network_rate: 1e-2,
             gamma_rate: 5e-4,
             exposure_rate: 0.0,
+            refine_poses: false,
             normals: Normals::Auto,
             warmup_steps: 50,
             final_rate: 0.1,
@@ -339,10 +342,10 @@ impl TrainConfig {
                 self.preconvolved_levels <= 5 && (0.0..1.0).contains(&self.preconvolved_share),
             ),
             (
-                "paper (one path a pixel: bounces = 0, subpixels = false, uniform_share up to 1; no exposures)",
+                "paper (one path a pixel: bounces = 0, subpixels = false, uniform_share up to 1; no exposures or poses)",
                 self.paper.is_none_or(|paper| {
                     let has_one_path = self.bounces == 0 && !self.subpixels;
-                    let is_plain = self.exposure_rate == 0.0;
+                    let is_plain = self.exposure_rate == 0.0 && !self.refine_poses;
                     let is_share = (0.0..=1.0).contains(&self.uniform_share);
                     paper.is_sane() && has_one_path && is_plain && is_share
                 }),

@@ -59,6 +59,9 @@ pub enum TrainEvent {
     ViewsValidated(Vec<Option<f64>>),
     /// The learned exposures of the training photos: name and gain a colour of each.
     Exposures(Vec<(String, [f32; 3])>),
+    /// The refined poses of the training photos: the name of each and how far its middle has moved on what it shows,
+    /// pixels.
+    Poses(Vec<(String, f32)>),
     /// Something that does not end the run but should be known.
     Warning(String),
     /// A run folder was saved.
@@ -190,6 +193,13 @@ impl TrainEvent {
                     .map(|(name, gain)| json!({"name": name, "gain": gain}))
                     .collect();
                 json!({"event": "exposures", "photos": photos})
+            }
+            Self::Poses(photos) => {
+                let photos = photos.iter();
+                let photos: Vec<Value> = photos
+                    .map(|(name, moved_px)| json!({"name": name, "moved_px": moved_px}))
+                    .collect();
+                json!({"event": "poses", "photos": photos})
             }
             Self::Warning(message) => json!({"event": "warning", "message": message}),
             Self::Saved(path) => json!({"event": "saved", "path": path.to_string_lossy()}),

@@ -27,6 +27,9 @@ mod pixel_set;
 mod pixels;
 mod placement;
 pub mod plan;
+mod poses;
+#[cfg(test)]
+mod poses_tests;
 mod preconvolution;
 mod preparation;
 mod random;

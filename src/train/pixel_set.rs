@@ -38,6 +38,19 @@ impl PixelSet {
         self.n
     }
 
+    /// How many members are below pixel `i`; `None` where it is none itself or beyond the picture.
+    pub(super) fn rank(&self, i: u32) -> Option<usize> {
+        let at = i as usize / 64;
+        let below = (1_u64 << (i % 64)) - 1;
+        let word = *self.words.get(at)?;
+        (word >> (i % 64) & 1 == 1).then(|| {
+            let block = at / BLOCK;
+            let words = &self.words[block * BLOCK..at];
+            let n = words.iter().map(|word| word.count_ones()).sum::<u32>();
+            (self.before[block] + n + (word & below).count_ones()) as usize
+        })
+    }
+
     /// The `k`-th member from below, `k` in `0..len()`.
     pub(super) fn nth(&self, k: usize) -> u32 {
         assert!(k < self.n, "member {k} of {}", self.n);
@@ -76,6 +89,10 @@ mod tests {
             assert_eq!(set.len(), list.len(), "{n} by {step}");
             let found: Vec<u32> = (0..set.len()).map(|k| set.nth(k)).collect();
             assert_eq!(found, list, "{n} by {step}");
+            for i in 0..n as u32 + 70 {
+                let rank = list.iter().position(|member| *member == i);
+                assert_eq!(set.rank(i), rank, "pixel {i} of {n} by {step}");
+            }
         }
     }
 

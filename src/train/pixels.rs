@@ -6,6 +6,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::packed_path::PackedPaths;
+use super::poses::slope_by_direction;
 use super::preconvolution::{BlurredImage, blurred_images};
 use super::random::SlotRandom;
 use super::srgb_codes::SrgbCodes;
@@ -55,6 +56,8 @@ pub(super) struct BackgroundSample {
     pub spread: f32,
     /// sRGB target in `[0, 1]`.
     pub target: [f32; 3],
+    /// Its blur level and index there.
+    place: (usize, usize),
 }
 
 /// How pixels are collected.
@@ -73,9 +76,10 @@ pub(super) struct PixelOptions {
 }
 
 impl PixelStore {
-    /// Traces and sorts the pixels of all training views; `on_view` is called after each and stops the work by `false`.
+    /// Traces and sorts the pixels of all training views, as `cameras` took them; `on_view` is called after each and stops the work by `false`.
     pub(super) fn collect(
         dataset: &Dataset,
+        cameras: &[Camera],
         tracer: Option<&SurfaceTracer>,
         options: PixelOptions,
         on_view: &(dyn Fn() -> bool + Sync),
@@ -89,9 +93,11 @@ impl PixelStore {
         let parts: Vec<Option<ViewPixels>> = dataset
             .train
             .par_iter()
+            .zip(cameras)
             .enumerate()
-            .map(|(index, view)| {
-                on_view().then(|| collect_view(view, index as u32, tracer, &options, keep))
+            .map(|(index, (view, camera))| {
+                let numbered = (index as u32, camera);
+                on_view().then(|| collect_view(view, numbered, tracer, &options, keep))
             })
             .collect();
         let views = parts.into_iter().collect::<Option<Vec<_>>>()?;
@@ -104,6 +110,18 @@ impl PixelStore {
                 .collect(),
             views,
         })
+    }
+
+    /// The cameras of the training views.
+    pub(super) fn cameras(&self) -> Vec<Camera> {
+        self.views.iter().map(|view| view.camera).collect()
+    }
+
+    /// Draws background pixels from corrected cameras. The object's light paths stay as they were traced.
+    pub(super) fn set_cameras(&mut self, cameras: &[Camera]) {
+        for (view, camera) in self.views.iter_mut().zip(cameras) {
+            view.camera = *camera;
+        }
     }
 
     /// Number of training views.
@@ -175,7 +193,18 @@ impl PixelStore {
             direction: ray.direction,
             spread: camera.pixel_angle() * blurred.std_px(),
             target: blurred.srgb(index),
+            place: (level, index),
         }
+    }
+
+    /// The photo's grey value at a background pixel by the direction of the ray, where its neighbours are known.
+    pub(super) fn slope(&self, sample: &BackgroundSample) -> Option<Vec3> {
+        let view = &self.views[sample.view];
+        let (level, index) = sample.place;
+        let blurred = &view.backgrounds[level];
+        let (x, y) = blurred.position_px(index);
+        let by_pixel = blurred.slope(index)?;
+        Some(slope_by_direction(&view.camera, x, y, by_pixel))
     }
 }
 
@@ -214,14 +243,14 @@ struct ViewPixels {
 
 fn collect_view(
     view: &View,
-    index: u32,
+    (index, camera): (u32, &Camera),
     tracer: Option<&SurfaceTracer>,
     options: &PixelOptions,
     keep: f32,
 ) -> ViewPixels {
-    let is_background = background_of(view, tracer);
+    let is_background = background_of(view, camera, tracer);
     let mut pixels = ViewPixels {
-        camera: view.camera,
+        camera: *camera,
         paths: PackedPaths::default(),
         targets: SrgbCodes::like(&view.photo),
         smoothness: Vec::new(),
@@ -236,9 +265,9 @@ fn collect_view(
             };
             is_solid && random.uniform() < keep
         };
-        for rows in bands(&view.camera) {
-            let first = rows.start * view.camera.width;
-            let gbuffer = GBuffer::trace_some(tracer, &view.camera, rows, options.paths, is_wanted);
+        for rows in bands(camera) {
+            let first = rows.start * camera.width;
+            let gbuffer = GBuffer::trace_some(tracer, camera, rows, options.paths, is_wanted);
             for (i, coverage) in (first..).zip(gbuffer.coverage()) {
                 if *coverage >= 1.0 && pixels.paths.push(gbuffer.paths_at(i)) {
                     pixels.targets.extend([view.photo.srgb(i as usize)]);
@@ -274,7 +303,7 @@ fn bands(camera: &Camera) -> impl Iterator<Item = Range<u32>> {
 }
 
 /// Which pixels of a view show only the surroundings, by its mask, or else by the mesh.
-fn background_of(view: &View, tracer: Option<&SurfaceTracer>) -> Vec<bool> {
+fn background_of(view: &View, camera: &Camera, tracer: Option<&SurfaceTracer>) -> Vec<bool> {
     match (&view.mask, tracer) {
         (Some(mask), _) => mask
             .coverage
@@ -287,11 +316,11 @@ fn background_of(view: &View, tracer: Option<&SurfaceTracer>) -> Vec<bool> {
                 smooth: 1,
                 torn: 1,
             };
-            let trace = |rows| GBuffer::trace_some(tracer, &view.camera, rows, options, |_| true);
+            let trace = |rows| GBuffer::trace_some(tracer, camera, rows, options, |_| true);
             let is_background = |gbuffer: GBuffer| -> Vec<bool> {
                 gbuffer.coverage().iter().map(|c| *c <= 0.0).collect()
             };
-            bands(&view.camera)
+            bands(camera)
                 .flat_map(|rows| is_background(trace(rows)))
                 .collect()
         }

@@ -115,6 +115,24 @@ impl BlurredImage {
         )
     }
 
+    /// The slope of the grey value at the `k`-th sample to the right and downwards, by pixels of the photo; `None` where a
+    /// neighbour holds no background or was not kept.
+    pub(super) fn slope(&self, k: usize) -> Option<[f32; 2]> {
+        let sample = self.kept.nth(k);
+        let grey = |i: u32| {
+            let color = self.colors.srgb(self.kept.rank(i)?);
+            Some(color.iter().sum::<f32>() / 3.0)
+        };
+        let column = sample % self.width;
+        let is_inside = column > 0 && column + 1 < self.width && sample >= self.width;
+        let slope = |step: u32| {
+            let difference = grey(sample + step)? - grey(sample - step)?;
+            Some(difference / (2 * self.stride) as f32)
+        };
+        is_inside.then_some(())?;
+        Some([slope(1)?, slope(self.width)?])
+    }
+
     /// Standard deviation of what a sample averages, pixels of the photo: the blur and the pixel itself.
     pub(super) fn std_px(&self) -> f32 {
         (self.sigma_px * self.sigma_px + 1.0 / 12.0).sqrt()

@@ -7,7 +7,7 @@ use super::TrainError;
 use super::config::TrainConfig;
 use super::pixels::{PixelOptions, PixelStore};
 use crate::data::Dataset;
-use crate::geometry::SurfaceTracer;
+use crate::geometry::{Camera, SurfaceTracer};
 use crate::render::gbuffer::PathOptions;
 
 /// The mesh ready for rays, and every pixel that is trained on, traced once.
@@ -33,18 +33,29 @@ impl Prepared {
             .mesh
             .as_ref()
             .map(|mesh| Arc::new(SurfaceTracer::new(Arc::clone(mesh))));
-        let pixels = collect_pixels(config, dataset, tracer.as_ref(), cancel, on_progress)?;
+        let pixels = collect_pixels(
+            config,
+            (dataset, &given_cameras(dataset)),
+            tracer.as_ref(),
+            cancel,
+            on_progress,
+        )?;
         Ok(Self { tracer, pixels })
     }
 }
 
-/// Every pixel that is trained on, traced on the current thread pool; `on_progress` gets 0..1.
+/// The cameras of the training photos as the capture has them.
+pub(super) fn given_cameras(dataset: &Dataset) -> Vec<Camera> {
+    dataset.train.iter().map(|view| view.camera).collect()
+}
+
+/// Every pixel that is trained on, as `cameras` took it, traced on the current thread pool; `on_progress` gets 0..1.
 ///
 /// # Errors
 /// When cancelled, or when no pixel can be trained on.
 pub(super) fn collect_pixels(
     config: &TrainConfig,
-    dataset: &Dataset,
+    (dataset, cameras): (&Dataset, &[Camera]),
     tracer: Option<&Arc<SurfaceTracer>>,
     cancel: &AtomicBool,
     on_progress: &(dyn Fn(f32) + Sync),
@@ -69,7 +80,8 @@ pub(super) fn collect_pixels(
         on_progress(done.fetch_add(1, Ordering::Relaxed) as f32 / total);
         !cancel.load(Ordering::Relaxed)
     };
-    let pixels = PixelStore::collect(dataset, tracer.map(|tracer| &**tracer), options, &on_view)
+    let tracer = tracer.map(|tracer| &**tracer);
+    let pixels = PixelStore::collect(dataset, cameras, tracer, options, &on_view)
         .ok_or(TrainError::Cancelled)?;
     if pixels.n_objects() == 0 && pixels.n_backgrounds() == 0 {
         return Err(TrainError::NoPixels {

@@ -68,15 +68,25 @@ impl Trainer {
         }
     }
 
-    /// Traces every training pixel anew, on the mesh as it is known by now, on the current thread pool; nothing where
-    /// normals are not refined.
+    /// Whether the pixels' light paths change while training, as normals or poses are refined.
+    pub fn needs_retracing(&self) -> bool {
+        self.tracer.is_some() && (self.refinement.is_some() || self.poses.is_some())
+    }
+
+    /// Traces every training pixel anew, on the mesh and from the cameras as they are known by now, on the current thread
+    /// pool; nothing where neither is refined.
     ///
     /// # Errors
     /// When cancelled; the trainer then goes on with the old paths.
     pub fn retrace(&mut self, dataset: &Dataset, cancel: &AtomicBool) -> Result<(), TrainError> {
+        if !self.needs_retracing() {
+            return Ok(());
+        }
         self.settle_normals();
-        if let (Some(refinement), Some(tracer)) = (&mut self.refinement, &self.tracer) {
-            self.pixels = collect_pixels(&self.config, dataset, Some(tracer), cancel, &|_| ())?;
+        let (tracer, cameras) = (self.tracer.as_ref(), self.pixels.cameras());
+        let photos = (dataset, cameras.as_slice());
+        self.pixels = collect_pixels(&self.config, photos, tracer, cancel, &|_| ())?;
+        if let (Some(refinement), Some(tracer)) = (&mut self.refinement, tracer) {
             refinement.traced = Arc::clone(tracer.mesh());
             refinement.offsets.forget_recent();
         }

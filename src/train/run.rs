@@ -210,9 +210,12 @@ impl<'a> Run<'a> {
         self.report();
         self.validate();
         if let Some(gains) = self.trainer.gains() {
-            let photos = self.dataset.train.iter().zip(gains);
-            let photos = photos.map(|(view, gain)| (view.name.clone(), gain.to_array()));
-            self.tell(TrainEvent::Exposures(photos.collect()));
+            let gains = gains.iter().map(|gain| gain.to_array()).collect();
+            self.tell(TrainEvent::Exposures(self.named(gains)));
+        }
+        if let Some(poses) = self.trainer.poses() {
+            let moved = self.named(poses.moved_px());
+            self.tell(TrainEvent::Poses(moved));
         }
         let finish = Finish {
             reason,

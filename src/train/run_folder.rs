@@ -15,9 +15,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::data::tensor_file::{TensorFile, TensorFileError};
 use crate::data::{
-    CaptureChoices, DataError, MeshPlacement, read_mesh, write_atomically, write_glb,
+    CaptureChoices, DataError, MeshPlacement, read_mesh, write_atomically, write_cameras, write_glb,
 };
-use crate::geometry::{Mesh, SurfaceTracer};
+use crate::geometry::{Camera, Mesh, SurfaceTracer};
 use crate::neif::{Environment, NeifError, ObjectModel, Storage, SurfaceField};
 use crate::render::Scene;
 use crate::train::Snapshot;
@@ -31,6 +31,8 @@ const OBJECT: &str = "object.safetensors";
 /// The trained surroundings inside a run folder; usable alone.
 pub const ENVIRONMENT: &str = "environment.safetensors";
 const MESH: &str = "mesh.glb";
+/// The cameras of the training photos, where their poses were refined.
+const CAMERAS: &str = "cameras.json";
 const METRICS: &str = "metrics.csv";
 const LOG: &str = "log.jsonl";
 
@@ -68,9 +70,9 @@ pub enum RunFolderError {
     /// A trained field is damaged or cannot be written.
     #[error(transparent)]
     Field(#[from] NeifError),
-    /// The mesh is damaged or cannot be written.
+    /// The mesh or the cameras are damaged or cannot be written.
     #[error(transparent)]
-    Mesh(#[from] DataError),
+    Data(#[from] DataError),
 }
 
 impl RunFolderError {
@@ -82,7 +84,7 @@ impl RunFolderError {
             Self::Io { .. }
                 | Self::Tensors(TensorFileError::Io { .. })
                 | Self::Field(NeifError::File(TensorFileError::Io { .. }))
-                | Self::Mesh(DataError::Io { .. })
+                | Self::Data(DataError::Io { .. })
         )
     }
 }
@@ -150,7 +152,7 @@ impl RunConfig {
 }
 
 /// What one save puts into the folder.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct RunState<'a> {
     /// Settings.
     pub config: &'a RunConfig,
@@ -162,6 +164,8 @@ pub struct RunState<'a> {
     pub log: &'a RunLog,
     /// Whether the mesh changed since it was saved.
     pub has_new_mesh: bool,
+    /// The training photos' names and cameras, where their poses are refined.
+    pub cameras: Option<Vec<(String, Camera)>>,
 }
 
 /// A folder that holds one run.
@@ -345,6 +349,9 @@ impl RunFolder {
                 self.save_mesh(object.tracer.mesh())?;
             }
         }
+        if let Some(cameras) = &state.cameras {
+            write_cameras(&self.file(CAMERAS), cameras)?;
+        }
         self.write_text(METRICS, state.log.csv())?;
         self.write_text(LOG, state.log.events())?;
         // Last, so that what is resumed is never newer than what is shown.
@@ -362,9 +369,17 @@ impl RunFolder {
     }
 
     fn holds_a_run(&self) -> bool {
-        [CONFIG, CHECKPOINT, OBJECT, ENVIRONMENT, MESH, METRICS, LOG]
-            .iter()
-            .any(|name| self.file(name).exists())
+        let names = [
+            CONFIG,
+            CHECKPOINT,
+            OBJECT,
+            ENVIRONMENT,
+            MESH,
+            CAMERAS,
+            METRICS,
+            LOG,
+        ];
+        names.iter().any(|name| self.file(name).exists())
     }
 
     fn read_text(&self, name: &str) -> Result<String, RunFolderError> {

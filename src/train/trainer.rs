@@ -13,6 +13,7 @@ use super::exposures::Exposures;
 use super::learned::Learned;
 use super::pixels::PixelStore;
 use super::placement::{field_frame, hollow_density, up_direction};
+use super::poses::Poses;
 use super::preparation::Prepared;
 use super::random::SlotRandom;
 use super::refinement::{self, Refinement};
@@ -55,6 +56,8 @@ pub struct Trainer {
     pub(super) gamma_adam: Adam,
     /// Where each photo has its own.
     pub(super) exposures: Option<Exposures>,
+    /// Where the photos' poses are refined.
+    pub(super) poses: Option<Poses>,
     /// Where the mesh's normals are refined.
     pub(super) refinement: Option<Refinement>,
     pub(super) step: u64,
@@ -63,7 +66,7 @@ pub struct Trainer {
     pub(super) skipped: u64,
     /// Of the step at hand.
     batch_size: BatchSize,
-    chunks: Vec<Chunk>,
+    pub(super) chunks: Vec<Chunk>,
     /// Features of each level, `[n][4]` of all chunks.
     encoded: Vec<Vec<f32>>,
     /// The field's grid in bf16, rewritten with every update: what a step encodes from, at half the cache lines.
@@ -144,6 +147,7 @@ impl Trainer {
             .map(Refinement::new);
         let has_haze = tracer.is_some() && exposures_differ(dataset);
         let density = hollow_density(tracer.as_deref(), &frame);
+        let poses = config.refine_poses.then(|| Poses::of(dataset, &frame));
         let has_exposures = config.exposure_rate > 0.0;
         let exposures = has_exposures.then(|| Exposures::new(pixels.n_views()));
         let mut trainer = Self {
@@ -164,6 +168,7 @@ impl Trainer {
             gamma: 1.0,
             gamma_adam: Adam::new(1),
             exposures,
+            poses,
             refinement,
             step: 0,
             updates: 0,
@@ -293,6 +298,7 @@ impl Trainer {
             material_transposed: self.material.as_ref().map_or(&EMPTY, |m| &m.transposed),
             display: Display { gamma: self.gamma },
             gains: self.gains().unwrap_or_default(),
+            finds_poses: self.poses.is_some(),
             offsets: self.refinement.as_ref().map(|r| &r.offsets),
             tilts: self.step >= refinement::DELAY,
             step: self.step,
@@ -302,7 +308,7 @@ impl Trainer {
     }
 
     /// Draws and places every chunk's rays.
-    fn prepare(&mut self, progress: f32) {
+    pub(super) fn prepare(&mut self, progress: f32) {
         let mut chunks = std::mem::take(&mut self.chunks);
         self.batch_size = BatchSize::of(&self.config, progress);
         let size = self.batch_size;
@@ -332,7 +338,7 @@ impl Trainer {
     }
 
     /// Encodes level by level over the whole step: each level's table stays in its core's cache.
-    fn encode_by_level(
+    pub(super) fn encode_by_level(
         &mut self,
         encode_level: impl Fn(&RadianceField, usize, &FieldBatch, &mut [f32]) + Sync,
     ) {
@@ -353,7 +359,7 @@ impl Trainer {
             });
     }
 
-    fn run_chunks(&mut self) {
+    pub(super) fn run_chunks(&mut self) {
         let mut chunks = std::mem::take(&mut self.chunks);
         let starts: Vec<usize> = chunks
             .iter()
@@ -391,7 +397,7 @@ impl Trainer {
     }
 
     /// What the step minimises.
-    fn loss(&self) -> f64 {
+    pub(super) fn loss(&self) -> f64 {
         let [object, background] = self.pixel_losses();
         object
             + f64::from(self.config.background_weight) * background
@@ -415,7 +421,7 @@ impl Trainer {
     }
 
     /// Sums the chunks' gradients in order: networks, then each level by one task; and refreshes the density cache.
-    fn gather_gradients(&mut self) {
+    pub(super) fn gather_gradients(&mut self) {
         let chunks = &self.chunks;
         let n_networks = self.field.value.n_network_params();
         let (networks, mut grids) = self.field.gradient.split_at_mut(n_networks);
@@ -522,6 +528,7 @@ impl Trainer {
             let n_pixels = self.batch_size.objects;
             refinement.offsets.update(&batches, rate, n_pixels);
         }
+        self.refine_poses();
         self.transpose();
     }
 
@@ -570,27 +577,5 @@ fn sum_in_order<'a>(total: &mut [f32], parts: impl Iterator<Item = &'a [f32]>) {
         for (sum, value) in total.iter_mut().zip(part) {
             *sum += value;
         }
-    }
-}
-
-#[cfg(test)]
-impl Trainer {
-    /// Weighted loss of the next step and the gradients of both fields, without taking the step.
-    pub(super) fn loss_and_gradients(&mut self) -> (f64, Vec<f32>, Vec<f32>) {
-        let density = self.density.clone();
-        self.prepare(0.0);
-        // In single precision: the differences are smaller than the steps of bf16.
-        self.encode_by_level(RadianceField::encode_level);
-        self.run_chunks();
-        let loss = self.loss();
-        self.gather_gradients();
-        self.density = density;
-        let take = |gradient: &mut Vec<f32>| {
-            let zeros = vec![0.0; gradient.len()];
-            std::mem::replace(gradient, zeros)
-        };
-        let material = self.material.as_mut().map(|m| take(&mut m.gradient));
-        let field = take(&mut self.field.gradient);
-        (loss, field, material.unwrap_or_default())
     }
 }

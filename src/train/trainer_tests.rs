@@ -8,8 +8,29 @@ use super::trainer::{StepStats, Trainer};
 use crate::color::{linear_from_srgb, srgb_from_linear};
 use crate::data::{Dataset, Photo};
 use crate::neif::material::MaterialBatch;
-use crate::neif::radiance_field::CutOff;
+use crate::neif::radiance_field::{CutOff, RadianceField};
 use crate::render::{Layer, render};
+
+impl Trainer {
+    /// Weighted loss of the next step and the gradients of both fields, without taking the step.
+    pub(super) fn loss_and_gradients(&mut self) -> (f64, Vec<f32>, Vec<f32>) {
+        let density = self.density.clone();
+        self.prepare(0.0);
+        // In single precision: the differences are smaller than the steps of bf16.
+        self.encode_by_level(RadianceField::encode_level);
+        self.run_chunks();
+        let loss = self.loss();
+        self.gather_gradients();
+        self.density = density;
+        let take = |gradient: &mut Vec<f32>| {
+            let zeros = vec![0.0; gradient.len()];
+            std::mem::replace(gradient, zeros)
+        };
+        let material = self.material.as_mut().map(|m| take(&mut m.gradient));
+        let field = take(&mut self.field.gradient);
+        (loss, field, material.unwrap_or_default())
+    }
+}
 
 fn trainer(config: &TrainConfig, dataset: &Dataset) -> Trainer {
     Trainer::new(config, dataset, &AtomicBool::new(false), &|_| ()).unwrap()

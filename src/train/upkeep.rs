@@ -30,7 +30,7 @@ const SMALL_SHARE: f64 = 0.2;
 /// The quick end of a settled run, as a share of the time it took to settle.
 const COOL_DOWN_SHARE: f64 = 0.15;
 
-/// Shares of the plan at which the pixels are traced anew where normals are refined: most is learned early, and each tracing
+/// Shares of the plan at which the pixels are traced anew where normals or poses are refined: most is learned early, and each tracing
 /// costs what the first did.
 const RETRACE_AT: [f32; 3] = [0.1, 0.3, 0.6];
 
@@ -49,6 +49,11 @@ impl Run<'_> {
             return Ok(());
         };
         self.trainer.restore(&checkpoint)?;
+        if self.trainer.poses().is_some() {
+            // They were traced from the cameras as given.
+            let stop = &self.worker.shared.stop;
+            self.trainer.retrace(&self.dataset, stop)?;
+        }
         self.log = folder.log();
         let damaged = |key: &str| RunFolderError::Config {
             path: checkpoint.origin().to_owned(),
@@ -145,7 +150,7 @@ impl Run<'_> {
 
     fn retrace_when_due(&mut self) {
         let fraction = || self.plan.fraction(self.position());
-        let is_due = self.trainer.refines_normals()
+        let is_due = self.trainer.needs_retracing()
             && RETRACE_AT
                 .get(self.due.retracing)
                 .is_some_and(|at| fraction() >= *at);
@@ -245,9 +250,19 @@ impl Run<'_> {
             snapshot: &self.trainer.snapshot(),
             log: &self.log,
             has_new_mesh: self.trainer.refines_normals(),
+            cameras: self
+                .trainer
+                .poses()
+                .map(|poses| self.named(poses.cameras())),
         })?;
         self.tell(TrainEvent::Saved(folder.path().to_owned()));
         Ok(())
+    }
+
+    /// Something of each training photo, with its name.
+    pub(super) fn named<T>(&self, of_photos: Vec<T>) -> Vec<(String, T)> {
+        let names = self.dataset.train.iter().map(|view| view.name.clone());
+        names.zip(of_photos).collect()
     }
 
     /// Says what should be known but does not end the run.

@@ -1,0 +1,276 @@
+//! Corrections of the training photos' poses, found while the surroundings are learned.
+//!
+//! Structure from motion leaves a photo some tenths of a pixel to a pixel off, and what is seen from many sides is
+//! blurred by it. Where the field shows a pixel of a photo brighter than the photo is there, the photo is shifted, by its own
+//! slope: linear least squares over its background pixels give the six numbers of its pose (Lucas and Kanade 1981; inverse
+//! compositional, Baker and Matthews 2004), again and again as the field sharpens. The photo's slope is used, not the
+//! field's: that of a hash grid is noise below the size of its cells.
+
+use glam::{DMat3, DVec3, Quat, Vec3};
+
+use super::preparation::given_cameras;
+use super::trainer::Trainer;
+use crate::data::Dataset;
+use crate::geometry::Camera;
+use crate::neif::contraction::FieldFrame;
+
+/// Steps before poses are corrected: until then the surroundings have no features to go by.
+const DELAY: u64 = 300;
+/// Steps between two corrections: a photo of fifty gives some thousand pixels in that time.
+const EVERY: u64 = 100;
+/// Share of a correction that is made: the field follows the poses, as they follow it.
+const SHARE: f64 = 0.5;
+/// Difference, in sRGB, from which a pixel counts less: it shows something else, not the same thing shifted.
+const USUAL_DIFFERENCE: f32 = 0.1;
+/// Least opacity along a ray: without a surface there is no distance.
+const LEAST_OPACITY: f32 = 0.5;
+/// How far off poses are expected to be, pixels; and the most that is corrected.
+const EXPECTED_PX: f64 = 3.0;
+const MOST_PX: f64 = 20.0;
+/// Ridge, relative to the diagonal of the least squares.
+const RIDGE: f64 = 0.05;
+
+/// A background pixel's equation: `slopes · correction = difference`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct PoseRow {
+    view: usize,
+    /// By the rotation about the world's axes, radians, and the translation, half sides of the inner box.
+    slopes: [f32; 6],
+    /// Shown grey value less the photo's, sRGB.
+    difference: f32,
+}
+
+impl PoseRow {
+    /// Of a pixel whose ray, `direction`, ends at `distance` with `opacity`; `slope` is the photo's grey value by the unit
+    /// direction ([`slope_by_direction`]). `None` where nothing can be told.
+    pub(super) fn new(
+        view: usize,
+        direction: Vec3,
+        slope: Vec3,
+        difference: f32,
+        (distance, opacity): (f32, f32),
+    ) -> Option<Self> {
+        // A camera that turns by `w` and moves by `s` sees a point in the direction `d - w x d - s / t`.
+        let (turn, shift) = (slope.cross(direction), -slope / distance.max(1e-3));
+        let is_told = opacity >= LEAST_OPACITY && turn.is_finite() && difference.is_finite();
+        is_told.then_some(Self {
+            view,
+            slopes: [turn.x, turn.y, turn.z, shift.x, shift.y, shift.z],
+            difference,
+        })
+    }
+}
+
+/// The slope of a photo's grey value by the direction of the ray, in the plane across it, from that by the pixel.
+pub(super) fn slope_by_direction(camera: &Camera, x: f32, y: f32, by_pixel: [f32; 2]) -> Vec3 {
+    let direction = camera.ray(x, y).direction;
+    let right = camera.ray(x + 1.0, y).direction - direction;
+    let down = camera.ray(x, y + 1.0).direction - direction;
+    let (rr, rd, dd) = (right.dot(right), right.dot(down), down.dot(down));
+    let [a, b] = by_pixel;
+    let determinant = (rr * dd - rd * rd).max(f32::MIN_POSITIVE);
+    (right * (a * dd - b * rd) + down * (b * rr - a * rd)) / determinant
+}
+
+/// Sums of the least squares of one photo, in blocks of rotation and translation.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sums {
+    turns: DMat3,
+    mixed: DMat3,
+    shifts: DMat3,
+    by_turn: DVec3,
+    by_shift: DVec3,
+}
+
+impl Sums {
+    fn zero() -> Self {
+        Self {
+            turns: DMat3::ZERO,
+            mixed: DMat3::ZERO,
+            shifts: DMat3::ZERO,
+            ..Self::default()
+        }
+    }
+
+    fn add(&mut self, row: &PoseRow) {
+        let [a, b, c, d, e, f] = row.slopes.map(f64::from);
+        let (turn, shift) = (DVec3::new(a, b, c), DVec3::new(d, e, f));
+        let outer = |u: DVec3, v: DVec3| DMat3::from_cols(u * v.x, u * v.y, u * v.z);
+        let ratio = f64::from(row.difference / USUAL_DIFFERENCE);
+        let weight = 1.0 / (1.0 + ratio * ratio);
+        self.turns += outer(turn, turn) * weight;
+        self.mixed += outer(turn, shift) * weight;
+        self.shifts += outer(shift, shift) * weight;
+        let difference = weight * f64::from(row.difference);
+        self.by_turn += turn * difference;
+        self.by_shift += shift * difference;
+    }
+
+    /// The correction on top of `known`, with what is expected of poses: a pull of the whole to zero.
+    fn solve(&self, known: Correction, pulls: [f64; 2]) -> Correction {
+        let ridge = |block: DMat3, pull: f64| {
+            let diagonal = DVec3::new(block.x_axis.x, block.y_axis.y, block.z_axis.z);
+            block + DMat3::from_diagonal(diagonal * RIDGE + DVec3::splat(pull))
+        };
+        let turns = ridge(self.turns, pulls[0]).inverse();
+        let shifts = ridge(self.shifts, pulls[1]);
+        let by_turn = self.by_turn - known.turn * pulls[0];
+        let by_shift = self.by_shift - known.shift * pulls[1];
+        // By blocks: the rotation is put into the equations of the translation (Schur).
+        let mixed = self.mixed.transpose() * turns;
+        let shift = (shifts - mixed * self.mixed).inverse() * (by_shift - mixed * by_turn);
+        Correction {
+            turn: turns * (by_turn - self.mixed * shift),
+            shift,
+        }
+    }
+}
+
+/// How a photo's camera differs from the capture's.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Correction {
+    /// Rotation about the camera's place, world axes, radians.
+    turn: DVec3,
+    /// Translation, half sides of the inner box.
+    shift: DVec3,
+}
+
+/// The poses of all training photos.
+#[derive(Debug)]
+pub struct Poses {
+    /// As the capture has them.
+    given: Vec<Camera>,
+    /// Half side of the inner box, world units.
+    half_side: f32,
+    /// Mean distance of the cameras from the object, or from their middle, half sides.
+    distance: f64,
+    corrections: Vec<Correction>,
+    sums: Vec<Sums>,
+}
+
+impl Poses {
+    /// Those of the capture, none of them corrected yet.
+    pub(super) fn of(dataset: &Dataset, frame: &FieldFrame) -> Self {
+        let given = given_cameras(dataset);
+        let distances = given.iter().map(|c| c.position().distance(frame.center));
+        let distance = distances.sum::<f32>() / given.len().max(1) as f32 / frame.half_side;
+        Self {
+            corrections: vec![Correction::default(); given.len()],
+            sums: vec![Sums::zero(); given.len()],
+            distance: f64::from(distance.max(0.1)),
+            half_side: frame.half_side,
+            given,
+        }
+    }
+
+    /// The corrected cameras.
+    pub fn cameras(&self) -> Vec<Camera> {
+        let corrected = |(camera, correction): (&Camera, &Correction)| {
+            let turn = Quat::from_scaled_axis(correction.turn.as_vec3());
+            let mut camera = *camera;
+            let pose = &mut camera.world_from_camera;
+            pose.matrix3 = glam::Mat3A::from_quat(turn) * pose.matrix3;
+            pose.translation += glam::Vec3A::from(self.half_side * correction.shift.as_vec3());
+            camera
+        };
+        self.given
+            .iter()
+            .zip(&self.corrections)
+            .map(corrected)
+            .collect()
+    }
+
+    /// How far the middle of each photo has moved on what it shows, pixels.
+    pub fn moved_px(&self) -> Vec<f32> {
+        let moved = |(camera, correction): (&Camera, &Correction)| {
+            let forward = camera.forward().as_dvec3();
+            let across = correction.turn.cross(forward)
+                + correction.shift.reject_from(forward) / self.distance;
+            across.length() as f32 / camera.pixel_angle()
+        };
+        self.given
+            .iter()
+            .zip(&self.corrections)
+            .map(moved)
+            .collect()
+    }
+
+    /// Takes up the equations of a step.
+    fn add<'a>(&mut self, rows: impl Iterator<Item = &'a PoseRow>) {
+        for row in rows {
+            self.sums[row.view].add(row);
+        }
+    }
+
+    /// Corrects all poses by what was taken up since the last time. The mean correction stays zero: the object and the
+    /// held-out photos stay where they are.
+    fn correct(&mut self) {
+        let n = self.given.len().max(1) as f64;
+        for ((sums, correction), camera) in self
+            .sums
+            .iter_mut()
+            .zip(&mut self.corrections)
+            .zip(&self.given)
+        {
+            let expected = EXPECTED_PX * f64::from(camera.pixel_angle());
+            let pull = |expected: f64| (f64::from(USUAL_DIFFERENCE) / expected).powi(2);
+            let pulls = [pull(expected), pull(expected * self.distance)];
+            let found = std::mem::replace(sums, Sums::zero()).solve(*correction, pulls);
+            if found.turn.is_finite() && found.shift.is_finite() {
+                let most = expected * MOST_PX / EXPECTED_PX;
+                let (turn, shift) = (found.turn * SHARE, found.shift * SHARE);
+                correction.turn = (correction.turn + turn).clamp_length_max(most);
+                correction.shift =
+                    (correction.shift + shift).clamp_length_max(most * self.distance);
+            }
+        }
+        let sum = |of: fn(&Correction) -> DVec3| self.corrections.iter().map(of).sum::<DVec3>();
+        let (turn, shift) = (sum(|c| c.turn) / n, sum(|c| c.shift) / n);
+        for correction in &mut self.corrections {
+            correction.turn -= turn;
+            correction.shift -= shift;
+        }
+    }
+
+    /// `[n_views][6]`, as they are kept.
+    pub(super) fn state(&self) -> Vec<f32> {
+        let numbers = |c: &Correction| [c.turn, c.shift].map(|v| v.as_vec3().to_array());
+        self.corrections
+            .iter()
+            .flat_map(numbers)
+            .flatten()
+            .collect()
+    }
+
+    /// Goes on from there; `state` has the length of [`Self::state`].
+    pub(super) fn set_state(&mut self, state: &[f32]) {
+        for (correction, numbers) in self.corrections.iter_mut().zip(state.chunks_exact(6)) {
+            *correction = Correction {
+                turn: Vec3::from_slice(numbers).as_dvec3(),
+                shift: Vec3::from_slice(&numbers[3..]).as_dvec3(),
+            };
+        }
+    }
+}
+
+impl Trainer {
+    /// Takes up the step's equations and corrects the poses when it is time.
+    pub(super) fn refine_poses(&mut self) {
+        let Some(poses) = &mut self.poses else {
+            return;
+        };
+        if self.step <= DELAY {
+            return;
+        }
+        poses.add(self.chunks.iter().flat_map(|chunk| &chunk.pose_rows));
+        if self.step.is_multiple_of(EVERY) {
+            poses.correct();
+            self.pixels.set_cameras(&poses.cameras());
+        }
+    }
+
+    /// The poses of the training photos as they are known by now; `None` where they are taken as given.
+    pub fn poses(&self) -> Option<&Poses> {
+        self.poses.as_ref()
+    }
+}

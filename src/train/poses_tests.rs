@@ -1,0 +1,101 @@
+//! Cameras that are a little off are put right by what they see, and stay so over a checkpoint.
+
+use std::sync::atomic::AtomicBool;
+
+use glam::{Mat3A, Quat, Vec3, Vec3A};
+
+use super::config::TrainConfig;
+use super::poses::slope_by_direction;
+use super::random::SlotRandom;
+use super::test_scene::{small_fields, sphere_in_a_box};
+use super::trainer::Trainer;
+use crate::data::Dataset;
+use crate::geometry::{Camera, Distortion};
+
+/// The scene, its training cameras turned and moved by a pixel or two, and the right cameras.
+fn shaken(n_views: usize, size: u32) -> (Dataset, Vec<Camera>) {
+    let mut dataset = sphere_in_a_box(n_views, size);
+    let right = dataset.train.iter().map(|view| view.camera).collect();
+    for (index, view) in dataset.train.iter_mut().enumerate() {
+        let mut random = SlotRandom::new(7, index as u64, 0);
+        let mut vector =
+            |most: f32| Vec3::from_array([0; 3].map(|_| (2.0 * random.uniform() - 1.0) * most));
+        let pixel = view.camera.pixel_angle();
+        let (turn, shift) = (vector(1.5 * pixel), vector(1.0 * pixel));
+        let pose = &mut view.camera.world_from_camera;
+        pose.matrix3 = Mat3A::from_quat(Quat::from_scaled_axis(turn)) * pose.matrix3;
+        pose.translation += Vec3A::from(shift);
+    }
+    (dataset, right)
+}
+
+/// By how many pixels cameras show the walls elsewhere than the right ones do, mean over the photos.
+fn off_px(cameras: &[Camera], right: &[Camera]) -> f32 {
+    let off = cameras.iter().zip(right).map(|(camera, right)| {
+        let corners = [(0.2, 0.2), (0.8, 0.3), (0.5, 0.9)];
+        let at_corner = |(x, y): (f32, f32)| {
+            let ray = right.ray(x * right.width as f32, y * right.height as f32);
+            let point = ray.origin + 3.5 * ray.direction;
+            let [a, b] = [camera, right].map(|c| c.project(point).expect("before the camera"));
+            a.distance(b)
+        };
+        corners.map(at_corner).iter().sum::<f32>() / 3.0
+    });
+    off.sum::<f32>() / right.len() as f32
+}
+
+fn trainer(dataset: &Dataset) -> Trainer {
+    let config = TrainConfig {
+        refine_poses: true,
+        ..small_fields()
+    };
+    Trainer::new(&config, dataset, &AtomicBool::new(false), &|_| ()).unwrap()
+}
+
+#[test]
+fn shaken_cameras_are_put_right_and_kept() {
+    let (dataset, right) = shaken(40, 48);
+    let given: Vec<Camera> = dataset.train.iter().map(|view| view.camera).collect();
+    let mut first = trainer(&dataset);
+    for step in 0..1500 {
+        first.step(step as f32 / 1500.0);
+    }
+    let poses = first.poses().unwrap();
+    let (before, after) = (off_px(&given, &right), off_px(&poses.cameras(), &right));
+    assert!(before > 0.9, "{before} px: nothing to put right");
+    assert!(
+        after < 0.75 * before,
+        "{before} px before, {after} px after"
+    );
+    let moved: f32 = poses.moved_px().iter().sum();
+    assert!(moved / right.len() as f32 > 0.3 * before, "{moved}");
+    let mut second = trainer(&dataset);
+    second.restore(&first.checkpoint()).unwrap();
+    let off = off_px(&second.poses().unwrap().cameras(), &poses.cameras());
+    assert!(off < 1e-3, "{off} px lost by the checkpoint");
+    // The object's light paths begin at the corrected cameras too.
+    second.retrace(&dataset, &AtomicBool::new(false)).unwrap();
+    assert_eq!(
+        second.pixels.cameras()[3],
+        second.poses().unwrap().cameras()[3]
+    );
+}
+
+#[test]
+fn slopes_by_the_direction_are_those_by_the_pixel() {
+    let camera = Camera {
+        distortion: Distortion {
+            k1: -0.2,
+            ..Distortion::default()
+        },
+        ..Camera::look_at(Vec3::X, Vec3::ZERO, Vec3::Z, 1.2, 300, 200)
+    };
+    let (x, y) = (40.0, 150.0);
+    let slope = slope_by_direction(&camera, x, y, [0.3, -0.2]);
+    let direction = |x: f32, y: f32| camera.ray(x, y).direction;
+    for (dx, dy) in [(1.0, 0.0), (0.0, 1.0), (-0.7, 0.4)] {
+        let change = slope.dot(direction(x + dx, y + dy) - direction(x, y));
+        let expected = 0.3 * dx - 0.2 * dy;
+        assert!((change - expected).abs() < 0.02, "{change}, {expected}");
+    }
+}
