@@ -27,6 +27,8 @@ const LEAST_OPACITY: f32 = 0.5;
 /// How far off poses are expected to be, pixels; and the most that is corrected.
 const EXPECTED_PX: f64 = 3.0;
 const MOST_PX: f64 = 20.0;
+/// Rounds in which the mean is taken off along one set of axes and the other.
+const CENTERINGS: usize = 4;
 /// Ridge, relative to the diagonal of the least squares.
 const RIDGE: f64 = 0.05;
 
@@ -202,10 +204,8 @@ impl Poses {
         }
     }
 
-    /// Corrects all poses by what was taken up since the last time. The mean correction stays zero: the object and the
-    /// held-out photos stay where they are.
+    /// Corrects all poses by what was taken up since the last time.
     fn correct(&mut self) {
-        let n = self.given.len().max(1) as f64;
         for ((sums, correction), camera) in self
             .sums
             .iter_mut()
@@ -224,11 +224,26 @@ impl Poses {
                     (correction.shift + shift).clamp_length_max(most * self.distance);
             }
         }
-        let sum = |of: fn(&Correction) -> DVec3| self.corrections.iter().map(of).sum::<DVec3>();
-        let (turn, shift) = (sum(|c| c.turn) / n, sum(|c| c.shift) / n);
-        for correction in &mut self.corrections {
-            correction.turn -= turn;
-            correction.shift -= shift;
+        self.center();
+    }
+
+    /// Holds the mean correction at zero, along the world's axes and along the cameras' own: what all photos have in common
+    /// moves, turns or scales the surroundings against the object and the held-out photos, which stay where they are.
+    fn center(&mut self) {
+        let n = self.given.len().max(1) as f64;
+        let own_axes = |camera: &Camera| DMat3::from(camera.world_from_camera.matrix3.as_dmat3());
+        let own: Vec<DMat3> = self.given.iter().map(own_axes).collect();
+        let world = vec![DMat3::IDENTITY; own.len()];
+        for _ in 0..CENTERINGS {
+            for axes in [&world, &own] {
+                let pairs = || axes.iter().zip(&self.corrections);
+                let turn: DVec3 = pairs().map(|(axes, c)| axes.transpose() * c.turn).sum();
+                let shift: DVec3 = pairs().map(|(axes, c)| axes.transpose() * c.shift).sum();
+                for (axes, correction) in axes.iter().zip(&mut self.corrections) {
+                    correction.turn -= *axes * turn / n;
+                    correction.shift -= *axes * shift / n;
+                }
+            }
         }
     }
 
