@@ -54,7 +54,7 @@ pub fn write_key_views(path: &Path, keys: &[KeyView]) -> Result<(), DataError> {
         frame["time"] = json!(key.time_secs);
         frame
     };
-    write_frames(path, keys.iter().enumerate().map(frame).collect())
+    write_frames(path, keys.iter().enumerate().map(frame))
 }
 
 /// Writes the cameras of photos, with their names, so that [`read_key_views`] and [`read_frames`] read them; whole or not at
@@ -63,12 +63,12 @@ pub fn write_key_views(path: &Path, keys: &[KeyView]) -> Result<(), DataError> {
 /// # Errors
 /// When the file cannot be written.
 pub fn write_cameras(path: &Path, photos: &[(String, Camera)]) -> Result<(), DataError> {
-    let frames = photos.iter().map(|(name, camera)| frame(name, camera));
-    write_frames(path, frames.collect())
+    let frame = |(name, camera): &(String, Camera)| frame(name, camera);
+    write_frames(path, photos.iter().map(frame))
 }
 
-fn write_frames(path: &Path, frames: Vec<Value>) -> Result<(), DataError> {
-    let content = json!({ "frames": frames });
+fn write_frames(path: &Path, frames: impl Iterator<Item = Value>) -> Result<(), DataError> {
+    let content = json!({ "frames": frames.collect::<Vec<_>>() });
     write_atomically(path, |file| {
         serde_json::to_writer_pretty(file, &content).map_err(io::Error::from)
     })

@@ -7,6 +7,11 @@ use crate::geometry::{Ray, SurfaceTracer};
 use crate::neif::contraction::FieldFrame;
 use crate::neif::proposal::DensityGrid;
 
+/// Cells of air around a mesh that is not exact: ghosts are one or two cells thick.
+const AIR_CELLS: f32 = 2.5;
+/// Cells over the object's lowest point up to which there may be what it stands on.
+const TABLE_CELLS: f32 = 3.0;
+
 /// The inner box: around the object (or between the cameras), as far as the cameras stand, times `scale`.
 pub(super) fn field_frame(dataset: &Dataset, scale: f32) -> FieldFrame {
     let cameras: Vec<Vec3> = dataset.train.iter().map(|v| v.camera.position()).collect();
@@ -31,8 +36,16 @@ pub(super) fn field_frame(dataset: &Dataset, scale: f32) -> FieldFrame {
     }
 }
 
-/// A fresh density cache that is void inside the mesh.
-pub(super) fn hollow_density(tracer: Option<&SurfaceTracer>, frame: &FieldFrame) -> DensityGrid {
+/// A fresh density cache that is void inside the mesh, and around it where the mesh is not `exact`.
+///
+/// A mesh of outlines fills hollows. What the photos show in them is no mirror image of anything that the filled surface
+/// sees, and the surroundings would put a ghost right before it that is.
+pub(super) fn hollow_density(
+    tracer: Option<&SurfaceTracer>,
+    frame: &FieldFrame,
+    up: Vec3,
+    exact: bool,
+) -> DensityGrid {
     let mut density = DensityGrid::default();
     if let Some(tracer) = tracer {
         let bounds = tracer.mesh().bounds();
@@ -40,6 +53,15 @@ pub(super) fn hollow_density(tracer: Option<&SurfaceTracer>, frame: &FieldFrame)
             let p_world = frame.center + Vec3::from(p) * frame.half_side;
             bounds.contains(p_world) && is_inside(tracer, p_world)
         });
+        if !exact {
+            let heights = tracer.mesh().positions.iter().map(|p| p.dot(up));
+            let lowest = heights.fold(f32::INFINITY, f32::min);
+            let table = lowest + TABLE_CELLS * DensityGrid::inner_cell() * frame.half_side;
+            density.widen_void(AIR_CELLS, |p| {
+                let p_world = frame.center + Vec3::from(p) * frame.half_side;
+                p_world.dot(up) > table
+            });
+        }
     }
     density
 }

@@ -231,7 +231,7 @@ impl Poses {
     /// moves, turns or scales the surroundings against the object and the held-out photos, which stay where they are.
     fn center(&mut self) {
         let n = self.given.len().max(1) as f64;
-        let own_axes = |camera: &Camera| DMat3::from(camera.world_from_camera.matrix3.as_dmat3());
+        let own_axes = |camera: &Camera| camera.world_from_camera.matrix3.as_dmat3();
         let own: Vec<DMat3> = self.given.iter().map(own_axes).collect();
         let world = vec![DMat3::IDENTITY; own.len()];
         for _ in 0..CENTERINGS {

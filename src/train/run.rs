@@ -210,7 +210,7 @@ impl<'a> Run<'a> {
         self.report();
         self.validate();
         if let Some(gains) = self.trainer.gains() {
-            let gains = gains.iter().map(|gain| gain.to_array()).collect();
+            let gains = gains.iter().map(glam::Vec3::to_array).collect();
             self.tell(TrainEvent::Exposures(self.named(gains)));
         }
         if let Some(poses) = self.trainer.poses() {

@@ -338,7 +338,7 @@ impl RunFolder {
     ///
     /// # Errors
     /// When the system refuses; the files that were there before are then still whole.
-    pub fn save(&self, state: RunState<'_>) -> Result<(), RunFolderError> {
+    pub fn save(&self, state: &RunState<'_>) -> Result<(), RunFolderError> {
         self.save_config(state.config)?;
         let storage = state.config.storage;
         let environment = &state.snapshot.environment;

@@ -146,7 +146,8 @@ impl Trainer {
             .filter(|_| refinement::is_wanted(config, dataset))
             .map(Refinement::new);
         let has_haze = tracer.is_some() && exposures_differ(dataset);
-        let density = hollow_density(tracer.as_deref(), &frame);
+        let up = up_direction(dataset);
+        let density = hollow_density(tracer.as_deref(), &frame, up, refinement.is_none());
         let poses = config.refine_poses.then(|| Poses::of(dataset, &frame));
         let has_exposures = config.exposure_rate > 0.0;
         let exposures = has_exposures.then(|| Exposures::new(pixels.n_views()));
@@ -156,7 +157,7 @@ impl Trainer {
                 ..config.clone()
             },
             name: dataset.name.clone(),
-            up: up_direction(dataset),
+            up,
             pixels,
             tracer,
             frame,

@@ -244,7 +244,7 @@ impl Run<'_> {
         for (key, value) in [(PLAN_KEY, plan), (TRAINED_SECS_KEY, secs)] {
             checkpoint.metadata.insert(key.to_owned(), value);
         }
-        folder.save(RunState {
+        folder.save(&RunState {
             config: &self.config,
             checkpoint: &checkpoint,
             snapshot: &self.trainer.snapshot(),

@@ -210,6 +210,9 @@ pub fn check(dataset: &Dataset) -> DatasetReport {
     }
     let cameras = statistics::camera_summary(dataset);
     problems.extend(statistics::camera_problem(&cameras));
+    let points = dataset.origin.points.as_deref();
+    let points = points.and_then(statistics::point_summary);
+    problems.extend(points.as_ref().and_then(statistics::point_problem));
     let agreement = agreement::compare(dataset, &mut problems);
     let conditions = conditions(dataset, &cameras, &mut problems);
     problems.sort_by_key(|problem| problem.severity);
@@ -230,11 +233,7 @@ pub fn check(dataset: &Dataset) -> DatasetReport {
         cameras,
         up: dataset.origin.up.map(|up| up.to_array()),
         up_is_given: dataset.origin.up_is_given,
-        points: dataset
-            .origin
-            .points
-            .as_deref()
-            .and_then(statistics::point_summary),
+        points,
         masks: statistics::mask_summary(dataset),
         mesh,
         agreement,

@@ -13,6 +13,9 @@ use crate::geometry::{Aabb, Mesh, nearest_point};
 /// rounded to a four-thousandth of that size (the stability benchmark loses nothing at 1,800 sizes).
 const FAR_AWAY: f32 = 2000.0;
 
+/// Error of a reconstruction's points from which its cameras are off, pixels: a good one leaves half of it.
+const FAIR_ERROR_PX: f32 = 1.0;
+
 /// Picture sizes, most frequent first.
 pub(super) fn resolutions(dataset: &Dataset) -> Vec<Resolution> {
     let mut list: Vec<Resolution> = Vec::new();
@@ -168,6 +171,16 @@ pub(super) fn camera_problem(cameras: &CameraSummary) -> Option<Problem> {
     Some(Problem::new(Severity::Warning, what, advice))
 }
 
+/// A finding about the cameras by what the reconstruction says of its points, if any.
+pub(super) fn point_problem(points: &PointSummary) -> Option<Problem> {
+    let error = points.median_error_px.filter(|e| *e > FAIR_ERROR_PX)?;
+    let what = format!(
+        "the reconstruction's points are {error:.1} pixels off in the median: so are the cameras"
+    );
+    let advice = "reflections will blur: train with --refine-poses, which corrects them, or reconstruct from sharper photos";
+    Some(Problem::new(Severity::Warning, what, advice))
+}
+
 /// Findings about the mesh alone.
 pub(super) fn mesh_problems(mesh: &MeshSummary) -> Vec<Problem> {
     let mut problems = Vec::new();
@@ -191,6 +204,24 @@ pub(super) fn mesh_problems(mesh: &MeshSummary) -> Vec<Problem> {
 mod tests {
     use super::*;
     use crate::geometry::test_mesh::ellipsoid;
+
+    #[test]
+    fn cameras_are_suspected_where_points_are_a_pixel_off() {
+        let finding = |error: f32| {
+            let cloud = PointCloud {
+                positions: vec![Vec3::ZERO; 3],
+                errors_px: vec![0.1, error, 9.0],
+                ..PointCloud::default()
+            };
+            point_problem(&point_summary(&cloud).unwrap())
+        };
+        let text = finding(1.3).expect("off").to_string();
+        assert!(
+            text.contains("1.3 pixels") && text.contains("--refine-poses"),
+            "{text}"
+        );
+        assert!(finding(0.6).is_none());
+    }
 
     #[test]
     fn a_closed_mesh_is_watertight_and_an_open_one_is_not() {
