@@ -76,7 +76,8 @@ pub(super) struct PixelOptions {
 }
 
 impl PixelStore {
-    /// Traces and sorts the pixels of all training views, as `cameras` took them; `on_view` is called after each and stops the work by `false`.
+    /// Traces and sorts the pixels of all training views, as `cameras` took them; `on_view` is called after each and stops
+    /// the work by `false`.
     pub(super) fn collect(
         dataset: &Dataset,
         cameras: &[Camera],

@@ -30,8 +30,8 @@ const SMALL_SHARE: f64 = 0.2;
 /// The quick end of a settled run, as a share of the time it took to settle.
 const COOL_DOWN_SHARE: f64 = 0.15;
 
-/// Shares of the plan at which the pixels are traced anew where normals or poses are refined: most is learned early, and each tracing
-/// costs what the first did.
+/// Shares of the plan at which the pixels are traced anew where normals or poses are refined: most is learned early, and
+/// each tracing costs what the first did.
 const RETRACE_AT: [f32; 3] = [0.1, 0.3, 0.6];
 
 /// Keys of the session's own entries in the checkpoint.
@@ -50,9 +50,10 @@ impl Run<'_> {
         };
         self.trainer.restore(&checkpoint)?;
         if self.trainer.poses().is_some() {
-            // They were traced from the cameras as given.
-            let stop = &self.worker.shared.stop;
-            self.trainer.retrace(&self.dataset, stop)?;
+            // The light paths were traced from the cameras as given.
+            let (trainer, stop) = (&mut self.trainer, &self.worker.shared.stop);
+            let retrace = || trainer.retrace(&self.dataset, stop);
+            self.worker.pool.install(retrace)?;
         }
         self.log = folder.log();
         let damaged = |key: &str| RunFolderError::Config {
