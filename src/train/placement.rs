@@ -50,7 +50,7 @@ pub(super) fn hollow_density(
     if let Some(tracer) = tracer {
         let bounds = tracer.mesh().bounds();
         density.hollow(|p| {
-            let p_world = frame.center + Vec3::from(p) * frame.half_side;
+            let p_world = frame.world_from_field(Vec3::from(p));
             bounds.contains(p_world) && is_inside(tracer, p_world)
         });
         if !exact {
@@ -58,7 +58,7 @@ pub(super) fn hollow_density(
             let lowest = heights.fold(f32::INFINITY, f32::min);
             let table = lowest + TABLE_CELLS * DensityGrid::inner_cell() * frame.half_side;
             density.widen_void(AIR_CELLS, |p| {
-                let p_world = frame.center + Vec3::from(p) * frame.half_side;
+                let p_world = frame.world_from_field(Vec3::from(p));
                 p_world.dot(up) > table
             });
         }

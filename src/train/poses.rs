@@ -75,7 +75,7 @@ pub(super) fn slope_by_direction(camera: &Camera, x: f32, y: f32, by_pixel: [f32
 }
 
 /// Sums of the least squares of one photo, in blocks of rotation and translation.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 struct Sums {
     turns: DMat3,
     mixed: DMat3,
@@ -85,14 +85,13 @@ struct Sums {
 }
 
 impl Sums {
-    fn zero() -> Self {
-        Self {
-            turns: DMat3::ZERO,
-            mixed: DMat3::ZERO,
-            shifts: DMat3::ZERO,
-            ..Self::default()
-        }
-    }
+    const ZERO: Self = Self {
+        turns: DMat3::ZERO,
+        mixed: DMat3::ZERO,
+        shifts: DMat3::ZERO,
+        by_turn: DVec3::ZERO,
+        by_shift: DVec3::ZERO,
+    };
 
     fn add(&mut self, row: &PoseRow) {
         let [a, b, c, d, e, f] = row.slopes.map(f64::from);
@@ -158,7 +157,7 @@ impl Poses {
         let distance = distances.sum::<f32>() / given.len().max(1) as f32 / frame.half_side;
         Self {
             corrections: vec![Correction::default(); given.len()],
-            sums: vec![Sums::zero(); given.len()],
+            sums: vec![Sums::ZERO; given.len()],
             distance: f64::from(distance.max(0.1)),
             half_side: frame.half_side,
             given,
@@ -215,7 +214,7 @@ impl Poses {
             let expected = EXPECTED_PX * f64::from(camera.pixel_angle());
             let pull = |expected: f64| (f64::from(USUAL_DIFFERENCE) / expected).powi(2);
             let pulls = [pull(expected), pull(expected * self.distance)];
-            let found = std::mem::replace(sums, Sums::zero()).solve(*correction, pulls);
+            let found = std::mem::replace(sums, Sums::ZERO).solve(*correction, pulls);
             if found.turn.is_finite() && found.shift.is_finite() {
                 let most = expected * MOST_PX / EXPECTED_PX;
                 let (turn, shift) = (found.turn * SHARE, found.shift * SHARE);

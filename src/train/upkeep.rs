@@ -2,6 +2,7 @@
 
 use std::{path::Path, sync::Arc, time::Instant};
 
+use crate::train::TrainError;
 use crate::train::events::TrainEvent;
 use crate::train::meter::Clock;
 use crate::train::plan::{Budget, Plan};
@@ -49,12 +50,6 @@ impl Run<'_> {
             return Ok(());
         };
         self.trainer.restore(&checkpoint)?;
-        if self.trainer.poses().is_some() {
-            // The light paths were traced from the cameras as given.
-            let (trainer, stop) = (&mut self.trainer, &self.worker.shared.stop);
-            let retrace = || trainer.retrace(&self.dataset, stop);
-            self.worker.pool.install(retrace)?;
-        }
         self.log = folder.log();
         let damaged = |key: &str| RunFolderError::Config {
             path: checkpoint.origin().to_owned(),
@@ -68,6 +63,10 @@ impl Run<'_> {
         self.clock = Clock::starting_at(secs);
         if self.worker.options.start == Start::Continue {
             self.plan = plan;
+        }
+        if self.trainer.poses().is_some() {
+            // The light paths were traced from the cameras as given.
+            self.retrace()?;
         }
         Ok(())
     }
@@ -157,11 +156,16 @@ impl Run<'_> {
                 .is_some_and(|at| fraction() >= *at);
         if is_due {
             self.due.retracing += 1;
-            let (trainer, stop) = (&mut self.trainer, &self.worker.shared.stop);
-            let retrace = || trainer.retrace(&self.dataset, stop);
             // It fails only when it is told to stop, and the run with it.
-            let _stopped = self.worker.pool.install(retrace);
+            let _stopped = self.retrace();
         }
+    }
+
+    /// Traces every training pixel anew, on the run's own threads.
+    fn retrace(&mut self) -> Result<(), TrainError> {
+        let (trainer, stop) = (&mut self.trainer, &self.worker.shared.stop);
+        let retrace = || trainer.retrace(&self.dataset, stop);
+        self.worker.pool.install(retrace)
     }
 
     /// Puts the newest state of the fields where everybody can take it.
