@@ -382,6 +382,7 @@ mod tests {
             step: 1,
             object: scene.object,
             environment: scene.environment,
+            exposures: None,
         })
     }
 

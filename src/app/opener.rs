@@ -287,11 +287,11 @@ fn open(path: PathBuf, send: &dyn Fn(Opened)) {
 }
 
 fn open_run(path: &Path, send: &dyn Fn(Opened)) {
-    let scene = RunFolder::open(path).and_then(|folder| {
-        let scene = folder.scene()?;
-        Ok((folder, scene))
+    let opened = RunFolder::open(path).and_then(|folder| {
+        let snapshot = folder.snapshot()?;
+        Ok((folder, snapshot))
     });
-    let (folder, scene) = match scene {
+    let (folder, snapshot) = match opened {
         Ok(both) => both,
         Err(error) => {
             send(Opened::Failed {
@@ -302,14 +302,9 @@ fn open_run(path: &Path, send: &dyn Fn(Opened)) {
         }
     };
     let log = folder.log();
-    let snapshot = Arc::new(Snapshot {
-        step: log.last_row().map_or(0, |trained| trained.steps),
-        object: scene.object,
-        environment: scene.environment,
-    });
     send(Opened::Run {
         path: path.to_owned(),
-        snapshot,
+        snapshot: Arc::new(snapshot),
         figures: log.figures(),
     });
     let Ok(config) = folder.config() else { return };

@@ -236,6 +236,7 @@ mod tests {
             step,
             object: scene.object,
             environment: scene.environment,
+            exposures: None,
         })
     }
 

@@ -405,7 +405,7 @@ impl AppState {
         if let Some(environment) = self.environment_of(look) {
             scene.swap_environment(Arc::clone(environment));
         }
-        Scene {
+        let scene = Scene {
             regions: look.regions,
             transform: look.transform,
             edit: look.edit,
@@ -413,7 +413,19 @@ impl AppState {
             display_ev: self.lighting.display_ev,
             tone_map: self.lighting.tone_map,
             ..scene
+        };
+        match self.compared_view() {
+            Some(view) => snapshot.exposed_like(view, scene),
+            None => scene,
         }
+    }
+
+    /// The view whose photo the picture is compared with, if any.
+    fn compared_view(&self) -> Option<&View> {
+        let index = self.view.at_view?;
+        let is_compared = self.compare.with_photo != Comparison::Off;
+        let dataset = self.dataset.as_ref().filter(|_| is_compared)?;
+        dataset.views().nth(index)
     }
 
     /// The index of the surroundings in a file; added to the list, not read yet, where they are not in it.

@@ -400,6 +400,7 @@ impl Work {
                 step: 0,
                 object: None,
                 environment,
+                exposures: None,
             });
             state.look_at_model(&snapshot);
             state.snapshot = Some(snapshot);

@@ -108,13 +108,21 @@ impl Gallery {
     /// Test views beside their photos, with their figures.
     fn compare_test_views(&mut self, outcome: &Outcome, test: &[View]) -> Result<(), Failure> {
         let scene = outcome.snapshot.scene();
+        let exposures = outcome.snapshot.exposures.as_deref();
         let views = &test[..test.len().min(MAX_VIEWS)];
         let mut rows = Vec::new();
-        let results = evaluate_views(&scene, views, None, self.cancel, &mut |_, view, picture| {
-            let photo = sheet::photo(view);
-            let difference = sheet::difference(&photo, picture, 4.0);
-            rows.push(sheet::beside(&[&photo, picture, &difference]));
-        });
+        let results = evaluate_views(
+            &scene,
+            views,
+            exposures,
+            None,
+            self.cancel,
+            &mut |_, view, picture| {
+                let photo = sheet::photo(view);
+                let difference = sheet::difference(&photo, picture, 4.0);
+                rows.push(sheet::beside(&[&photo, picture, &difference]));
+            },
+        );
         let results = results.ok_or(Failure::Interrupted)?;
         let about = "held-out photos, the same views rendered, and four times their difference";
         self.save("test_views.png", about, &sheet::grid(&rows, 1))?;

@@ -17,6 +17,7 @@ use neif::train::eval::{
 };
 use neif::train::lpips::{Backbone, Lpips};
 use neif::train::metrics::{ImageMetrics, mean};
+use neif::train::photo_exposures::PhotoExposures;
 
 use super::capture::PhotoArgs;
 use super::failure::{Failure, OrUnusable as _};
@@ -88,9 +89,10 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
         out: args.out.as_deref(),
         lpips: lpips.as_ref(),
     };
-    let config = run.folder.config().or_unusable()?;
-    let mut pictures = (config.train.exposure_rate > 0.0).then(Vec::new);
-    let results = bench.measure(&run.scene, &views, args.split.as_str(), pictures.as_mut())?;
+    let exposures = run.exposures.as_deref();
+    let mut pictures = exposures.map(|_| Vec::new());
+    let set = (args.split.as_str(), exposures);
+    let results = bench.measure(&run.scene, &views, set, pictures.as_mut())?;
     let exposed = pictures.map(|pictures| {
         let pairs = views.iter().zip(&pictures);
         let metrics: Vec<_> = pairs.map(|(v, p)| after_own_gain(v, p)).collect();
@@ -111,6 +113,7 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
         split: args.split.as_str().to_owned(),
         train_seconds: trained.map(|trained| trained.train_secs),
         steps: trained.map(|trained| trained.steps),
+        exposed_like_neighbours: exposures.is_some(),
         mean: mean_of_views(&results),
         views: results,
         mean_exposed: exposed,
@@ -157,13 +160,13 @@ struct Bench<'a> {
 }
 
 impl Bench<'_> {
-    /// Measures the views; writes their pictures into the folder `set` below the output folder, and into `pictures`
-    /// where they are asked for.
+    /// Measures the views, with the photos' exposures where they are given; writes their pictures into the folder `set` below
+    /// the output folder, and into `pictures` where they are asked for.
     fn measure(
         &mut self,
         scene: &Scene,
         views: &[View],
-        set: &str,
+        (set, exposures): (&str, Option<&PhotoExposures>),
         mut pictures: Option<&mut Vec<Picture>>,
     ) -> Result<Vec<ViewMetrics>, Failure> {
         let folder = self.out.map(|out| out.join(set));
@@ -182,7 +185,14 @@ impl Bench<'_> {
                 pictures.push(picture.clone());
             }
         };
-        let results = evaluate_views(scene, views, self.lpips, self.cancel, &mut on_view);
+        let results = evaluate_views(
+            scene,
+            views,
+            exposures,
+            self.lpips,
+            self.cancel,
+            &mut on_view,
+        );
         saved?;
         if let Some(lpips) = self.lpips {
             note_small_views(lpips, views, set);
@@ -220,7 +230,7 @@ impl Bench<'_> {
                     let set = format!("relight/{}", case.name);
                     let mut pictures = Vec::new();
                     let kept = Some(&mut pictures);
-                    let results = self.measure(&edited, &case.views, &set, kept)?;
+                    let results = self.measure(&edited, &case.views, (&set, None), kept)?;
                     let gained = after_one_gain(&case.views, &pictures);
                     relit_all.gained.insert(case.name.clone(), gained);
                     relit_all.relight.insert(case.name, mean_of_views(&results));
@@ -338,6 +348,9 @@ fn table(report: &EvalReport, lpips: Option<Backbone>) -> String {
             .map(|view| row(&view.name, &view.metrics)),
     );
     lines.push(row("mean", &report.mean));
+    if report.exposed_like_neighbours {
+        lines.push("each picture with the exposure that photos taken nearby have".to_owned());
+    }
     let exposed = report.mean_exposed.as_ref();
     lines.extend(exposed.map(|metrics| row("mean, own exposures", metrics)));
     lines.extend(

@@ -9,6 +9,7 @@ use anyhow::Context as _;
 use neif::data::{CaptureChoices, Dataset, Frame, LoadOptions, Splits, View, read_frames};
 use neif::neif::{Environment, EnvironmentTransform};
 use neif::render::Scene;
+use neif::train::photo_exposures::PhotoExposures;
 use neif::train::run_folder::{ENVIRONMENT, RunFolder};
 
 use super::capture::PhotoArgs;
@@ -24,6 +25,8 @@ pub(crate) struct OpenRun {
     pub(crate) scene: Scene,
     /// The capture, as stored or as given instead.
     pub(crate) dataset: PathBuf,
+    /// The exposures of its photos, where each has its own.
+    pub(crate) exposures: Option<Arc<PhotoExposures>>,
     /// How the run read it.
     pub(crate) choices: CaptureChoices,
 }
@@ -32,11 +35,12 @@ pub(crate) struct OpenRun {
 pub(crate) fn open_run(path: &Path, dataset: Option<&Path>) -> Result<OpenRun, Failure> {
     let folder = RunFolder::open(path).or_unusable()?;
     let config = folder.config().or_unusable()?;
-    let scene = folder.scene().or_unusable()?;
+    let snapshot = folder.snapshot().or_unusable()?;
     let dataset = dataset.map_or_else(|| folder.dataset_path(&config), Path::to_owned);
     Ok(OpenRun {
         folder,
-        scene,
+        scene: snapshot.scene(),
+        exposures: snapshot.exposures,
         dataset,
         choices: config.dataset.choices,
     })

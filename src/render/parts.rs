@@ -362,6 +362,39 @@ mod tests {
     }
 
     #[test]
+    fn a_photo_s_exposure_is_a_gain_of_all_light() {
+        let gain = glam::Vec3::new(2.0, 1.0, 0.5);
+        let layers = [Layer::Final, Layer::Roughness];
+        let options = PartsOptions::new(&layers);
+        let cancel = AtomicBool::new(false);
+        for trained_in in [scene().trained_in, None] {
+            let plain = Scene {
+                trained_in,
+                ..scene()
+            };
+            let of = |scene: &Scene| {
+                render_parts(scene, &camera(40, 30), &options, &cancel, &|_| {})
+                    .expect("not cancelled")
+            };
+            let (before, after) = (of(&plain), of(&plain.exposed(gain)));
+            assert_eq!(before.objects[1], after.objects[1], "roughness is no light");
+            let pairs = |a: &[[f32; 3]], b: &[[f32; 3]]| {
+                for (a, b) in a
+                    .iter()
+                    .flatten()
+                    .zip(b.iter().flatten())
+                    .enumerate()
+                    .map(|(i, (a, b))| (a * gain[i % 3], b))
+                {
+                    assert!((a - b).abs() <= 1e-3 * a.abs().max(1e-3), "{a} became {b}");
+                }
+            };
+            pairs(&before.background, &after.background);
+            pairs(&before.objects[0].1, &after.objects[0].1);
+        }
+    }
+
+    #[test]
     fn alpha_is_coverage_and_colours_are_the_objects_own() {
         let parts = parts(&[Layer::Final], Backdrop::Transparent);
         let picture = parts.to_rgba8(&scene(), Layer::Final);

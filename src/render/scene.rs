@@ -78,6 +78,17 @@ impl Scene {
         DiffuseLights::default().fine(self, cancel)
     }
 
+    /// The same in a photo of another exposure and white balance: all light times `gain` a colour.
+    pub fn exposed(&self, gain: Vec3) -> Self {
+        let mut exposed = self.clone();
+        exposed.transform.white_balance *= gain;
+        if self.trained_in.is_none() {
+            // Then the diffuse part follows no light.
+            exposed.edit.diffuse_gain *= gain;
+        }
+        exposed
+    }
+
     /// How a layer is shown: light with the picture's exposure and tone map, reflectances without, the rest as numbers.
     pub(super) fn shown(&self, layer: Layer) -> Shown {
         let display = Display {

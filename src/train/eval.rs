@@ -21,6 +21,7 @@ use crate::render::{
 };
 use crate::train::lpips::Lpips;
 use crate::train::metrics::{ImageMetrics, SquaredError, compare, compare_object, mean};
+use crate::train::photo_exposures::PhotoExposures;
 
 /// Photo value from which a pixel counts as clipped.
 const CLIPPED: f32 = 0.998;
@@ -44,6 +45,9 @@ pub struct EvalReport {
     pub train_seconds: Option<f64>,
     /// Optimiser steps, where the run says so.
     pub steps: Option<u64>,
+    /// Whether the pictures have the exposures that the photos' neighbours among the training photos lead to expect.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub exposed_like_neighbours: bool,
     /// Each view.
     pub views: Vec<ViewMetrics>,
     /// Means over the views.
@@ -64,11 +68,12 @@ pub struct EvalReport {
     pub pano_psnr: Option<f64>,
 }
 
-/// Renders each view and measures it against its photo, with LPIPS where its weights are given;
-/// `on_view` gets each picture. `None` when cancelled.
+/// Renders each view, with its photo's exposure where the photos' exposures are given, and measures it against its photo,
+/// with LPIPS where its weights are given; `on_view` gets each picture. `None` when cancelled.
 pub fn evaluate_views(
     scene: &Scene,
     views: &[View],
+    exposures: Option<&PhotoExposures>,
     lpips: Option<&Lpips>,
     cancel: &AtomicBool,
     on_view: &mut dyn FnMut(usize, &View, &Picture),
@@ -76,6 +81,8 @@ pub fn evaluate_views(
     let scene = &scene.lit(cancel)?;
     let mut results = Vec::with_capacity(views.len());
     for (index, view) in views.iter().enumerate() {
+        let exposed = exposures.map(|exposures| exposures.exposed_like(view, scene));
+        let scene = exposed.as_ref().unwrap_or(scene);
         let picture = render(scene, &view.camera, Layer::Final, cancel, &|_| {})?;
         let (truth, mask) = truth_and_mask(view, picture.pixels.len());
         let width = picture.width as usize;
@@ -407,6 +414,7 @@ mod tests {
             split: "test".to_owned(),
             train_seconds: Some(1.5),
             steps: None,
+            exposed_like_neighbours: false,
             mean: mean_of_views(std::slice::from_ref(&view)),
             views: vec![view],
             mean_exposed: None,

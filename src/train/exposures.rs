@@ -1,4 +1,4 @@
-//! Exposure and white balance of each training photo, learned beside the fields.
+//! Exposure and white balance of each training photo: known before ([`super::ground`]), or learned beside the fields.
 //!
 //! A photo shows `gain * radiance`, a gain a colour. Only the photos' differences can be told: the gains' geometric mean
 //! over the photos is held at 1, which is how held-out photos are shown.
@@ -21,17 +21,30 @@ pub(super) struct Exposures {
     gradient: Vec<f32>,
     adam: Adam,
     gains: Vec<Vec3>,
+    /// Whether they are known, not learned.
+    is_held: bool,
 }
 
 impl Exposures {
-    /// All alike.
+    /// All alike, to be learned.
     pub(super) fn new(n_views: usize) -> Self {
-        Self {
-            log_gains: vec![0.0; 3 * n_views],
-            gradient: vec![0.0; 3 * n_views],
-            adam: Adam::new(3 * n_views),
-            gains: vec![Vec3::ONE; n_views],
-        }
+        let mut exposures = Self::held(&vec![Vec3::ZERO; n_views]);
+        exposures.is_held = false;
+        exposures
+    }
+
+    /// Known from logarithms of the gains, whose mean is 0.
+    pub(super) fn held(log_gains: &[Vec3]) -> Self {
+        let n = 3 * log_gains.len();
+        let mut exposures = Self {
+            log_gains: log_gains.iter().flat_map(Vec3::to_array).collect(),
+            gradient: vec![0.0; n],
+            adam: Adam::new(n),
+            gains: vec![Vec3::ONE; log_gains.len()],
+            is_held: true,
+        };
+        exposures.derive();
+        exposures
     }
 
     /// By training view, in linear light.
@@ -39,13 +52,16 @@ impl Exposures {
         &self.gains
     }
 
-    /// One step, the `step`-th (from 1), from gradients by the logarithms of single views' gains.
+    /// One step, the `step`-th (from 1), from gradients by the logarithms of single views' gains; none where they are known.
     pub(super) fn update<'a>(
         &mut self,
         gradients: impl Iterator<Item = &'a (usize, Vec3)>,
         rate: f32,
         step: u64,
     ) {
+        if self.is_held {
+            return;
+        }
         for (view, d) in gradients {
             let sums = &mut self.gradient[3 * view..3 * view + 3];
             for (sum, d) in sums.iter_mut().zip(d.to_array()) {

@@ -22,6 +22,7 @@ use crate::neif::{Environment, NeifError, ObjectModel, Storage, SurfaceField};
 use crate::render::Scene;
 use crate::train::Snapshot;
 use crate::train::config::TrainConfig;
+use crate::train::photo_exposures::PhotoExposures;
 use crate::train::plan::Budget;
 use crate::train::run_log::{RunLog, Trained};
 
@@ -33,6 +34,8 @@ pub const ENVIRONMENT: &str = "environment.safetensors";
 const MESH: &str = "mesh.glb";
 /// The cameras of the training photos, where their poses were refined.
 const CAMERAS: &str = "cameras.json";
+/// Exposure and white balance of the training photos, where each has its own.
+const EXPOSURES: &str = "exposures.json";
 const METRICS: &str = "metrics.csv";
 const LOG: &str = "log.jsonl";
 
@@ -277,11 +280,19 @@ impl RunFolder {
         RunLog::from_texts(read(METRICS), read(LOG))
     }
 
-    /// The trained scene as it was last saved.
+    /// The trained scene as it was last saved, with the photos' mean exposure.
     ///
     /// # Errors
     /// When a file is missing or damaged.
     pub fn scene(&self) -> Result<Scene, RunFolderError> {
+        Ok(self.snapshot()?.scene())
+    }
+
+    /// The trained model as it was last saved.
+    ///
+    /// # Errors
+    /// When a file is missing or damaged.
+    pub fn snapshot(&self) -> Result<Snapshot, RunFolderError> {
         let environment = Arc::new(Environment::load(&self.file(ENVIRONMENT))?);
         let object = if self.file(OBJECT).exists() {
             let mesh = read_mesh(&self.file(MESH))?;
@@ -292,12 +303,12 @@ impl RunFolder {
         } else {
             None
         };
-        let snapshot = Snapshot {
-            step: 0,
+        Ok(Snapshot {
+            step: self.trained().map_or(0, |trained| trained.steps),
             object,
             environment,
-        };
-        Ok(snapshot.scene())
+            exposures: PhotoExposures::read(&self.file(EXPOSURES))?.map(Arc::new),
+        })
     }
 
     /// The mesh that the run was trained on; `None` where only the surroundings were.
@@ -349,6 +360,12 @@ impl RunFolder {
                 self.save_mesh(object.tracer.mesh())?;
             }
         }
+        if let Some(exposures) = &state.snapshot.exposures {
+            let path = self.file(EXPOSURES);
+            exposures
+                .write(&path)
+                .map_err(|source| io_error(path, source))?;
+        }
         if let Some(cameras) = &state.cameras {
             write_cameras(&self.file(CAMERAS), cameras)?;
         }
@@ -376,6 +393,7 @@ impl RunFolder {
             ENVIRONMENT,
             MESH,
             CAMERAS,
+            EXPOSURES,
             METRICS,
             LOG,
         ];

@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use super::photo_exposures::PhotoExposures;
+use crate::data::View;
 use crate::neif::{Environment, ObjectModel};
 use crate::render::Scene;
 
@@ -14,11 +16,21 @@ pub struct Snapshot {
     pub object: Option<Arc<ObjectModel>>,
     /// The environment.
     pub environment: Arc<Environment>,
+    /// The exposures of the photos, where each has its own.
+    pub exposures: Option<Arc<PhotoExposures>>,
 }
 
 impl Snapshot {
     /// The unedited scene.
     pub fn scene(&self) -> Scene {
         Scene::new(self.object.clone(), Arc::clone(&self.environment))
+    }
+
+    /// `scene` as bright as the view's photo.
+    pub fn exposed_like(&self, view: &View, scene: Scene) -> Scene {
+        match &self.exposures {
+            Some(exposures) => exposures.exposed_like(view, &scene),
+            None => scene,
+        }
     }
 }

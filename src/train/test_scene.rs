@@ -69,6 +69,46 @@ pub(super) fn sphere_in_a_box(n_views: usize, size: u32) -> Dataset {
     }
 }
 
+/// Height of the floor below [`sphere_on_a_floor`].
+pub(super) const FLOOR: f32 = -0.5;
+
+/// The same sphere on a patterned floor under a painted sky, from above, each photo with the gain a colour of its index.
+pub(super) fn sphere_on_a_floor(
+    n_views: usize,
+    size: u32,
+    gain: impl Fn(usize) -> Vec3,
+) -> Dataset {
+    let mut dataset = sphere_in_a_box(n_views, size);
+    dataset.origin.up = Some(Vec3::Z);
+    dataset.train.retain(|view| view.camera.position().z > 0.2);
+    for (index, view) in dataset.train.iter_mut().enumerate() {
+        let color = |i: u32| {
+            let ray = view
+                .camera
+                .ray((i % size) as f32 + 0.5, (i / size) as f32 + 0.5);
+            let distance = (FLOOR - ray.origin.z) / ray.direction.z;
+            let wave = |p: Vec3| 0.15 + 0.05 * (3.0 * p.x).sin() * (2.0 * p.y).cos();
+            let seen = match view
+                .mask
+                .as_ref()
+                .is_some_and(|mask| mask.is_object(i as usize))
+            {
+                true => 0.1,
+                false if distance > 0.0 => wave(ray.origin + distance * ray.direction),
+                false => 0.5 + 0.3 * (9.0 * ray.direction.x).sin(),
+            };
+            let code = |v: f32| (srgb_from_linear(v).clamp(0.0, 1.0) * 65535.0).round() as u16;
+            (seen * gain(index)).to_array().map(code)
+        };
+        view.photo = Photo::Ldr {
+            width: size,
+            height: size,
+            pixels: (0..size * size).map(color).collect(),
+        };
+    }
+    dataset
+}
+
 fn view(tracer: &SurfaceTracer, index: usize, n_views: usize, size: u32) -> View {
     let direction = fibonacci_sphere(n_views)[index];
     let camera = Camera::look_at(

@@ -10,7 +10,9 @@ use super::adam::{Adam, Rates, store_bf16};
 use super::chunk::{BatchSize, Chunk, N_CHUNKS, StepContext};
 use super::config::TrainConfig;
 use super::exposures::Exposures;
+use super::ground::Ground;
 use super::learned::Learned;
+use super::photo_exposures::PhotoExposures;
 use super::pixels::PixelStore;
 use super::placement::{field_frame, hollow_density, up_direction};
 use super::poses::Poses;
@@ -19,6 +21,7 @@ use super::random::SlotRandom;
 use super::refinement::{self, Refinement};
 use super::skips::SkipShares;
 use super::snapshot::Snapshot;
+use super::void;
 use crate::data::{Dataset, exposures_differ};
 use crate::geometry::SurfaceTracer;
 use crate::neif::contraction::{FieldFrame, contract, unit_cube};
@@ -56,6 +59,8 @@ pub struct Trainer {
     pub(super) gamma_adam: Adam,
     /// Where each photo has its own.
     pub(super) exposures: Option<Exposures>,
+    /// The training photos, for what snapshots tell of their exposures.
+    photos: PhotoExposures,
     /// Where the photos' poses are refined.
     pub(super) poses: Option<Poses>,
     /// Where the mesh's normals are refined.
@@ -147,10 +152,20 @@ impl Trainer {
             .map(Refinement::new);
         let has_haze = tracer.is_some() && exposures_differ(dataset);
         let up = up_direction(dataset);
-        let density = hollow_density(tracer.as_deref(), &frame, up, refinement.is_none());
+        let mut density = hollow_density(tracer.as_deref(), &frame, up, refinement.is_none());
         let poses = config.refine_poses.then(|| Poses::of(dataset, &frame));
-        let has_exposures = config.exposure_rate > 0.0;
-        let exposures = has_exposures.then(|| Exposures::new(pixels.n_views()));
+        let has_exposures = has_haze || config.exposure_rate > 0.0;
+        let ground = has_exposures.then(|| Ground::of(dataset)).flatten();
+        if let Some(ground) = ground
+            .as_ref()
+            .filter(|g| has_haze && g.is_a_floor(dataset))
+        {
+            void::empty(&mut density, dataset, &frame, ground);
+        }
+        let exposures = match ground {
+            Some(ground) => Some(Exposures::held(&ground.log_gains)),
+            None => (config.exposure_rate > 0.0).then(|| Exposures::new(pixels.n_views())),
+        };
         let mut trainer = Self {
             config: TrainConfig {
                 distortion_weight: config.distortion_weight * if has_haze { 1.0 } else { 0.0 },
@@ -169,6 +184,7 @@ impl Trainer {
             gamma: 1.0,
             gamma_adam: Adam::new(1),
             exposures,
+            photos: PhotoExposures::even(dataset),
             poses,
             refinement,
             step: 0,
@@ -282,6 +298,9 @@ impl Trainer {
             step: self.step,
             object,
             environment: Arc::new(environment),
+            exposures: self
+                .gains()
+                .map(|gains| Arc::new(self.photos.clone().with_gains(gains))),
         }
     }
 

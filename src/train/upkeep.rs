@@ -184,13 +184,13 @@ impl Run<'_> {
     /// Measures the fields on held-out pixels.
     pub(super) fn validate(&mut self) {
         let begun = Instant::now();
-        let scene = self.trainer.snapshot().scene();
-        if !self.validator.is_of(scene.object.as_deref()) {
+        let snapshot = self.trainer.snapshot();
+        if !self.validator.is_of(snapshot.object.as_deref()) {
             self.validator = self
                 .worker
-                .make_validator(&self.dataset, scene.object.as_deref());
+                .make_validator(&self.dataset, snapshot.object.as_deref());
         }
-        let measure = || self.validator.measure(&scene, &self.dataset);
+        let measure = || self.validator.measure(&snapshot, &self.dataset);
         let measured = self.worker.pool.install(measure);
         let (step, now) = (self.trainer.steps(), self.clock.secs());
         if let Some(measured) = measured

@@ -19,6 +19,7 @@ use crate::train::events::{TrainEvent, Validation};
 use crate::train::metrics::SquaredError;
 use crate::train::plan::Plan;
 use crate::train::random::SlotRandom;
+use crate::train::snapshot::Snapshot;
 
 /// Plans shorter than this are never ended early, in seconds: there is little to save.
 const MIN_PLAN_SECS: f64 = 120.0;
@@ -94,13 +95,15 @@ impl Validator {
         }
     }
 
-    /// Measures the scene; `None` when there is no validation view.
-    pub(super) fn measure(&self, scene: &Scene, dataset: &Dataset) -> Option<Measurement> {
+    /// Measures the model, each view with its photo's exposure; `None` when there is no validation view.
+    pub(super) fn measure(&self, snapshot: &Snapshot, dataset: &Dataset) -> Option<Measurement> {
+        let like = |view: &View| snapshot.exposed_like(view, snapshot.scene());
+        let scenes: Vec<Scene> = dataset.val.iter().map(like).collect();
         let rows: Vec<Measured> = self
             .rows
             .par_iter()
             .map_init(ShadeScratch::default, |scratch, row| {
-                row.measure(scene, &dataset.val[row.view], scratch)
+                row.measure(&scenes[row.view], &dataset.val[row.view], scratch)
             })
             .collect();
         // Summed in order, so that the result does not depend on the threads.

@@ -23,6 +23,7 @@ fn state() -> AppState {
             step: 0,
             object: None,
             environment: Arc::new(sky),
+            exposures: None,
         })),
         ..AppState::default()
     };

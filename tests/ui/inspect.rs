@@ -50,6 +50,7 @@ pub(super) fn snapshot() -> Arc<Snapshot> {
             material: Arc::new(SurfaceField::Grid(material)),
         })),
         environment: Arc::new(Environment::of_distant("sky".to_owned(), Vec3::Z, light)),
+        exposures: None,
     })
 }
 

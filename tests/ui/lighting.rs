@@ -48,6 +48,7 @@ fn with_room() -> Harness<'static, Shown> {
         step: 1,
         object: None,
         environment: room(),
+        exposures: None,
     };
     harness.state_mut().state.snapshot = Some(Arc::new(snapshot));
     harness.run_steps(2);

@@ -185,6 +185,7 @@ mod tests {
             step: 1,
             object: scene.object,
             environment: scene.environment,
+            exposures: None,
         });
         let mut state = AppState::default();
         state.look_at_model(&snapshot);

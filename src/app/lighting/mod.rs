@@ -221,6 +221,7 @@ mod tests {
             step: 1,
             object: scene.object,
             environment: scene.environment,
+            exposures: None,
         };
         AppState {
             snapshot: Some(Arc::new(snapshot)),

@@ -89,6 +89,7 @@ pub(super) fn run(args: &PreviewArgs) -> Result<(), Failure> {
             step: 0,
             object: scene.object,
             environment: scene.environment,
+            exposures: None,
         });
     }
     display.set(0.6, "paused", "");

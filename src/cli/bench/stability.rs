@@ -276,6 +276,7 @@ fn reloaded(snapshot: &Snapshot, storage: Storage) -> Result<Snapshot, Failure> 
         step: snapshot.step,
         object,
         environment,
+        exposures: None,
     })
 }
 

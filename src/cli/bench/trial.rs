@@ -150,7 +150,8 @@ pub(super) fn measure(
 ) -> Result<ImageMetrics, Failure> {
     let cancel = interrupt::install()?;
     let scene = snapshot.scene();
-    let results = evaluate_views(&scene, views, lpips, cancel, &mut |_, _, _| ());
+    let exposures = snapshot.exposures.as_deref();
+    let results = evaluate_views(&scene, views, exposures, lpips, cancel, &mut |_, _, _| ());
     results
         .map(|results| mean_of_views(&results))
         .ok_or(Failure::Interrupted)

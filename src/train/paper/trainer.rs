@@ -170,6 +170,7 @@ impl PaperTrainer {
             step: self.step,
             object,
             environment: Arc::new(Environment::of_paper(place, self.field.value.clone())),
+            exposures: None,
         }
     }
 

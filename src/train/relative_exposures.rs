@@ -1,0 +1,129 @@
+//! How much brighter photos are than one another, from points that several of them show.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+/// Fewest points that two photos must both show.
+const LEAST_SHARED: usize = 50;
+/// Most photos that one photo is compared with.
+const MOST_PARTNERS: usize = 64;
+/// Rounds of reweighting, and of relaxation in each.
+const ROUNDS: usize = 10;
+const SWEEPS: usize = 50;
+/// Error of a pair, logarithm, up to which its pull grows with it.
+const NOISE: f32 = 0.03;
+/// Pull towards 0, in pairs: photos that none is compared with have the mean exposure.
+const PULL: f32 = 1e-3;
+
+/// Two photos, and by how much the first is brighter: a logarithm a colour.
+#[derive(Clone, Copy, Debug)]
+struct Pair {
+    photos: [usize; 2],
+    log_ratio: Vec3,
+}
+
+/// The logarithm of each photo's gain a colour, of mean 0; `seen`: the logarithms of each photo's colours at the same
+/// points, where it shows them.
+pub(super) fn relative_log_gains(seen: &[Vec<Option<Vec3>>]) -> Vec<Vec3> {
+    let n = seen.len();
+    let stride = n.div_ceil(MOST_PARTNERS).max(1);
+    let pairs: Vec<Pair> = (0..n)
+        .into_par_iter()
+        .flat_map_iter(|a| (a + 1..n).step_by(stride).map(move |b| [a, b]))
+        .filter_map(|photos| compare(photos, seen))
+        .collect();
+    solve(n, &pairs)
+}
+
+fn compare(photos: [usize; 2], seen: &[Vec<Option<Vec3>>]) -> Option<Pair> {
+    let both = seen[photos[0]].iter().zip(&seen[photos[1]]);
+    let ratios: Vec<Vec3> = both.filter_map(|(a, b)| Some((*a)? - (*b)?)).collect();
+    (ratios.len() >= LEAST_SHARED).then(|| Pair {
+        photos,
+        log_ratio: median(&ratios),
+    })
+}
+
+/// The median of each coordinate.
+///
+/// # Panics
+/// When there is no value.
+pub(super) fn median(values: &[Vec3]) -> Vec3 {
+    let of_axis = |axis: usize| {
+        let mut values: Vec<f32> = values.iter().map(|v| v[axis]).collect();
+        let middle = values.len() / 2;
+        *values.select_nth_unstable_by(middle, f32::total_cmp).1
+    };
+    Vec3::new(of_axis(0), of_axis(1), of_axis(2))
+}
+
+/// The logarithms that explain the pairs with about the least sum of absolute errors, by reweighted least squares.
+fn solve(n: usize, pairs: &[Pair]) -> Vec<Vec3> {
+    let mut gains = vec![Vec3::ZERO; n];
+    let mut around: Vec<Vec<(usize, Vec3)>> = vec![Vec::new(); n];
+    for pair in pairs {
+        let [a, b] = pair.photos;
+        around[a].push((b, pair.log_ratio));
+        around[b].push((a, -pair.log_ratio));
+    }
+    for _ in 0..ROUNDS {
+        let weight = |i: usize, (j, ratio): &(usize, Vec3)| {
+            let error = (gains[i] - gains[*j] - *ratio).abs();
+            NOISE / error.max(Vec3::splat(NOISE))
+        };
+        let of_photo = |(i, around): (usize, &Vec<(usize, Vec3)>)| -> Vec<Vec3> {
+            around.iter().map(|pair| weight(i, pair)).collect()
+        };
+        let weights: Vec<Vec<Vec3>> = around.iter().enumerate().map(of_photo).collect();
+        for _ in 0..SWEEPS {
+            for i in 0..n {
+                let (mut sum, mut total) = (Vec3::ZERO, Vec3::splat(PULL));
+                for ((j, ratio), weight) in around[i].iter().zip(&weights[i]) {
+                    sum += *weight * (gains[*j] + *ratio);
+                    total += *weight;
+                }
+                gains[i] = sum / total;
+            }
+        }
+    }
+    let mean = gains.iter().sum::<Vec3>() / n.max(1) as f32;
+    for gain in &mut gains {
+        *gain -= mean;
+    }
+    gains
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gains_are_found_through_outliers_and_in_chains() {
+        let truth = |photo: usize| Vec3::new(0.3, -0.1, 0.2) * (photo as f32 - 5.5);
+        // Each photo shows a window of the points; a fifth of what it shows is something else.
+        let color = |photo: usize, point: usize| {
+            let is_other = (photo * 7 + point * 13) % 10 < 2;
+            let hidden = if is_other { 1.0 } else { 0.0 };
+            let own = Vec3::splat((point as f32 * 0.37).sin());
+            own + truth(photo) + hidden * Vec3::splat((photo as f32 * 1.7).cos())
+        };
+        let seen: Vec<Vec<Option<Vec3>>> = (0..12)
+            .map(|photo| {
+                let window = 40 * photo..40 * photo + 200;
+                let at = |point| window.contains(&point).then(|| color(photo, point));
+                (0..700).map(at).collect()
+            })
+            .collect();
+        let found = relative_log_gains(&seen);
+        for (photo, found) in found.iter().enumerate() {
+            let apart = (*found - truth(photo)).abs().max_element();
+            assert!(apart < 0.1, "photo {photo}: {found}, not {}", truth(photo));
+        }
+    }
+
+    #[test]
+    fn photos_that_share_nothing_are_alike() {
+        let seen = [vec![Some(Vec3::ONE), None], vec![None, Some(Vec3::ZERO)]];
+        assert_eq!(relative_log_gains(&seen), [Vec3::ZERO; 2]);
+    }
+}
