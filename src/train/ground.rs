@@ -34,7 +34,7 @@ const MOST_APART: f32 = 0.8;
 /// air, or on a spike, stands on nothing.
 const LEAST_ALIKE: f32 = 0.6;
 /// Share of the cameras that stand over it, for it to be a floor.
-const LEAST_OVER: f32 = 0.5;
+const LEAST_OVER: f32 = 0.3;
 /// Points on each side of one whose majority decides whether it is ground.
 const CLOSING: usize = 2;
 
