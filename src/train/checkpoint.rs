@@ -81,7 +81,11 @@ impl Trainer {
         let material = self.material.as_ref();
         let material = material.map(|m| learned("material", "params", m.value.params.len()));
         let material = material.transpose()?;
+        // Runs made before exposures were read off the ground took them as equal, and go on so.
+        let are_stored = file.tensor("exposures.log_gains").is_ok();
+        let learns_exposures = self.config.exposure_rate > 0.0;
         let exposures = self.exposures.as_ref();
+        let exposures = exposures.filter(|_| are_stored || learns_exposures);
         let exposures = exposures.map(|e| learned("exposures", "log_gains", e.state()[0].len()));
         let exposures = exposures.transpose()?;
         let normals = match &self.refinement {
@@ -124,8 +128,9 @@ impl Trainer {
             self.gamma_adam.first[0],
             self.gamma_adam.second[0],
         ) = (gamma[0], gamma[1], gamma[2]);
-        if let (Some(exposures), Some(stored)) = (&mut self.exposures, exposures) {
-            exposures.set_state(stored);
+        match (&mut self.exposures, exposures) {
+            (Some(exposures), Some(stored)) => exposures.set_state(stored),
+            (exposures, _) => *exposures = None,
         }
         if let (Some(poses), Some(stored)) = (&mut self.poses, &poses) {
             poses.set_state(stored);
