@@ -91,17 +91,10 @@ impl DensityGrid {
     /// No ray of a camera ever goes there, so what the field puts there is a ghost of the object that shows as soon
     /// as the environment is moved.
     pub fn hollow(&mut self, is_void: impl Fn([f32; 3]) -> bool) {
-        let cells = 0..INNER_CELLS as usize;
-        self.hollow_cells(cells.filter(|cell| is_void(Self::point_in_cell(*cell, [0.5; 3]))));
-    }
-
-    /// Declares cells empty for good, by their indices.
-    ///
-    /// # Panics
-    /// When there is no such cell.
-    pub fn hollow_cells(&mut self, cells: impl IntoIterator<Item = usize>) {
-        for cell in cells {
-            self.cells[cell] = VOID;
+        for index in 0..INNER_CELLS as usize {
+            if is_void(Self::point_in_cell(index, [0.5; 3])) {
+                self.cells[index] = VOID;
+            }
         }
     }
 

@@ -1,4 +1,4 @@
-//! Exposure and white balance of each training photo: known before ([`super::ground`]), or learned beside the fields.
+//! Exposure and white balance of each training photo: known before ([`super::ground::gains_by_ground`]), or learned beside the fields.
 //!
 //! A photo shows `gain * radiance`, a gain a colour. Only the photos' differences can be told: the gains' geometric mean
 //! over the photos is held at 1, which is how held-out photos are shown.

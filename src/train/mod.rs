@@ -58,7 +58,6 @@ mod unseen;
 mod upkeep;
 mod validation;
 pub mod view_error;
-mod void;
 
 pub use any_trainer::AnyTrainer;
 pub use config::TrainConfig;

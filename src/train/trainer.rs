@@ -10,7 +10,7 @@ use super::adam::{Adam, Rates, store_bf16};
 use super::chunk::{BatchSize, Chunk, N_CHUNKS, StepContext};
 use super::config::TrainConfig;
 use super::exposures::Exposures;
-use super::ground::Ground;
+use super::ground::gains_by_ground;
 use super::learned::Learned;
 use super::photo_exposures::PhotoExposures;
 use super::pixels::PixelStore;
@@ -21,7 +21,6 @@ use super::random::SlotRandom;
 use super::refinement::{self, Refinement};
 use super::skips::SkipShares;
 use super::snapshot::Snapshot;
-use super::void;
 use crate::data::{Dataset, exposures_differ};
 use crate::geometry::SurfaceTracer;
 use crate::neif::contraction::{FieldFrame, contract, unit_cube};
@@ -152,18 +151,11 @@ impl Trainer {
             .map(Refinement::new);
         let has_haze = tracer.is_some() && exposures_differ(dataset);
         let up = up_direction(dataset);
-        let mut density = hollow_density(tracer.as_deref(), &frame, up, refinement.is_none());
+        let density = hollow_density(tracer.as_deref(), &frame, up, refinement.is_none());
         let poses = config.refine_poses.then(|| Poses::of(dataset, &frame));
         let has_exposures = has_haze || config.exposure_rate > 0.0;
-        let ground = has_exposures.then(|| Ground::of(dataset)).flatten();
-        if let Some(ground) = ground
-            .as_ref()
-            .filter(|g| has_haze && g.is_a_floor(dataset))
-        {
-            void::empty(&mut density, dataset, &frame, ground);
-        }
-        let exposures = match ground {
-            Some(ground) => Some(Exposures::held(&ground.log_gains)),
+        let exposures = match has_exposures.then(|| gains_by_ground(dataset)).flatten() {
+            Some(log_gains) => Some(Exposures::held(&log_gains)),
             None => (config.exposure_rate > 0.0).then(|| Exposures::new(pixels.n_views())),
         };
         let mut trainer = Self {
