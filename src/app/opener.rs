@@ -304,7 +304,10 @@ fn open_run(path: &Path, send: &dyn Fn(Opened)) {
     let log = folder.log();
     send(Opened::Run {
         path: path.to_owned(),
-        snapshot: Arc::new(snapshot),
+        snapshot: Arc::new(Snapshot {
+            step: log.last_row().map_or(0, |trained| trained.steps),
+            ..snapshot
+        }),
         figures: log.figures(),
     });
     let Ok(config) = folder.config() else { return };

@@ -78,7 +78,8 @@ pub(crate) struct TrainArgs {
     /// Worker threads; 0 is one for each core [default: 0]
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
-    /// Learn the exposure and white balance of each photo: for cameras that chose them anew for every one
+    /// Learn the exposure and white balance of each photo, where the ground under the object does not tell them: for cameras that
+    /// chose them anew for every one
     #[arg(long, conflicts_with = "resume")]
     photo_exposures: bool,
     /// Refine the poses of the photos: for cameras that structure from motion has left a pixel off

@@ -40,7 +40,7 @@ mod problem;
 mod relight;
 mod rgba8;
 mod rgbd;
-pub(crate) mod shrink;
+mod shrink;
 mod splits;
 mod staged_folder;
 pub mod tensor_file;

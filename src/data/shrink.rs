@@ -19,7 +19,7 @@ struct Span {
 ///
 /// `weights`: what each pixel counts, where not all count alike (what is transparent shows nothing). Panics if there
 /// are not as many as pixels.
-pub(crate) fn shrunk_photo(
+pub(super) fn shrunk_photo(
     photo: &Photo,
     weights: Option<&Mask>,
     width: u32,
@@ -85,7 +85,7 @@ fn means<T>(
 }
 
 /// The mask with `width` columns and `height` rows, neither more than it has.
-pub(crate) fn shrunk_mask(mask: &Mask, width: u32, height: u32) -> Mask {
+pub(super) fn shrunk_mask(mask: &Mask, width: u32, height: u32) -> Mask {
     let size = (mask.width as usize, mask.height as usize);
     let new_size = (width as usize, height as usize);
     let mut coverage = Vec::with_capacity(new_size.0 * new_size.1);

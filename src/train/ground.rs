@@ -9,7 +9,6 @@ use rayon::prelude::*;
 
 use super::placement::up_direction;
 use super::relative_exposures::{median, relative_log_gains};
-use crate::data::shrink::{shrunk_mask, shrunk_photo};
 use crate::data::{Dataset, Mask, Photo, View};
 use crate::geometry::{Mesh, orthonormal_basis};
 
@@ -130,13 +129,14 @@ fn looks_alike(point: usize, seen: &[Vec<Option<Vec3>>], log_gains: &[Vec3]) -> 
 
 /// The logarithms of what a photo shows at the points; `None` beside the picture, near the object, and where unusable.
 fn log_colors(view: &View, points: &[Vec3]) -> Vec<Option<Vec3>> {
-    let (width, height) = (view.photo.width(), view.photo.height());
-    let scale = (f64::from(PHOTO_SIDE) / f64::from(width.max(height))).min(1.0);
-    let side = |full: u32| ((f64::from(full) * scale).round() as u32).clamp(1, full);
-    let (w, h) = (side(width), side(height));
-    let photo = shrunk_photo(&view.photo, None, w, h);
-    let mask = view.mask.as_ref().map(|mask| shrunk_mask(mask, w, h));
-    let projector = view.camera.resized(w, h).projector(Affine3A::IDENTITY);
+    let View {
+        camera,
+        photo,
+        mask,
+        ..
+    } = view.within(PHOTO_SIDE);
+    let (w, h) = (camera.width, camera.height);
+    let projector = camera.projector(Affine3A::IDENTITY);
     let log_color = |point: &Vec3| {
         let (pixel, _) = projector.project(*point)?;
         let size = Vec2::new(w as f32, h as f32);

@@ -2,6 +2,7 @@
 
 use std::io::Write as _;
 use std::path::Path;
+use std::sync::OnceLock;
 
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
@@ -28,11 +29,11 @@ pub struct PhotoExposure {
 }
 
 /// Those of all training photos.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default)]
 pub struct PhotoExposures {
     photos: Vec<PhotoExposure>,
-    /// Distance over which they are alike, world units.
-    alike: f32,
+    /// Distance over which they are alike, world units; found when it is first asked for.
+    alike: OnceLock<f32>,
 }
 
 impl PhotoExposures {
@@ -47,9 +48,10 @@ impl PhotoExposures {
     }
 
     fn new(photos: Vec<PhotoExposure>) -> Self {
-        let mut exposures = Self { photos, alike: 0.0 };
-        exposures.alike = exposures.best_alike();
-        exposures
+        Self {
+            photos,
+            alike: OnceLock::new(),
+        }
     }
 
     /// The same photos with other gains, in their order.
@@ -66,7 +68,8 @@ impl PhotoExposures {
         if let Some(own) = self.photos.iter().find(|photo| photo.name == name) {
             return own.gain;
         }
-        self.foretold(position, self.alike, None).exp()
+        let alike = *self.alike.get_or_init(|| self.best_alike());
+        self.foretold(position, alike, None).exp()
     }
 
     /// The distance over which exposures are alike: the one that foretells those of the photos from all others
@@ -187,9 +190,10 @@ mod tests {
     fn the_file_keeps_them_and_a_damaged_one_is_named() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("exposures.json");
-        assert_eq!(PhotoExposures::read(&path).unwrap(), None);
+        assert!(PhotoExposures::read(&path).unwrap().is_none());
         photos().write(&path).unwrap();
-        assert_eq!(PhotoExposures::read(&path).unwrap(), Some(photos()));
+        let read = PhotoExposures::read(&path).unwrap().expect("a file");
+        assert_eq!(read.photos, photos().photos);
         for (bad, what) in [
             (
                 r#"[{"name":"a","position":[0,0,0],"gain":[0,1,1]}]"#,

@@ -288,7 +288,7 @@ impl RunFolder {
         Ok(self.snapshot()?.scene())
     }
 
-    /// The trained model as it was last saved.
+    /// The trained model as it was last saved; its step is 0, [`Self::trained`] knows it.
     ///
     /// # Errors
     /// When a file is missing or damaged.
@@ -304,7 +304,7 @@ impl RunFolder {
             None
         };
         Ok(Snapshot {
-            step: self.trained().map_or(0, |trained| trained.steps),
+            step: 0,
             object,
             environment,
             exposures: PhotoExposures::read(&self.file(EXPOSURES))?.map(Arc::new),

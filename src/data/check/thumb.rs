@@ -3,7 +3,6 @@
 use rayon::prelude::*;
 
 use crate::color::luminance;
-use crate::data::shrink::{shrunk_mask, shrunk_photo};
 use crate::data::{Dataset, View};
 use crate::geometry::Camera;
 
@@ -27,12 +26,12 @@ pub(super) fn thumbs(dataset: &Dataset) -> Vec<Thumb> {
 
 impl Thumb {
     fn new(view: &View) -> Self {
-        let (width, height) = (view.photo.width(), view.photo.height());
-        let scale = (f64::from(SIDE) / f64::from(width.max(height))).min(1.0);
-        let side = |full: u32| ((f64::from(full) * scale).round() as u32).clamp(1, full);
-        let (w, h) = (side(width), side(height));
-        let photo = shrunk_photo(&view.photo, None, w, h);
-        let mask = view.mask.as_ref().map(|mask| shrunk_mask(mask, w, h));
+        let View {
+            camera,
+            photo,
+            mask,
+            ..
+        } = view.within(SIDE);
         let background = (0..photo.n_pixels())
             .map(|i| {
                 let is_background = mask
@@ -41,10 +40,7 @@ impl Thumb {
                 is_background.then(|| luminance(photo.linear(i).into()))
             })
             .collect();
-        Self {
-            camera: view.camera.resized(w, h),
-            background,
-        }
+        Self { camera, background }
     }
 
     /// The background's luminance at a point of the picture, that of the pixel there.
