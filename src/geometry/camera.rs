@@ -3,7 +3,7 @@
 //! Axes are OpenGL's: x right, y up, the camera looks along -z. Pixel coordinates are continuous
 //! with y down; pixel `(0, 0)` covers `[0, 1) x [0, 1)`, so its centre is `(0.5, 0.5)`.
 
-use glam::{Affine3A, Vec2, Vec3};
+use glam::{Affine3A, UVec2, Vec2, Vec3};
 
 use super::{Distortion, Ray};
 
@@ -159,6 +159,14 @@ impl Projector {
         let pixel = Vec2::new(p.x * camera.fx + camera.cx, p.y * camera.fy + camera.cy);
         let distance = p_camera.length();
         (pixel.is_finite() && distance.is_finite()).then_some((pixel, distance))
+    }
+
+    /// Column and row of the pixel that shows a point; `None` beside the picture.
+    pub fn pixel(&self, point: Vec3) -> Option<UVec2> {
+        let (at, _) = self.project(point)?;
+        let size = Vec2::new(self.camera.width as f32, self.camera.height as f32);
+        let is_inside = at.cmpge(Vec2::ZERO).all() && at.cmplt(size).all();
+        is_inside.then(|| at.as_uvec2())
     }
 }
 

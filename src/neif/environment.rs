@@ -8,13 +8,14 @@ use serde::{Deserialize, Serialize};
 
 use super::NeifError;
 use super::contraction::FieldFrame;
+use super::density_grid::DensityGrid;
 use super::distant::{
     DistantConfig, DistantLight, ImportOptions, import_environment, is_panorama_file,
 };
+use super::floor::Floor;
 use super::lobe::SHARPEST_VARIANCE;
 use super::paper::ray_pass::{PaperPlacement, RayLight};
 use super::paper::{PaperField, PaperFieldConfig};
-use super::proposal::DensityGrid;
 use super::radiance_field::{FieldBatch, FieldConfig, RadianceField};
 use super::storage::{ParamNames, Storage, read_params};
 use crate::data::tensor_file::TensorFile;
@@ -283,14 +284,13 @@ impl Environment {
             found,
         })?;
         let n_codes = DensityGrid::default().codes().len();
-        let density =
-            DensityGrid::from_codes(file.u16("density.codes", &[n_codes])?).ok_or_else(|| {
-                NeifError::Shape {
-                    file: path.to_owned(),
-                    tensor: "density.codes",
-                    found: n_codes,
-                }
+        let mut density = DensityGrid::from_codes(file.u16("density.codes", &[n_codes])?)
+            .ok_or_else(|| NeifError::Shape {
+                file: path.to_owned(),
+                tensor: "density.codes",
+                found: n_codes,
             })?;
+        density.floor = Floor::stored(file)?;
         Ok(Self::new(place, field, density))
     }
 
@@ -333,6 +333,7 @@ impl Environment {
             EnvironmentField::Grid { field, density } => {
                 let codes = density.codes();
                 file.insert_u16("density.codes", &[codes.len()], codes);
+                density.floor.iter().for_each(|f| f.store(&mut file));
                 (GRID, self.header(*field.config()), field.n_network_params())
             }
             EnvironmentField::Paper(field) => {
@@ -477,6 +478,34 @@ mod tests {
         let back = Environment::load(&path).unwrap();
         assert_eq!(back.place, environment().place);
         assert_eq!(back.params(), environment().params());
+        assert_eq!(floor(&back), None);
+    }
+
+    /// The floor of a grid.
+    fn floor(environment: &Environment) -> Option<Floor> {
+        match environment.field() {
+            EnvironmentField::Grid { density, .. } => density.floor,
+            _ => None,
+        }
+    }
+
+    #[test]
+    fn a_saved_environment_keeps_its_floor() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("environment.safetensors");
+        let mut over_a_floor = environment();
+        let laid = Floor::new(Vec3::new(0.0, 0.0, -0.3), Vec3::Z);
+        match &mut over_a_floor.field {
+            EnvironmentField::Grid { density, .. } => density.floor = Some(laid),
+            _ => panic!("a grid"),
+        }
+        over_a_floor.save(&path, Storage::F16).unwrap();
+        assert_eq!(floor(&Environment::load(&path).unwrap()), Some(laid));
+        let mut file = TensorFile::read(&path).unwrap();
+        file.insert_f32("floor", &[4], vec![0.0; 4]);
+        file.write(&path).unwrap();
+        let error = Environment::load(&path).unwrap_err().to_string();
+        assert!(error.contains("floor"), "{error}");
     }
 
     #[test]

@@ -7,7 +7,7 @@ use super::composite::{CompositeBuffers, WIDTH, density};
 use super::kernels::math::all_finite;
 use super::lobe::mean_length;
 use super::mlp::{Mlp, MlpBuffers, keep_rows};
-use super::proposal::ConeRay;
+use super::proposal::{ConeRay, OPAQUE_LENGTH};
 use super::samples::RaySamples;
 
 /// One ray to evaluate.
@@ -136,11 +136,15 @@ impl FieldBatch {
         self.samples.n()
     }
 
-    /// Calls `observe(cell, density)` for every sample of a forward pass: keeps the density cache fresh for free.
+    /// Calls `observe(cell, density)` for every sample of a forward pass: keeps the density cache fresh for free. The
+    /// floor is opaque whatever the density there.
     pub fn observe_densities(&self, mut observe: impl FnMut(u32, f32)) {
         let rows = self.density.output.chunks_exact(WIDTH);
-        for (&cell, row) in self.samples.cells().iter().zip(rows) {
-            observe(cell, density(row[0]));
+        let samples = self.samples.cells().iter().zip(self.samples.deltas());
+        for ((&cell, &delta), row) in samples.zip(rows) {
+            if delta < OPAQUE_LENGTH {
+                observe(cell, density(row[0]));
+            }
         }
     }
 

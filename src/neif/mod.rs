@@ -2,6 +2,7 @@
 
 pub mod composite;
 pub mod contraction;
+pub mod density_grid;
 pub mod display;
 pub mod distant;
 pub mod edit;
@@ -9,6 +10,7 @@ pub mod edited_surface;
 pub mod environment;
 pub mod exposure_match;
 pub mod field_batch;
+pub mod floor;
 pub mod hash_grid;
 pub mod kernels;
 pub mod light_path;

@@ -6,6 +6,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::composite::{WIDTH, density};
+use super::density_grid::DensityGrid;
 pub use super::field_batch::{CutOff, FieldBatch, FieldRay};
 use super::hash_grid::{
     FEATURES, FeatureColumns, GridConfig, Level, SamplePoints, encode_level, encode_level_bf16,
@@ -13,7 +14,7 @@ use super::hash_grid::{
 };
 use super::kernels::{Baseline, math};
 use super::mlp::{Mlp, Transposed, is_sane_width};
-use super::proposal::{ConeRay, DensityGrid};
+use super::proposal::ConeRay;
 use super::samples::SampledRay;
 use super::spherical_harmonics::{N_SH, attenuated_sh};
 

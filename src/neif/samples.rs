@@ -1,9 +1,10 @@
 //! The samples of a batch of rays: where they are, how blurred, and how long the intervals they stand for.
 
 use super::contraction::{contract, unit_cube};
+use super::density_grid::{DensityGrid, cell_index};
 use super::hash_grid::SamplePoints;
 use super::kernels::{Isa, dispatch};
-use super::proposal::{ConeRay, DensityGrid, Placement, cell_index, place_samples};
+use super::proposal::{ConeRay, OPAQUE_LENGTH, Placement, place_samples};
 
 /// Samples located together, in loops that vectorise.
 const LANES: usize = 8;
@@ -50,7 +51,7 @@ impl RaySamples {
         &self.distances
     }
 
-    /// `[n]` lengths of the intervals, field units; 0 where nothing can be.
+    /// `[n]` lengths of the intervals, field units; 0 where nothing can be, [`OPAQUE_LENGTH`] or more on the floor.
     pub fn deltas(&self) -> &[f32] {
         &self.deltas
     }
@@ -104,8 +105,11 @@ impl RaySamples {
             let out = self.distances[samples.clone()].iter_mut();
             for ((pair, t), delta) in intervals.zip(out).zip(&mut self.deltas[samples.clone()]) {
                 *delta = pair[1] - pair[0];
-                // The last interval reaches far out: its sample is where its near half lies in disparity.
-                *t = pair[0] + delta.min(1.0) * inside;
+                // The last interval reaches far out: its sample is where its near half lies in disparity, or on the floor.
+                *t = match *delta >= OPAQUE_LENGTH {
+                    true => pair[0],
+                    false => pair[0] + delta.min(1.0) * inside,
+                };
             }
             locate(
                 &ray.cone,
@@ -116,7 +120,8 @@ impl RaySamples {
             );
             for i in samples {
                 // A lobe's ray must not find its light on the surface it starts from, nor inside the object.
-                if self.distances[i] < ray.start || grid.is_void(self.cells[i]) {
+                let is_unseen = self.distances[i] < ray.start || grid.is_void(self.cells[i]);
+                if is_unseen && self.deltas[i] < OPAQUE_LENGTH {
                     self.deltas[i] = 0.0;
                 }
             }
@@ -161,5 +166,51 @@ fn locate_body<I: Isa>(
         positions.copy_from_slice(&position[..distances.len()]);
         footprints.copy_from_slice(&footprint[..distances.len()]);
         cells.copy_from_slice(&cell[..distances.len()]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::*;
+    use crate::neif::floor::Floor;
+
+    /// The distances and interval lengths of nine samples on a ray to `(0.3, 0.4, -1)`.
+    fn placed(floor: Option<Floor>, inside: f32) -> (Vec<f32>, Vec<f32>) {
+        let mut grid = DensityGrid::default();
+        grid.floor = floor;
+        let direction = Vec3::new(0.3, 0.4, -1.0).normalize_or_zero().to_array();
+        let ray = SampledRay {
+            cone: ConeRay {
+                direction,
+                ..ConeRay::default()
+            },
+            jitter: [0.3, inside],
+            start: 0.0,
+        };
+        let mut samples = RaySamples::default();
+        samples.place(&grid, 9, 0.1, [ray].into_iter());
+        (samples.distances().to_vec(), samples.deltas().to_vec())
+    }
+
+    #[test]
+    fn the_last_sample_lies_on_the_floor() {
+        for (height, inside) in [(0.4_f32, -0.5), (0.4, 0.5), (7.0, 0.2)] {
+            let floor = Floor::new(Vec3::new(0.0, 0.0, -height), Vec3::Z);
+            let (distances, deltas) = placed(Some(floor), inside);
+            let expected = height * 1.25_f32.sqrt();
+            assert!((distances[8] - expected).abs() < 1e-4 * expected);
+            assert!(deltas[8] >= OPAQUE_LENGTH);
+            assert!(distances.is_sorted() && distances[7] <= distances[8]);
+            let length: f32 = deltas[..8].iter().sum();
+            assert!((length - expected).abs() < 1e-4 * expected, "{length}");
+        }
+    }
+
+    #[test]
+    fn rays_that_meet_no_floor_stay_as_they_are() {
+        let behind = Floor::new(Vec3::new(0.0, 0.0, 0.4), Vec3::Z);
+        assert_eq!(placed(Some(behind), 0.2), placed(None, 0.2));
     }
 }

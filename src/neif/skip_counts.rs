@@ -1,8 +1,9 @@
 //! How much of a batch's work the shortcuts left out, counted afterwards from what the batch still holds.
 
+use super::density_grid::DensityGrid;
 use super::field_batch::FieldBatch;
 use super::hash_grid::Level;
-use super::proposal::{DensityGrid, steps_of_ray};
+use super::proposal::steps_of_ray;
 
 /// Every so many rays one is walked for what is empty or hidden on it.
 const RAY_STRIDE: usize = 4;

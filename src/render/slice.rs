@@ -4,8 +4,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::neif::Environment;
 use crate::neif::contraction::{contract, unit_cube};
+use crate::neif::density_grid::cell_index;
 use crate::neif::environment::EnvironmentField;
-use crate::neif::proposal::cell_index;
 use crate::neif::radiance_field::FieldBatch;
 
 /// Densities per field unit at both ends of the colours.

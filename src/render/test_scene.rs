@@ -7,10 +7,10 @@ use glam::Vec3;
 use super::scene::Scene;
 use crate::geometry::{Camera, Mesh, SurfaceTracer};
 use crate::neif::contraction::FieldFrame;
+use crate::neif::density_grid::DensityGrid;
 use crate::neif::environment::{Environment, EnvironmentField, EnvironmentPlace};
 use crate::neif::hash_grid::{GridConfig, LEAST_WEIGHT};
 use crate::neif::material::MaterialConfig;
-use crate::neif::proposal::DensityGrid;
 use crate::neif::radiance_field::{FieldConfig, RadianceField};
 use crate::neif::{Material, ObjectModel, SurfaceField};
 
@@ -84,6 +84,19 @@ pub(crate) fn fog_above(floor: f32) -> Arc<Environment> {
         EnvironmentField::Grid { field, .. } => with_density(field.clone(), density),
         _ => unreachable!("fog is a grid"),
     }
+}
+
+/// The room of [`environment`] over an opaque floor.
+#[cfg(feature = "gpu")]
+pub(crate) fn environment_over_a_floor(seed: u32) -> Arc<Environment> {
+    let room = environment(seed);
+    let EnvironmentField::Grid { field, density } = room.field() else {
+        unreachable!("it is a grid");
+    };
+    let up = Vec3::new(0.36, 0.48, 0.8);
+    let mut density = density.clone();
+    density.floor = Some(crate::neif::floor::Floor::new(-0.4 * up, up));
+    with_density(field.clone(), density)
 }
 
 fn environment_of(field: RadianceField) -> Arc<Environment> {

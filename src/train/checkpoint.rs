@@ -4,7 +4,8 @@
 use super::TrainError;
 use super::trainer::Trainer;
 use crate::data::tensor_file::{TensorFile, TensorFileError};
-use crate::neif::proposal::DensityGrid;
+use crate::neif::density_grid::DensityGrid;
+use crate::neif::floor::Floor;
 
 /// Marks the metadata of a checkpoint.
 const FORMAT: &str = "neif-checkpoint-1";
@@ -50,6 +51,9 @@ impl Trainer {
             &[self.density.len()],
             self.density.cells().to_vec(),
         );
+        if let Some(floor) = self.density.floor {
+            floor.store(&mut file);
+        }
         file.insert_u64(
             "counters",
             &[3],
@@ -100,12 +104,13 @@ impl Trainer {
         let poses = poses.transpose()?;
         let gamma = vector("gamma", 3)?;
         let counters = file.u64("counters", &[3])?.to_vec();
-        let density =
+        let mut density =
             DensityGrid::from_cells(file.u16("density.cells", &[self.density.len()])?.to_vec())
                 .ok_or_else(|| TrainError::Checkpoint {
                     file: file.origin().to_owned(),
                     what: "has another density grid",
                 })?;
+        density.floor = Floor::stored(file)?;
         let optional = material.iter().chain(&exposures).flatten();
         let optional = optional.chain(normals.iter().flatten()).chain(&poses);
         let all = field.iter().chain(optional).flatten();

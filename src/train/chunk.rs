@@ -20,12 +20,12 @@ use super::unseen::{self, Triple};
 use crate::geometry::orthonormal_basis;
 use crate::neif::EnvironmentTransform;
 use crate::neif::contraction::FieldFrame;
+use crate::neif::density_grid::DensityGrid;
 use crate::neif::display::Display;
 use crate::neif::kernels::math::all_finite;
 use crate::neif::light_path::{self, LitVertex, PathVertex};
 use crate::neif::material::{Material, MaterialBatch, Surface};
 use crate::neif::mlp::Transposed;
-use crate::neif::proposal::DensityGrid;
 use crate::neif::radiance_field::{FieldBatch, FieldRay, FieldTransposed, RadianceField};
 
 /// Every so many object pixels one takes part in the smoothness term.

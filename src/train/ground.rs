@@ -1,16 +1,18 @@
-//! The exposures of a capture's photos before training, from the ground that the object stands on: the plane through its
-//! lowest point.
+//! What the photos show of the ground that the object stands on: the plane through its lowest point.
 //!
 //! Photos from all sides show the same ground, on which they can be compared. Automatic exposure follows what a photo
 //! shows besides the object (a window behind it darkens everything), and no fields are needed to tell it from here.
 
-use glam::{Affine3A, Vec2, Vec3};
+use glam::{Affine3A, UVec2, Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::placement::up_direction;
 use super::relative_exposures::{median, relative_log_gains};
-use crate::data::{Dataset, Mask, Photo, View};
+use super::settled_plane::{Plane, settled_plane};
+use crate::data::{Dataset, Mask, View};
 use crate::geometry::{Mesh, orthonormal_basis};
+use crate::neif::contraction::FieldFrame;
+use crate::neif::floor::Floor;
 
 /// The longer side of the photos that are compared, pixels: coarser than cameras and ground are wrong, and than what
 /// the ground is woven of.
@@ -34,35 +36,17 @@ const MOST_APART: f32 = 0.25;
 /// the air, or on a spike, stands on nothing.
 const LEAST_ALIKE: f32 = 0.6;
 
-/// The logarithm of each training photo's gain a colour, of mean 0; `None` where there is no mesh, or photos do not show the
-/// same around the object's foot.
-pub(super) fn gains_by_ground(dataset: &Dataset) -> Option<Vec<Vec3>> {
-    let mesh = dataset.mesh.as_ref()?;
-    let ground = Ground::under(mesh, up_direction(dataset), dataset.train.len());
-    let points: Vec<Vec3> = (0..ground.n_points()).map(|i| ground.point(i)).collect();
-    let seen: Vec<Vec<Option<Vec3>>> = dataset
-        .train
-        .par_iter()
-        .map(|view| {
-            let is_above = (view.camera.position() - ground.center).dot(ground.up) > 0.0;
-            let none = || vec![None; points.len()];
-            if is_above {
-                log_colors(view, &points)
-            } else {
-                none()
-            }
-        })
-        .collect();
-    let log_gains = relative_log_gains(&seen);
-    let beside: Vec<usize> = (0..points.len()).filter(|i| ground.is_beside(*i)).collect();
-    let is_alike = |i: &&usize| looks_alike(**i, &seen, &log_gains);
-    let n_alike = beside.iter().filter(is_alike).count();
-    (n_alike as f32 >= LEAST_ALIKE * beside.len() as f32).then_some(log_gains)
-}
+/// Most that the logarithm of one photo's colour may be from that median, for the photo to show the ground there.
+const MOST_APART_ALONE: f32 = 0.5;
+/// Share of the photos that are taken from over the ground, for it to be a floor: who photographs what stands on a table
+/// stands beside it.
+const LEAST_OVER: f32 = 0.3;
+/// Points on each side of one whose majority decides whether there is ground.
+const AROUND: usize = 2;
 
-/// A square of points on the plane.
+/// A square of points on the plane, and the photos that show it.
 #[derive(Debug)]
-struct Ground {
+pub(super) struct SeenGround {
     /// Its middle, under the object.
     center: Vec3,
     /// Unit, away from the ground.
@@ -72,10 +56,42 @@ struct Ground {
     side: usize,
     /// Half that side, world units.
     reach: f32,
+    /// The logarithm of each training photo's gain a colour, of mean 0.
+    log_gains: Vec<Vec3>,
+    /// `[side * side]`: the photos that show the ground here; none where most differ.
+    shown_in: Vec<Vec<usize>>,
 }
 
-impl Ground {
-    /// For so many photos.
+impl SeenGround {
+    /// The ground of a capture; `None` where there is no mesh, or photos do not show the same around the object's foot.
+    pub(super) fn of(dataset: &Dataset) -> Option<Self> {
+        let mesh = dataset.mesh.as_ref()?;
+        let mut ground = Self::under(mesh, up_direction(dataset), dataset.train.len());
+        let points: Vec<Vec3> = (0..ground.n_points()).map(|i| ground.point(i)).collect();
+        let seen: Vec<Vec<Option<Vec3>>> = dataset
+            .train
+            .par_iter()
+            .map(|view| {
+                let none = || vec![None; points.len()];
+                if ground.height(view.camera.position()) > 0.0 {
+                    log_colors(view, &points)
+                } else {
+                    none()
+                }
+            })
+            .collect();
+        ground.log_gains = relative_log_gains(&seen);
+        ground.shown_in = (0..points.len())
+            .into_par_iter()
+            .map(|i| photos_alike(i, &seen, &ground.log_gains))
+            .collect();
+        let beside: Vec<usize> = (0..points.len()).filter(|i| ground.is_beside(*i)).collect();
+        let is_alike = |i: &&usize| !ground.shown_in[**i].is_empty();
+        let n_alike = beside.iter().filter(is_alike).count();
+        (n_alike as f32 >= LEAST_ALIKE * beside.len() as f32).then_some(ground)
+    }
+
+    /// The plane alone, for so many photos.
     fn under(mesh: &Mesh, up: Vec3, n_photos: usize) -> Self {
         let affordable = (MOST_COLORS / n_photos.max(1)).isqrt();
         let heights = mesh.positions.iter().map(|p| p.dot(up));
@@ -88,7 +104,59 @@ impl Ground {
             axes: [x_axis, y_axis],
             side: affordable.clamp(LEAST_SIDE, SIDE),
             reach: REACH * bounds.extent().max_element(),
+            log_gains: Vec::new(),
+            shown_in: Vec::new(),
         }
+    }
+
+    /// The logarithm of each training photo's gain a colour, of mean 0.
+    pub(super) fn log_gains(&self) -> &[Vec3] {
+        &self.log_gains
+    }
+
+    /// It as a floor of the field, where photos agree on it in detail.
+    pub(super) fn floor(&self, dataset: &Dataset, frame: &FieldFrame) -> Floor {
+        let plane = Plane {
+            point: self.center,
+            normal: self.up,
+        };
+        let shown = self.sightings().filter(|(_, photos)| !photos.is_empty());
+        let points: Vec<_> = shown.collect();
+        let size = self.reach / REACH;
+        let plane = settled_plane(plane, size, &dataset.train, &self.log_gains, &points);
+        Floor::new(frame.field_from_world(plane.point), plane.normal)
+    }
+
+    /// Height of a world point above it; negative below.
+    pub(super) fn height(&self, p_world: Vec3) -> f32 {
+        (p_world - self.center).dot(self.up)
+    }
+
+    /// The points, each with the photos that show the ground there.
+    pub(super) fn sightings(&self) -> impl Iterator<Item = (Vec3, &[usize])> {
+        let photos = self.shown_in.iter().enumerate();
+        photos.map(|(i, photos)| (self.point(i), photos.as_slice()))
+    }
+
+    /// Whether the photographer walked on it: then it goes on, and there is nothing to see below it.
+    pub(super) fn is_a_floor(&self, dataset: &Dataset) -> bool {
+        let cameras = dataset.train.iter().map(|view| view.camera.position());
+        let n_over = cameras.filter(|eye| self.is_below(*eye)).count();
+        n_over as f32 >= LEAST_OVER * dataset.train.len() as f32
+    }
+
+    /// Whether photos show ground straight below a point.
+    fn is_below(&self, p_world: Vec3) -> bool {
+        let [x, y] = self.axes.map(|axis| {
+            let along = (p_world - self.center).dot(axis) / self.reach;
+            ((along + 1.0) * 0.5 * self.side as f32).floor()
+        });
+        let is_inside = [x, y].iter().all(|i| (0.0..self.side as f32).contains(i));
+        let around =
+            |i: f32| (i as usize).saturating_sub(AROUND)..(i as usize + AROUND + 1).min(self.side);
+        let points = || around(y).flat_map(|y| around(x).map(move |x| y * self.side + x));
+        let n_alike = || points().filter(|i| !self.shown_in[*i].is_empty()).count();
+        self.height(p_world) > 0.0 && is_inside && 2 * n_alike() > points().count()
     }
 
     fn n_points(&self) -> usize {
@@ -113,41 +181,44 @@ impl Ground {
     }
 }
 
-/// Whether most photos show the same at a point.
-fn looks_alike(point: usize, seen: &[Vec<Option<Vec3>>], log_gains: &[Vec3]) -> bool {
-    let photos = seen.iter().zip(log_gains);
-    let colors: Vec<Vec3> = photos
-        .filter_map(|(seen, gain)| Some(seen[point]? - *gain))
-        .collect();
-    if colors.len() < LEAST_PHOTOS {
-        return false;
+/// The photos that show what most do at a point; none where most differ, or there are too few.
+fn photos_alike(point: usize, seen: &[Vec<Option<Vec3>>], log_gains: &[Vec3]) -> Vec<usize> {
+    let shown = seen.iter().zip(log_gains).enumerate();
+    let (photos, colors): (Vec<usize>, Vec<Vec3>) = shown
+        .filter_map(|(photo, (seen, gain))| Some((photo, seen[point]? - *gain)))
+        .unzip();
+    if photos.len() < LEAST_PHOTOS {
+        return Vec::new();
     }
     let middle = median(&colors);
     let apart: Vec<Vec3> = colors.iter().map(|c| (*c - middle).abs()).collect();
-    median(&apart).max_element() <= MOST_APART
+    if median(&apart).max_element() > MOST_APART {
+        return Vec::new();
+    }
+    let pairs = photos.into_iter().zip(apart);
+    let near = pairs.filter(|(_, apart)| apart.max_element() <= MOST_APART_ALONE);
+    near.map(|(photo, _)| photo).collect()
 }
 
 /// The logarithms of what a photo shows at the points; `None` beside the picture, near the object, and where unusable.
 fn log_colors(view: &View, points: &[Vec3]) -> Vec<Option<Vec3>> {
-    let View {
-        camera,
-        photo,
-        mask,
-        ..
-    } = view.within(PHOTO_SIDE);
-    let (w, h) = (camera.width, camera.height);
-    let projector = camera.projector(Affine3A::IDENTITY);
-    let log_color = |point: &Vec3| {
-        let (pixel, _) = projector.project(*point)?;
-        let size = Vec2::new(w as f32, h as f32);
-        let is_inside = pixel.cmpge(Vec2::ZERO).all() && pixel.cmplt(size).all();
-        let (x, y) = (pixel.x as u32, pixel.y as u32);
-        if !is_inside || mask.as_ref().is_some_and(|mask| is_near(mask, x, y)) {
-            return None;
-        }
-        usable(&photo, (y * w + x) as usize).map(|color| color.map(f32::ln))
-    };
-    points.iter().map(log_color).collect()
+    let view = view.within(PHOTO_SIDE);
+    let projector = view.camera.projector(Affine3A::IDENTITY);
+    let at_point = |point: &Vec3| log_color(&view, projector.pixel(*point)?);
+    points.iter().map(at_point).collect()
+}
+
+/// The logarithm of a pixel's colour; `None` near the object, and where it is noise or clipped.
+pub(super) fn log_color(view: &View, pixel: UVec2) -> Option<Vec3> {
+    let UVec2 { x, y } = pixel;
+    let shows_object = |mask: &Mask| is_near(mask, x, y);
+    if view.mask.as_ref().is_some_and(shows_object) {
+        return None;
+    }
+    let color = view.photo.linear((y * view.camera.width + x) as usize);
+    let is_usable = |v: &f32| *v >= USABLE.start && (view.photo.is_linear_hdr() || *v < USABLE.end);
+    let is_usable = color.iter().all(is_usable);
+    is_usable.then(|| Vec3::from(color).map(f32::ln))
 }
 
 /// Whether there is some of the object around a pixel.
@@ -159,16 +230,10 @@ fn is_near(mask: &Mask, x: u32, y: u32) -> bool {
     })
 }
 
-fn usable(photo: &Photo, i: usize) -> Option<Vec3> {
-    let color = photo.linear(i);
-    let is_usable = |v: &f32| *v >= USABLE.start && (photo.is_linear_hdr() || *v < USABLE.end);
-    color.iter().all(is_usable).then(|| Vec3::from(color))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::train::test_scene::{sphere_in_a_box, sphere_on_a_floor};
+    use crate::train::test_scene::{FLOOR, sphere_in_a_box, sphere_on_a_floor};
 
     #[test]
     fn exposures_are_read_off_the_ground() {
@@ -177,7 +242,8 @@ mod tests {
             0.5 * Vec3::new(turn.sin(), turn.cos(), (1.3 * turn).sin())
         };
         let dataset = sphere_on_a_floor(60, 64, |i| log_gain(i).exp());
-        let found = gains_by_ground(&dataset).expect("a floor");
+        let ground = SeenGround::of(&dataset).expect("a floor");
+        let found = ground.log_gains();
         let n = dataset.train.len();
         assert_eq!(found.len(), n);
         let mean = (0..n).map(log_gain).sum::<Vec3>() / n as f32;
@@ -193,13 +259,28 @@ mod tests {
 
     #[test]
     fn what_hangs_in_the_air_stands_on_nothing() {
-        assert!(gains_by_ground(&sphere_in_a_box(60, 64)).is_none());
+        assert!(SeenGround::of(&sphere_in_a_box(60, 64)).is_none());
+    }
+
+    #[test]
+    fn a_floor_is_what_photos_are_taken_over() {
+        let dataset = sphere_on_a_floor(60, 64, |_| Vec3::ONE);
+        let ground = SeenGround::of(&dataset).expect("a floor");
+        assert!(ground.is_a_floor(&dataset));
+        assert!((ground.height(Vec3::new(3.0, 2.0, 1.0)) - (1.0 - FLOOR)).abs() < 0.01);
+        let (point, photos) = ground.sightings().max_by_key(|s| s.1.len()).unwrap();
+        assert!(photos.len() > 10, "{} photos at {point}", photos.len());
+        let mut distant = dataset;
+        for view in &mut distant.train {
+            view.camera.world_from_camera.translation.x += 50.0;
+        }
+        assert!(!ground.is_a_floor(&distant), "they stand beside it");
     }
 
     #[test]
     fn very_many_photos_are_compared_on_fewer_points() {
         let mesh = sphere_in_a_box(2, 4).mesh.expect("a sphere");
-        let side = |n_photos: usize| Ground::under(&mesh, Vec3::Z, n_photos).side;
+        let side = |n_photos: usize| SeenGround::under(&mesh, Vec3::Z, n_photos).side;
         assert_eq!([side(1), side(100)], [SIDE, SIDE]);
         assert!(side(10_000).pow(2) * 10_000 <= MOST_COLORS);
     }

@@ -44,7 +44,8 @@ pub mod run_folder;
 pub mod run_log;
 pub mod session;
 mod session_thread;
-pub mod skips;
+pub mod settled_plane;
+mod skips;
 pub mod snapshot;
 mod srgb_codes;
 pub mod stage_one;
@@ -58,6 +59,7 @@ mod unseen;
 mod upkeep;
 mod validation;
 pub mod view_error;
+mod void;
 
 pub use any_trainer::AnyTrainer;
 pub use config::TrainConfig;

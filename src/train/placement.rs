@@ -5,7 +5,7 @@ use glam::Vec3;
 use crate::data::Dataset;
 use crate::geometry::{Ray, SurfaceTracer};
 use crate::neif::contraction::FieldFrame;
-use crate::neif::proposal::DensityGrid;
+use crate::neif::density_grid::DensityGrid;
 
 /// Cells of air around a mesh that is not exact: ghosts are one or two cells thick.
 const AIR_CELLS: f32 = 2.5;

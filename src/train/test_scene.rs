@@ -70,7 +70,7 @@ pub(super) fn sphere_in_a_box(n_views: usize, size: u32) -> Dataset {
 }
 
 /// Height of the floor below [`sphere_on_a_floor`].
-const FLOOR: f32 = -0.5;
+pub(super) const FLOOR: f32 = -0.5;
 
 /// The same sphere on a patterned floor under a painted sky, from above, each photo with the gain a colour of its index.
 pub(super) fn sphere_on_a_floor(

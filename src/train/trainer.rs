@@ -10,7 +10,7 @@ use super::adam::{Adam, Rates, store_bf16};
 use super::chunk::{BatchSize, Chunk, N_CHUNKS, StepContext};
 use super::config::TrainConfig;
 use super::exposures::Exposures;
-use super::ground::gains_by_ground;
+use super::ground::SeenGround;
 use super::learned::Learned;
 use super::photo_exposures::PhotoExposures;
 use super::pixels::PixelStore;
@@ -21,15 +21,16 @@ use super::random::SlotRandom;
 use super::refinement::{self, Refinement};
 use super::skips::SkipShares;
 use super::snapshot::Snapshot;
+use super::void::lay_floor;
 use crate::data::{Dataset, exposures_differ};
 use crate::geometry::SurfaceTracer;
 use crate::neif::contraction::{FieldFrame, contract, unit_cube};
+use crate::neif::density_grid::DensityGrid;
 use crate::neif::display::Display;
 use crate::neif::environment::{Environment, EnvironmentPlace};
 use crate::neif::hash_grid::FEATURES;
 use crate::neif::mlp::Transposed;
 use crate::neif::object::{Material, ObjectModel, SurfaceField};
-use crate::neif::proposal::DensityGrid;
 use crate::neif::radiance_field::{FieldBatch, FieldTransposed, RadianceField};
 use crate::neif::skip_counts::SkipCounts;
 
@@ -151,11 +152,15 @@ impl Trainer {
             .map(Refinement::new);
         let has_haze = tracer.is_some() && exposures_differ(dataset);
         let up = up_direction(dataset);
-        let density = hollow_density(tracer.as_deref(), &frame, up, refinement.is_none());
+        let mut density = hollow_density(tracer.as_deref(), &frame, up, refinement.is_none());
         let poses = config.refine_poses.then(|| Poses::of(dataset, &frame));
         let has_exposures = has_haze || config.exposure_rate > 0.0;
-        let exposures = match has_exposures.then(|| gains_by_ground(dataset)).flatten() {
-            Some(log_gains) => Some(Exposures::held(&log_gains)),
+        let ground = has_exposures.then(|| SeenGround::of(dataset)).flatten();
+        if let Some(ground) = ground.as_ref().filter(|_| has_haze) {
+            lay_floor(&mut density, dataset, &frame, ground);
+        }
+        let exposures = match ground {
+            Some(ground) => Some(Exposures::held(ground.log_gains())),
             None => (config.exposure_rate > 0.0).then(|| Exposures::new(pixels.n_views())),
         };
         let mut trainer = Self {

@@ -2,13 +2,17 @@
 
 use std::sync::atomic::AtomicBool;
 
+use glam::Vec3;
+
 use super::config::TrainConfig;
-use super::test_scene::{TINT, small_fields, sphere_in_a_box};
+use super::test_scene::{FLOOR, TINT, small_fields, sphere_in_a_box, sphere_on_a_floor};
 use super::trainer::{StepStats, Trainer};
 use crate::color::{linear_from_srgb, srgb_from_linear};
 use crate::data::{Dataset, Photo};
+use crate::neif::environment::{EnvironmentField, LightScratch};
+use crate::neif::floor::Floor;
 use crate::neif::material::MaterialBatch;
-use crate::neif::radiance_field::{CutOff, RadianceField};
+use crate::neif::radiance_field::{CutOff, FieldBatch, FieldRay, RadianceField};
 use crate::render::{Layer, render};
 
 impl Trainer {
@@ -83,11 +87,7 @@ fn a_glossy_sphere_in_a_box_is_learned() {
     );
     let material = &trainer.snapshot().object.unwrap().material;
     let mut batch = MaterialBatch::default();
-    material.forward(
-        &[glam::Vec3::new(0.5, 0.0, 0.0)],
-        &mut batch,
-        &mut Vec::new(),
-    );
+    material.forward(&[Vec3::new(0.5, 0.0, 0.0)], &mut batch, &mut Vec::new());
     let tint = batch.surfaces[0].tint;
     assert!(
         (tint - TINT).abs().max_element() < 0.15,
@@ -176,7 +176,7 @@ fn what_reflects_like_a_metal_loses_its_diffuse_part() {
         );
         train(&mut trainer, 300);
         let material = trainer.material.expect("there is an object").value;
-        let points: Vec<glam::Vec3> = dataset.mesh.as_ref().expect("a mesh").positions.clone();
+        let points: Vec<Vec3> = dataset.mesh.as_ref().expect("a mesh").positions.clone();
         let mut batch = MaterialBatch::default();
         material.forward(&points, &mut batch, &mut Vec::new());
         let sum: f32 = batch.surfaces.iter().map(|s| s.diffuse.element_sum()).sum();
@@ -220,6 +220,77 @@ fn exposures_that_jump_from_photo_to_photo_are_found_in_part() {
     let ratio = (mean(0) - mean(1)).exp();
     // The rest of it is in the view-dependent colours: no two photos are from one place.
     assert!((0.5..0.88).contains(&ratio), "{ratio}");
+}
+
+/// Photos of a sphere on a floor whose exposures differ, and say so.
+fn on_a_floor() -> Dataset {
+    let mut dataset = sphere_on_a_floor(60, 48, |i| Vec3::splat(1.0 + 0.3 * (i % 2) as f32));
+    dataset.origin.noted_exposure_ev = Some([0.0, 0.4]);
+    dataset
+}
+
+/// The floor of a trainer's field.
+fn floor_of(trainer: &Trainer) -> Option<Floor> {
+    match trainer.snapshot().environment.field() {
+        EnvironmentField::Grid { density, .. } => density.floor,
+        _ => None,
+    }
+}
+
+#[test]
+fn what_stands_on_a_floor_is_lit_over_an_opaque_one() {
+    let dataset = on_a_floor();
+    let mut learner = trainer(&small_fields(), &dataset);
+    let environment = learner.snapshot().environment;
+    let down = |origin: Vec3| FieldRay::of_pixel(origin.to_array(), [0.0, 0.0, -1.0], 0.0, 0.001);
+    let mut batch = FieldBatch::default();
+    let above = [Vec3::new(0.3, 0.2, 0.4), Vec3::new(-0.6, 0.1, 0.2)];
+    batch.rays.extend(above.map(down));
+    environment.light(&mut batch, &mut LightScratch::default());
+    let floor = environment
+        .frame()
+        .field_from_world(Vec3::new(0.0, 0.0, FLOOR))
+        .z;
+    let (end, opacity) = batch.end(1);
+    assert!(opacity > 0.999, "{opacity}");
+    assert!(end <= 0.2 - floor + 0.01, "{end}");
+    train(&mut learner, 20);
+    let error = |trainer: &Trainer| validation_psnr(trainer, &dataset)[1];
+    assert!(error(&learner).is_finite());
+
+    let checkpoint = learner.checkpoint();
+    let mut resumed = trainer(&small_fields(), &dataset);
+    resumed.restore(&checkpoint).unwrap();
+    assert_eq!(floor_of(&resumed), floor_of(&learner));
+    train(&mut resumed, 5);
+    train(&mut learner, 5);
+    assert!(resumed.checkpoint().to_bytes() == learner.checkpoint().to_bytes());
+}
+
+#[test]
+fn a_run_from_before_floors_goes_on_without_one() {
+    let dataset = on_a_floor();
+    let mut old = trainer(&small_fields(), &dataset);
+    old.density.floor = None;
+    old.exposures = None;
+    train(&mut old, 5);
+    let mut resumed = trainer(&small_fields(), &dataset);
+    assert!(floor_of(&resumed).is_some() && resumed.gains().is_some());
+    resumed.restore(&old.checkpoint()).unwrap();
+    assert!(floor_of(&resumed).is_none() && resumed.gains().is_none());
+    train(&mut resumed, 5);
+    train(&mut old, 5);
+    assert!(resumed.checkpoint().to_bytes() == old.checkpoint().to_bytes());
+}
+
+#[test]
+fn where_exposures_are_fair_no_floor_is_laid() {
+    let mut dataset = on_a_floor();
+    dataset.origin.noted_exposure_ev = None;
+    assert!(
+        floor_of(&trainer(&small_fields(), &dataset)).is_none(),
+        "photos that are alike need none"
+    );
 }
 
 #[test]
@@ -323,7 +394,7 @@ fn scenes_of_any_size_and_black_or_white_photos_stay_finite() {
             .mesh
             .as_ref()
             .unwrap()
-            .transformed(glam::Affine3A::from_scale(glam::Vec3::splat(scale)));
+            .transformed(glam::Affine3A::from_scale(Vec3::splat(scale)));
         dataset.mesh = Some(std::sync::Arc::new(mesh));
         let mut trainer = trainer(&small_fields(), &dataset);
         let stats = train(&mut trainer, 30);

@@ -2,9 +2,9 @@
 
 use neif::app::state::Look;
 use neif::neif::contraction::FieldFrame;
+use neif::neif::density_grid::DensityGrid;
 use neif::neif::environment::EnvironmentPlace;
 use neif::neif::hash_grid::{GridConfig, LEAST_WEIGHT};
-use neif::neif::proposal::DensityGrid;
 use neif::neif::radiance_field::{FieldConfig, RadianceField};
 use neif::render::Background;
 use neif::train::Snapshot;

@@ -1,5 +1,5 @@
 // Where along a ray the samples go: the inverse distribution of weights composited from the cached density
-// (`neif/proposal.rs`), and the contraction of far space (`neif/contraction.rs`, Eq. 10 of arXiv:2111.12077).
+// (`neif/proposal.rs`, `neif/density_grid.rs`), and the contraction of far space (`neif/contraction.rs`, Eq. 10 of arXiv:2111.12077).
 
 const OUTER_SIDE: f32 = 96.0;
 const INNER_SIDE: f32 = 128.0;
@@ -11,8 +11,15 @@ const N_STEPS: u32 = 80u;
 const REACH: f32 = 48.0;
 const UNIFORM_SHARE: f32 = 0.05;
 
-// Two cells of the running mean of the density a word, in bf16; 0 is empty for good.
+// Two cells of the running mean of the density a word, in bf16; 0 is empty for good. Then the floor: its normal and the
+// offset along it, a normal of 0 where there is none (`neif/floor.rs`).
 @group(0) @binding(3) var<storage, read> density_cells: array<u32>;
+
+// The first word after the cells.
+const FLOOR: u32 = 1490944u;
+// The least slope of a ray that meets the floor.
+const LEAST_SLOPE: f32 = 1e-3;
+const NO_FLOOR: f32 = 1e30;
 
 // As `FieldRay`: field coordinates.
 struct FieldRay {
@@ -73,6 +80,20 @@ fn cached_density(cell: u32) -> f32 {
     return bitcast<f32>(select(pair << 16u, pair & 0xffff0000u, (cell & 1u) == 1u));
 }
 
+// Distance along a ray from above to the floor, NO_FLOOR where it meets none.
+fn floor_distance(ray: FieldRay) -> f32 {
+    let numbers = vec4<u32>(
+        density_cells[FLOOR],
+        density_cells[FLOOR + 1u],
+        density_cells[FLOOR + 2u],
+        density_cells[FLOOR + 3u],
+    );
+    let plane = bitcast<vec4<f32>>(numbers);
+    let height = dot(ray.origin, plane.xyz) - plane.w;
+    let slope = -dot(ray.direction, plane.xyz) * ray.mean_length;
+    return select(NO_FLOOR, height / max(slope, LEAST_SLOPE), height > 0.0 && slope > LEAST_SLOPE);
+}
+
 // Distance where the ray leaves the inner box, or where it is about as far as the box when it misses it.
 fn split_distance(ray: FieldRay) -> f32 {
     let along = ray.direction * ray.mean_length;
@@ -104,6 +125,16 @@ fn step_distance(step: f32, split: f32) -> f32 {
     return outer_distance(step, split);
 }
 
+// The fractional step at a distance; N_STEPS from where the steps end.
+fn step_at(distance: f32, split: f32) -> f32 {
+    let beyond = distance - split;
+    if beyond <= 0.0 {
+        return distance / (split / f32(INNER_STEPS));
+    }
+    let u = beyond / (1.0 + beyond);
+    return min(f32(INNER_STEPS) + u / (REACH / (REACH + 1.0) / f32(OUTER_STEPS)), f32(N_STEPS));
+}
+
 // Weights of all steps, composited front to back from the cached density.
 fn march(ray: FieldRay, split: f32, weights: ptr<function, array<f32, N_STEPS>>) {
     var transmittance = 1.0;
@@ -124,9 +155,14 @@ fn march(ray: FieldRay, split: f32, weights: ptr<function, array<f32, N_STEPS>>)
     }
 }
 
-// The greatest of a weight and its neighbours, plus the uniform share.
-fn spread_weight(weights: ptr<function, array<f32, N_STEPS>>, i: u32) -> f32 {
+// The share of a step that lies before the fractional step `end`.
+fn part(step: u32, end: f32) -> f32 {
+    return clamp(end - f32(step), 0.0, 1.0);
+}
+
+// The greatest of a weight and its neighbours, plus the uniform share, as far as the step lies before `end`.
+fn spread_weight(weights: ptr<function, array<f32, N_STEPS>>, i: u32, end: f32) -> f32 {
     let before = (*weights)[max(i, 1u) - 1u];
     let after = (*weights)[min(i + 1u, N_STEPS - 1u)];
-    return max(max((*weights)[i], before), after) + UNIFORM_SHARE / f32(N_STEPS);
+    return (max(max((*weights)[i], before), after) + UNIFORM_SHARE / f32(N_STEPS)) * part(i, end);
 }

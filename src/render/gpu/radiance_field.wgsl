@@ -40,9 +40,14 @@ fn composited(ray: FieldRay) -> array<vec4<f32>, 4> {
     let split = split_distance(ray);
     var weights: array<f32, N_STEPS>;
     march(ray, split, &weights);
+    // The last sample of a ray that ends on the floor is there.
+    let to_floor = floor_distance(ray);
+    let ends_on_floor = to_floor < NO_FLOOR;
+    let end = select(f32(N_STEPS), step_at(to_floor, split), ends_on_floor);
+    let n_intervals = select(n_samples, n_samples - 1u, ends_on_floor);
     var total = 0.0;
     for (var i = 0u; i < N_STEPS; i++) {
-        total += spread_weight(&weights, i);
+        total += spread_weight(&weights, i, end);
     }
     let start = select(0.0, LOBE_START, ray.kappa < NO_LOBE && !IS_FAR);
     var sum: array<vec4<f32>, 4>;
@@ -50,29 +55,30 @@ fn composited(ray: FieldRay) -> array<vec4<f32>, 4> {
     var transmittance = 1.0;
     var below = 0.0;
     var step = 0u;
-    var step_weight = spread_weight(&weights, 0u);
+    var step_weight = spread_weight(&weights, 0u, end);
     var edge = 0.0;
     for (var k = 1u; k <= n_samples; k++) {
         let from_edge = edge;
-        if k == n_samples {
-            edge = step_distance(f32(N_STEPS), split);
-        } else {
+        let is_floor = k > n_intervals;
+        if k == n_intervals {
+            edge = step_distance(end, split);
+        } else if k < n_intervals {
             // The distribution is cut at equal quantiles.
-            let goal = total * f32(k) / f32(n_samples);
+            let goal = total * f32(k) / f32(n_intervals);
             while step < N_STEPS - 1u && below + step_weight < goal {
                 below += step_weight;
                 step++;
-                step_weight = spread_weight(&weights, step);
+                step_weight = spread_weight(&weights, step, end);
             }
             let fraction = clamp((goal - below) / max(step_weight, 1e-20), 0.0, 1.0);
-            edge = step_distance(f32(step) + fraction, split);
+            edge = step_distance(f32(step) + fraction * part(step, end), split);
         }
         let delta = edge - from_edge;
         // The last interval reaches far out: its sample is where its near half lies.
         let t = from_edge + min(delta, 1.0) * 0.5;
         let x = ray_at(ray, t);
         // A lobe's ray must not find its light on the surface it starts from, nor inside the object.
-        if t < start || cached_density(cell_index(x)) == 0.0 {
+        if !is_floor && (t < start || cached_density(cell_index(x)) == 0.0) {
             continue;
         }
         let place = contract(x);
@@ -80,7 +86,8 @@ fn composited(ray: FieldRay) -> array<vec4<f32>, 4> {
         let deviation = sqrt(beam * beam + ray.lobe_variance * t * t);
         let row = density_row(place.xyz * 0.25 + 0.5, deviation * place.w * 0.25);
         let depth = exp(min(row[0].x, LOG_DENSITY_MAX)) * delta;
-        let weight = (1.0 - exp(-min(depth, 87.0))) * transmittance;
+        let alpha = select(1.0 - exp(-min(depth, 87.0)), 1.0, is_floor);
+        let weight = alpha * transmittance;
         transmittance -= weight;
         opacity += weight;
         for (var i = 0u; i < 4u; i++) {

@@ -7,10 +7,10 @@ use wgpu::{Buffer, BufferDescriptor, BufferUsages};
 
 use super::device::{Gpu, GpuError};
 use crate::geometry::SurfaceTracer;
+use crate::neif::density_grid::DensityGrid;
 use crate::neif::hash_grid::{FEATURES, Level};
 use crate::neif::material::Material;
 use crate::neif::mlp::Mlp;
-use crate::neif::proposal::DensityGrid;
 use crate::neif::radiance_field::RadianceField;
 
 /// Cells per axis, first row, mask of the hash (0: dense), unused.
@@ -57,7 +57,7 @@ impl EnvironmentTables {
             density_weights: upload(gpu, "density network", &density_weights)?,
             color_weights: upload(gpu, "colour network", &color_weights)?,
             grid: upload(gpu, "grid of the surroundings", &grid)?,
-            density: upload(gpu, "density of the surroundings", density.cells())?,
+            density: upload(gpu, "density of the surroundings", &density_words(density))?,
         })
     }
 }
@@ -83,6 +83,13 @@ impl ObjectTables {
             cube: (material.corner, material.side),
         })
     }
+}
+
+/// The cells, then the floor's normal and offset: a normal of 0 where there is none.
+fn density_words(density: &DensityGrid) -> Vec<u16> {
+    let floor = density.floor.map_or([0.0; 4], |floor| floor.numbers());
+    let words: &[u16] = bytemuck::cast_slice(&floor);
+    [density.cells(), words].concat()
 }
 
 /// A table that is written once.

@@ -11,7 +11,7 @@ use crate::neif::lobe::Lobe;
 use crate::neif::proposal::ConeRay;
 use crate::neif::radiance_field::FieldBatch;
 use crate::render::picture::{Picture, render_with};
-use crate::render::test_scene::{camera, environment, object_of, scene};
+use crate::render::test_scene::{camera, environment, environment_over_a_floor, object_of, scene};
 use crate::render::{Background, Layer, Scene, ToneMap};
 
 /// A renderer; none on a machine without any adapter, where there is nothing to test.
@@ -59,7 +59,12 @@ fn rays_bring_what_they_bring_on_the_processor() {
     let Some(mut renderer) = renderer() else {
         return;
     };
-    let environment = environment(5);
+    for environment in [environment(5), environment_over_a_floor(5)] {
+        compare_rays(&mut renderer, &environment);
+    }
+}
+
+fn compare_rays(renderer: &mut GpuRenderer, environment: &Arc<Environment>) {
     let rays: Vec<FieldRay> = fibonacci_sphere(500)
         .into_iter()
         .enumerate()
@@ -83,7 +88,7 @@ fn rays_bring_what_they_bring_on_the_processor() {
         })
         .collect();
     let found = renderer
-        .radiance(&environment, &rays)
+        .radiance(environment, &rays)
         .expect("the adapter works");
     let mut batch = FieldBatch::default();
     batch.rays.extend(rays);
