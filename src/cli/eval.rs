@@ -113,7 +113,7 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
         split: args.split.as_str().to_owned(),
         train_seconds: trained.map(|trained| trained.train_secs),
         steps: trained.map(|trained| trained.steps),
-        exposed_like_neighbours: exposures.is_some(),
+        exposures_foretold: exposures.is_some(),
         mean: mean_of_views(&results),
         views: results,
         mean_exposed: exposed,
@@ -348,8 +348,11 @@ fn table(report: &EvalReport, lpips: Option<Backbone>) -> String {
             .map(|view| row(&view.name, &view.metrics)),
     );
     lines.push(row("mean", &report.mean));
-    if report.exposed_like_neighbours {
-        lines.push("each picture with the exposure that photos taken nearby have".to_owned());
+    if report.exposures_foretold {
+        lines.push(
+            "each picture with the exposure that those of the training photos lead to expect"
+                .to_owned(),
+        );
     }
     let exposed = report.mean_exposed.as_ref();
     lines.extend(exposed.map(|metrics| row("mean, own exposures", metrics)));

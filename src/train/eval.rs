@@ -45,9 +45,9 @@ pub struct EvalReport {
     pub train_seconds: Option<f64>,
     /// Optimiser steps, where the run says so.
     pub steps: Option<u64>,
-    /// Whether the pictures have the exposures that the photos' neighbours among the training photos lead to expect.
+    /// Whether the pictures have the exposures that those of the training photos lead to expect.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
-    pub exposed_like_neighbours: bool,
+    pub exposures_foretold: bool,
     /// Each view.
     pub views: Vec<ViewMetrics>,
     /// Means over the views.
@@ -81,7 +81,7 @@ pub fn evaluate_views(
     let scene = &scene.lit(cancel)?;
     let mut results = Vec::with_capacity(views.len());
     for (index, view) in views.iter().enumerate() {
-        let exposed = exposures.map(|exposures| exposures.exposed_like(view, scene));
+        let exposed = exposures.map(|exposures| scene.exposed(exposures.gain(view, scene)));
         let scene = exposed.as_ref().unwrap_or(scene);
         let picture = render(scene, &view.camera, Layer::Final, cancel, &|_| {})?;
         let (truth, mask) = truth_and_mask(view, picture.pixels.len());
@@ -414,7 +414,7 @@ mod tests {
             split: "test".to_owned(),
             train_seconds: Some(1.5),
             steps: None,
-            exposed_like_neighbours: false,
+            exposures_foretold: false,
             mean: mean_of_views(std::slice::from_ref(&view)),
             views: vec![view],
             mean_exposed: None,

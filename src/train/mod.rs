@@ -11,6 +11,7 @@ mod distortion;
 pub mod eval;
 mod event_queue;
 pub mod events;
+mod exposure_law;
 mod exposures;
 pub mod flip;
 mod ground;

@@ -29,7 +29,7 @@ impl Snapshot {
     /// `scene` as bright as the view's photo.
     pub fn exposed_like(&self, view: &View, scene: Scene) -> Scene {
         match &self.exposures {
-            Some(exposures) => exposures.exposed_like(view, &scene),
+            Some(exposures) => scene.exposed(exposures.gain(view, &self.scene())),
             None => scene,
         }
     }

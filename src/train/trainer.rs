@@ -60,7 +60,7 @@ pub struct Trainer {
     /// Where each photo has its own.
     pub(super) exposures: Option<Exposures>,
     /// The training photos, for what snapshots tell of their exposures.
-    photos: PhotoExposures,
+    photos: Option<PhotoExposures>,
     /// Where the photos' poses are refined.
     pub(super) poses: Option<Poses>,
     /// Where the mesh's normals are refined.
@@ -163,6 +163,8 @@ impl Trainer {
             Some(ground) => Some(Exposures::held(ground.log_gains())),
             None => (config.exposure_rate > 0.0).then(|| Exposures::new(pixels.n_views())),
         };
+        let gains = exposures.as_ref().map(Exposures::gains);
+        let photos = gains.map(|gains| PhotoExposures::of(dataset, gains));
         let mut trainer = Self {
             config: TrainConfig {
                 distortion_weight: config.distortion_weight * if has_haze { 1.0 } else { 0.0 },
@@ -181,7 +183,7 @@ impl Trainer {
             gamma: 1.0,
             gamma_adam: Adam::new(1),
             exposures,
-            photos: PhotoExposures::even(dataset),
+            photos,
             poses,
             refinement,
             step: 0,
@@ -297,7 +299,8 @@ impl Trainer {
             environment: Arc::new(environment),
             exposures: self
                 .gains()
-                .map(|gains| Arc::new(self.photos.clone().with_gains(gains))),
+                .zip(self.photos.as_ref())
+                .map(|(gains, photos)| Arc::new(photos.with_gains(gains))),
         }
     }
 
