@@ -37,10 +37,16 @@ impl Floor {
         [self.up.x, self.up.y, self.up.z, self.offset]
     }
 
+    /// Height of a point above it; negative below.
+    #[inline(always)]
+    pub fn height(&self, point: [f32; 3]) -> f32 {
+        Vec3::from(point).dot(self.up) - self.offset
+    }
+
     /// Distance along a ray from above to where it ends.
     #[inline(always)]
     pub fn distance(&self, ray: &ConeRay) -> Option<f32> {
-        let height = Vec3::from(ray.origin).dot(self.up) - self.offset;
+        let height = self.height(ray.origin);
         let slope = -Vec3::from(ray.direction).dot(self.up);
         (height > 0.0 && slope > LEAST_SLOPE).then(|| height / slope)
     }

@@ -105,15 +105,18 @@ const NEXT_TO_NOTHING: f32 = 1e-3;
 /// Counts the look-ups of a ray by what the cached density says of them.
 pub fn steps_of_ray(grid: &DensityGrid, ray: &ConeRay) -> RaySteps {
     let mut weights = [0.0; N_STEPS];
-    march::<Baseline>(grid, ray, split_distance(ray), &mut weights);
+    let split = split_distance(ray);
+    march::<Baseline>(grid, ray, split, &mut weights);
+    let floor = grid.floor.and_then(|floor| floor.distance(ray));
+    let end = floor.map_or(N_STEPS as f32, |t| step_at(t, split));
     let mut left = 1.0;
     let mut steps = RaySteps {
         n: N_STEPS,
         empty: 0,
         hidden: 0,
     };
-    for weight in weights {
-        if left < NEXT_TO_NOTHING {
+    for (step, weight) in weights.into_iter().enumerate() {
+        if left < NEXT_TO_NOTHING || step as f32 >= end {
             steps.hidden += 1;
         } else if weight < NEXT_TO_NOTHING {
             steps.empty += 1;
@@ -246,7 +249,10 @@ fn invert_cdf(weights: &[f32; N_STEPS], split: f32, end: f32, shift: f32, edges:
 
 #[cfg(test)]
 mod tests {
+    use glam::Vec3;
+
     use super::*;
+    use crate::neif::floor::Floor;
     use crate::neif::kernels::math::bf16_from_f32;
 
     fn ray() -> ConeRay {
@@ -301,6 +307,11 @@ mod tests {
 
     #[test]
     fn steps_before_a_wall_are_empty_and_those_behind_it_hidden() {
+        let mut floored = wall_at(-2.0);
+        floored.floor = Some(Floor::new(Vec3::ZERO, Vec3::X));
+        let steps = steps_of_ray(&floored, &ray());
+        // The box ends after 1.8: 48 steps, 21.3 of them before the floor.
+        assert_eq!(steps.hidden, N_STEPS - 22);
         let steps = steps_of_ray(&wall_at(-0.5), &ray());
         // From 0.8 to -1 in 48 steps: the wall is 1.3 away.
         assert!((33..=36).contains(&steps.empty), "{steps:?}");

@@ -6,6 +6,7 @@ use crate::neif::Environment;
 use crate::neif::contraction::{contract, unit_cube};
 use crate::neif::density_grid::cell_index;
 use crate::neif::environment::EnvironmentField;
+use crate::neif::floor::Floor;
 use crate::neif::radiance_field::FieldBatch;
 
 /// Densities per field unit at both ends of the colours.
@@ -45,7 +46,7 @@ impl SlicePlane {
 pub struct DensitySlice {
     /// Pixels a side.
     pub side: usize,
-    /// `[side * side]` densities per field unit from the left top; NaN inside the object, where nothing can be.
+    /// `[side * side]` densities per field unit from the left top; NaN inside the object and under a floor, where nothing can be.
     pub densities: Vec<f32>,
 }
 
@@ -77,7 +78,8 @@ pub fn density_slice(
             .collect();
         let values = field.densities(&mut batch, &in_cube, &mut scratch);
         densities.extend(points.iter().zip(values).map(|(point, value)| {
-            if density.is_void(cell_index(*point)) {
+            let is_below = |floor: Floor| floor.height(*point) < 0.0;
+            if density.is_void(cell_index(*point)) || density.floor.is_some_and(is_below) {
                 f32::NAN
             } else {
                 value
@@ -95,7 +97,7 @@ pub fn density_share(density: f32) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::test_scene::environment;
+    use super::super::test_scene::{environment, environment_over_a_floor};
     use super::*;
 
     #[test]
@@ -116,6 +118,22 @@ mod tests {
         let column =
             |s: &DensitySlice| -> Vec<f32> { (0..11).map(|r| s.densities[r * 11 + 5]).collect() };
         assert_eq!(column(&x), column(&y), "the z axis through the centre");
+    }
+
+    #[test]
+    fn under_a_floor_nothing_can_be() {
+        let plane = SlicePlane {
+            axis: 0,
+            share: 0.5,
+        };
+        let never = AtomicBool::new(false);
+        let over_a_floor = environment_over_a_floor(3);
+        let slice = density_slice(&over_a_floor, plane, 8, &never).expect("a slice");
+        let free = density_slice(&environment(3), plane, 8, &never).expect("a slice");
+        let pairs = slice.densities.iter().zip(&free.densities);
+        let below = pairs.clone().filter(|(d, _)| d.is_nan()).count();
+        assert!((8..56).contains(&below), "{below} of 64 below it");
+        assert!(pairs.into_iter().all(|(d, free)| d.is_nan() || d == free));
     }
 
     #[test]

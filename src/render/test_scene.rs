@@ -9,6 +9,7 @@ use crate::geometry::{Camera, Mesh, SurfaceTracer};
 use crate::neif::contraction::FieldFrame;
 use crate::neif::density_grid::DensityGrid;
 use crate::neif::environment::{Environment, EnvironmentField, EnvironmentPlace};
+use crate::neif::floor::Floor;
 use crate::neif::hash_grid::{GridConfig, LEAST_WEIGHT};
 use crate::neif::material::MaterialConfig;
 use crate::neif::radiance_field::{FieldConfig, RadianceField};
@@ -87,7 +88,6 @@ pub(crate) fn fog_above(floor: f32) -> Arc<Environment> {
 }
 
 /// The room of [`environment`] over an opaque floor.
-#[cfg(feature = "gpu")]
 pub(crate) fn environment_over_a_floor(seed: u32) -> Arc<Environment> {
     let room = environment(seed);
     let EnvironmentField::Grid { field, density } = room.field() else {
@@ -95,7 +95,7 @@ pub(crate) fn environment_over_a_floor(seed: u32) -> Arc<Environment> {
     };
     let up = Vec3::new(0.36, 0.48, 0.8);
     let mut density = density.clone();
-    density.floor = Some(crate::neif::floor::Floor::new(-0.4 * up, up));
+    density.floor = Some(Floor::new(-0.4 * up, up));
     with_density(field.clone(), density)
 }
 
