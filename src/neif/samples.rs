@@ -106,9 +106,10 @@ impl RaySamples {
             for ((pair, t), delta) in intervals.zip(out).zip(&mut self.deltas[samples.clone()]) {
                 *delta = pair[1] - pair[0];
                 // The last interval reaches far out: its sample is where its near half lies in disparity, or on the floor.
-                *t = match *delta >= OPAQUE_LENGTH {
-                    true => pair[0],
-                    false => pair[0] + delta.min(1.0) * inside,
+                *t = if *delta >= OPAQUE_LENGTH {
+                    pair[0]
+                } else {
+                    pair[0] + delta.min(1.0) * inside
                 };
             }
             locate(

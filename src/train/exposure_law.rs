@@ -170,7 +170,7 @@ mod tests {
         let same = |i: usize| {
             (
                 Vec3::splat(-1.0),
-                Vec3::splat(if i % 2 == 0 { 0.3 } else { -0.1 }),
+                Vec3::splat(if i.is_multiple_of(2) { 0.3 } else { -0.1 }),
             )
         };
         let sums = (0..20).fold(LawSums::NONE, |sums, i| sums.with(same(i), 1.0));

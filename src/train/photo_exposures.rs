@@ -306,7 +306,12 @@ mod tests {
             auto.photos[7].gain,
             "its own"
         );
-        let by_hand = taken_in(|i| (0.1 + 0.01 * i as f32, if i % 3 == 0 { 1.3 } else { 0.9 }));
+        let by_hand = taken_in(|i| {
+            (
+                0.1 + 0.01 * i as f32,
+                if i.is_multiple_of(3) { 1.3 } else { 0.9 },
+            )
+        });
         assert_eq!(by_hand.learn().law, None, "gains of chance follow nothing");
     }
 

@@ -293,14 +293,12 @@ impl Trainer {
                 })
             });
         let environment = Environment::new(place, self.field.value.clone(), self.density.clone());
+        let photos = self.photos.as_ref().zip(self.gains());
         Snapshot {
             step: self.step,
             object,
             environment: Arc::new(environment),
-            exposures: self
-                .gains()
-                .zip(self.photos.as_ref())
-                .map(|(gains, photos)| Arc::new(photos.with_gains(gains))),
+            exposures: photos.map(|(photos, gains)| Arc::new(photos.with_gains(gains))),
         }
     }
 
