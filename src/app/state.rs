@@ -423,7 +423,7 @@ impl AppState {
     /// The view whose photo the picture is compared with, if any.
     fn compared_view(&self) -> Option<&View> {
         let index = self.view.at_view?;
-        let is_compared = self.compare.with_photo != Comparison::Off;
+        let is_compared = self.compare.wipe.is_some() || self.compare.with_photo != Comparison::Off;
         let dataset = self.dataset.as_ref().filter(|_| is_compared)?;
         dataset.views().nth(index)
     }
@@ -537,5 +537,60 @@ impl AppState {
             up,
             was_moved: false,
         };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::{Origin, Photo};
+    use crate::render::test_scene::{camera, scene};
+    use crate::train::photo_exposures::PhotoExposures;
+
+    #[test]
+    fn beside_its_photo_a_picture_has_the_photo_s_exposure() {
+        let view = View {
+            name: "a".to_owned(),
+            camera: camera(4, 3),
+            photo: Photo::Ldr {
+                width: 4,
+                height: 3,
+                pixels: vec![[30_000; 3]; 12],
+            },
+            mask: None,
+        };
+        let dataset = Dataset {
+            name: String::new(),
+            root: PathBuf::new(),
+            origin: Origin::default(),
+            train: vec![view],
+            val: Vec::new(),
+            test: Vec::new(),
+            mesh: None,
+            mesh_path: None,
+            surroundings_visible: true,
+            problems: Vec::new(),
+        };
+        let gain = Vec3::new(2.0, 1.0, 0.5);
+        let scene = scene();
+        let snapshot = Snapshot {
+            step: 1,
+            object: scene.object,
+            environment: scene.environment,
+            exposures: Some(Arc::new(PhotoExposures::of(&dataset, &[gain]))),
+        };
+        let mut state = AppState {
+            dataset: Some(Arc::new(dataset)),
+            ..AppState::default()
+        };
+        let shown = |state: &AppState| state.scene_of(&snapshot).transform.white_balance;
+        state.compare.wipe = Some(0.5);
+        assert_eq!(shown(&state), Vec3::ONE, "no photo is taken from here");
+        state.view.at_view = Some(0);
+        assert_eq!(shown(&state), gain, "the wipe");
+        state.compare.wipe = None;
+        assert_eq!(shown(&state), Vec3::ONE, "no comparison");
+        state.compare.with_photo = Comparison::Beside;
+        assert_eq!(shown(&state), gain, "beside it");
     }
 }

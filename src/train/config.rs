@@ -63,7 +63,7 @@ pub struct TrainConfig {
     /// Learning rate of the display gamma.
     pub gamma_rate: f32,
     /// Learning rate of the exposure and white balance of each training photo (logarithms of a gain a colour, 1 in the
-    /// mean over the photos); 0 takes them as equal.
+    /// mean over the photos); 0 takes them as equal where they are not read off the ground.
     pub exposure_rate: f32,
     /// Whether the poses of the training photos are refined.
     pub refine_poses: bool,

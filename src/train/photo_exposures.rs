@@ -59,7 +59,7 @@ struct Foretelling {
 
 impl PhotoExposures {
     /// Of the training photos, with their gains.
-    pub(super) fn of(dataset: &Dataset, gains: &[Vec3]) -> Self {
+    pub(crate) fn of(dataset: &Dataset, gains: &[Vec3]) -> Self {
         let of_photo = |(view, gain): (&View, &Vec3)| PhotoExposure {
             name: view.name.clone(),
             position: view.camera.position(),

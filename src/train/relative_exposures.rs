@@ -51,10 +51,18 @@ fn compare(photos: [usize; 2], seen: &[Vec<Option<Vec3>>]) -> Option<Pair> {
 pub(super) fn median(values: &[Vec3]) -> Vec3 {
     let of_axis = |axis: usize| {
         let mut values: Vec<f32> = values.iter().map(|v| v[axis]).collect();
-        let middle = values.len() / 2;
-        *values.select_nth_unstable_by(middle, f32::total_cmp).1
+        middle(&mut values)
     };
     Vec3::new(of_axis(0), of_axis(1), of_axis(2))
+}
+
+/// The median of numbers, which are put into another order.
+///
+/// # Panics
+/// When there are none.
+pub(super) fn middle(values: &mut [f32]) -> f32 {
+    let half = values.len() / 2;
+    *values.select_nth_unstable_by(half, f32::total_cmp).1
 }
 
 /// The logarithms that explain the pairs with about the least sum of absolute errors, by reweighted least squares.

@@ -7,6 +7,7 @@ use glam::{Affine3A, UVec2, Vec3};
 use rayon::prelude::*;
 
 use super::ground::log_color;
+use super::relative_exposures::middle;
 use crate::data::View;
 use crate::geometry::{Projector, orthonormal_basis};
 
@@ -17,6 +18,8 @@ const MOST_PHOTOS: usize = 64;
 const MOST_POINTS: usize = 8192;
 /// Fewest photos that tell anything of a point.
 const LEAST_PHOTOS: usize = 4;
+/// Share of the points judged at the start that must be.
+const LEAST_KEPT: f32 = 0.9;
 /// Largest difference of logarithms that counts: more is something else.
 const MOST_APART: f32 = 0.5;
 /// First steps: along the normal, in the object's longest side, and of the normal, radians.
@@ -69,51 +72,50 @@ pub(super) fn settled_plane(
     let points: Vec<_> = points.iter().step_by(stride).copied().collect();
     let mut steps = FIRST_STEPS;
     steps[0] *= size;
-    let mut best = (start, disagreement(start, &photos, &points));
+    let (mut least, n) = disagreement(start, &photos, &points);
+    let mut best = start;
     for _ in 0..=HALVINGS {
         for (axis, step) in steps.into_iter().enumerate() {
             for step in [step, -step] {
                 let mut by = [0.0; 3];
                 by[axis] = step;
                 loop {
-                    let moved = best.0.moved(by);
-                    let found = disagreement(moved, &photos, &points);
-                    if found >= best.1 {
+                    let moved = best.moved(by);
+                    let (found, n_judged) = disagreement(moved, &photos, &points);
+                    // Photos that do not see it any more agree, too.
+                    if found >= least || (n_judged as f32) < LEAST_KEPT * n as f32 {
                         break;
                     }
-                    best = (moved, found);
+                    (best, least) = (moved, found);
                 }
             }
         }
         steps = steps.map(|step| 0.5 * step);
     }
-    best.0
+    best
 }
 
-/// Mean difference of what photos show of a point from its median there.
-fn disagreement(plane: Plane, photos: &[Option<LogPhoto>], points: &[(Vec3, &[usize])]) -> f32 {
-    let (sum, n) = points
-        .par_iter()
-        .map(|(point, shown_in)| {
-            let p = plane.at(*point);
-            let photos = shown_in.iter().filter_map(|i| photos[*i].as_ref());
-            let mut values: Vec<f32> = photos.filter_map(|photo| photo.at(p)).collect();
-            if values.len() < LEAST_PHOTOS {
-                return (0.0, 0);
-            }
-            let middle = values.len() / 2;
-            let (_, middle, _) = values.select_nth_unstable_by(middle, f32::total_cmp);
-            let middle = *middle;
-            let apart = |v: &f32| (v - middle).abs().min(MOST_APART);
-            (
-                values.iter().map(apart).sum::<f32>() / values.len() as f32,
-                1,
-            )
-        })
-        .collect::<Vec<(f32, usize)>>()
-        .into_iter()
-        .fold((0.0, 0), |(sum, n), (v, k)| (sum + v, n + k));
-    sum / n.max(1) as f32
+/// Mean difference of what photos show of a point from its median there, over the points that enough photos show; and how
+/// many do.
+fn disagreement(
+    plane: Plane,
+    photos: &[Option<LogPhoto>],
+    points: &[(Vec3, &[usize])],
+) -> (f32, usize) {
+    let difference = |(point, shown_in): &(Vec3, &[usize])| {
+        let p = plane.at(*point);
+        let photos = shown_in.iter().filter_map(|i| photos[*i].as_ref());
+        let mut values: Vec<f32> = photos.filter_map(|photo| photo.at(p)).collect();
+        if values.len() < LEAST_PHOTOS {
+            return None;
+        }
+        let middle = middle(&mut values);
+        let apart = |v: &f32| (v - middle).abs().min(MOST_APART);
+        Some(values.iter().map(apart).sum::<f32>() / values.len() as f32)
+    };
+    let differences: Vec<f32> = points.par_iter().filter_map(difference).collect();
+    let n = differences.len();
+    (differences.iter().sum::<f32>() / n.max(1) as f32, n)
 }
 
 /// The logarithms of a photo's brightness, less that of its gain.
