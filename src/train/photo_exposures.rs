@@ -104,10 +104,14 @@ impl PhotoExposures {
             return rest.exp();
         };
         let meter = meter();
-        // What is clipped depends on the gain.
+        let gains = || self.photos.iter().map(|photo| photo.gain);
+        let least = gains().fold(Vec3::INFINITY, Vec3::min);
+        let most = gains().fold(Vec3::ZERO, Vec3::max);
+        // What is clipped depends on the gain. No camera goes far beyond what it did.
         (0..ROUNDS).fold(Vec3::ONE, |gain, _| {
             let light = log_light(meter.mean_color(gain), gain);
-            (law.log_gain(light) + rest).exp()
+            let foretold = (law.log_gain(light) + rest).exp();
+            foretold.clamp(least, most)
         })
     }
 
@@ -301,6 +305,11 @@ mod tests {
                 "{gain} in {light}"
             );
         }
+        let dark = auto.gain(&view("dark"), &scene(1e-3));
+        assert!(
+            (dark - 2.0).abs().max_element() < 1e-3,
+            "{dark}: no photo has more"
+        );
         assert_eq!(
             auto.gain(&view("7"), &scene(0.3)),
             auto.photos[7].gain,
