@@ -362,7 +362,6 @@ fn colored(values: &[f32], width: usize, kind: ErrorKind) -> ScreenPhoto {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::Origin;
     use crate::render::test_scene::scene;
 
     fn subject(snapshot: &Arc<Snapshot>, dataset: &Arc<Dataset>, view: usize) -> Subject {
@@ -387,18 +386,7 @@ mod tests {
     }
 
     fn dataset() -> Arc<Dataset> {
-        Arc::new(Dataset {
-            name: String::new(),
-            root: std::path::PathBuf::new(),
-            origin: Origin::default(),
-            train: Vec::new(),
-            val: Vec::new(),
-            test: Vec::new(),
-            mesh: None,
-            mesh_path: None,
-            surroundings_visible: true,
-            problems: Vec::new(),
-        })
+        Arc::new(Dataset::of_views(Vec::new()))
     }
 
     #[test]

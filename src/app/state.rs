@@ -543,7 +543,7 @@ impl AppState {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::{Origin, Photo};
+    use crate::data::Photo;
     use crate::render::test_scene::{camera, scene};
     use crate::train::photo_exposures::PhotoExposures;
 
@@ -559,18 +559,7 @@ mod tests {
             },
             mask: None,
         };
-        let dataset = Dataset {
-            name: String::new(),
-            root: PathBuf::new(),
-            origin: Origin::default(),
-            train: vec![view],
-            val: Vec::new(),
-            test: Vec::new(),
-            mesh: None,
-            mesh_path: None,
-            surroundings_visible: true,
-            problems: Vec::new(),
-        };
+        let dataset = Dataset::of_views(vec![view]);
         let gain = Vec3::new(2.0, 1.0, 0.5);
         let scene = scene();
         let snapshot = Snapshot {

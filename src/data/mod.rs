@@ -117,6 +117,23 @@ pub struct Dataset {
 }
 
 impl Dataset {
+    /// A capture of these training views, and nothing else.
+    #[cfg(test)]
+    pub(crate) fn of_views(train: Vec<View>) -> Self {
+        Self {
+            name: "test".to_owned(),
+            root: PathBuf::from("test"),
+            origin: Origin::default(),
+            train,
+            val: Vec::new(),
+            test: Vec::new(),
+            mesh: None,
+            mesh_path: None,
+            surroundings_visible: true,
+            problems: Vec::new(),
+        }
+    }
+
     /// All views: training, validation, test.
     pub fn views(&self) -> impl Iterator<Item = &View> {
         self.train.iter().chain(&self.val).chain(&self.test)

@@ -257,10 +257,8 @@ fn load_view(frame: &Frame, reduction: Reduction) -> Result<LoadedView, DataErro
 impl View {
     /// The view with a photo of at most `longest` pixels along its longer side.
     pub(crate) fn within(&self, longest: u32) -> Self {
-        let (width, height) = (self.photo.width(), self.photo.height());
-        let scale = (f64::from(longest) / f64::from(width.max(height))).min(1.0);
-        let side = |full: u32| ((f64::from(full) * scale).round() as u32).clamp(1, full);
-        reduced_view(self, None, (side(width), side(height)))
+        let small = self.camera.within(longest);
+        reduced_view(self, None, (small.width, small.height))
     }
 }
 

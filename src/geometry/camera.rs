@@ -110,6 +110,13 @@ impl Camera {
         }
     }
 
+    /// The same camera with pictures of at most `longest` pixels along their longer side.
+    pub fn within(&self, longest: u32) -> Self {
+        let scale = (f64::from(longest) / f64::from(self.width.max(self.height))).min(1.0);
+        let side = |full: u32| ((f64::from(full) * scale).round() as u32).clamp(1, full);
+        self.resized(side(self.width), side(self.height))
+    }
+
     /// A picture of another size that shows all of this one, and more where it is wider or higher; nothing is stretched.
     pub fn fitted(&self, width: u32, height: u32) -> Self {
         let (w, h) = (self.width.max(1) as f32, self.height.max(1) as f32);

@@ -141,6 +141,14 @@ impl Environment {
         &self.field
     }
 
+    /// The floor under it, where one is known.
+    pub fn floor(&self) -> Option<Floor> {
+        match &self.field {
+            EnvironmentField::Grid { density, .. } => density.floor,
+            _ => None,
+        }
+    }
+
     /// Whether `other` holds the same field in the same place.
     pub fn is_same_light(&self, other: &Self) -> bool {
         let kind = |e: &Self| std::mem::discriminant(&e.field);
@@ -478,15 +486,7 @@ mod tests {
         let back = Environment::load(&path).unwrap();
         assert_eq!(back.place, environment().place);
         assert_eq!(back.params(), environment().params());
-        assert_eq!(floor(&back), None);
-    }
-
-    /// The floor of a grid.
-    fn floor(environment: &Environment) -> Option<Floor> {
-        match environment.field() {
-            EnvironmentField::Grid { density, .. } => density.floor,
-            _ => None,
-        }
+        assert_eq!(back.floor(), None);
     }
 
     #[test]
@@ -500,7 +500,7 @@ mod tests {
             _ => panic!("a grid"),
         }
         over_a_floor.save(&path, Storage::F16).unwrap();
-        assert_eq!(floor(&Environment::load(&path).unwrap()), Some(laid));
+        assert_eq!(Environment::load(&path).unwrap().floor(), Some(laid));
         let mut file = TensorFile::read(&path).unwrap();
         file.insert_f32("floor", &[4], vec![0.0; 4]);
         file.write(&path).unwrap();

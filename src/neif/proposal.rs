@@ -78,10 +78,9 @@ fn place_samples_body<I: Isa>(
     let split = split_distance(ray);
     march::<I>(grid, ray, split, &mut weights);
     let weights = spread_weights(&weights, placement.uniform_share);
-    let end = grid.floor.and_then(|floor| floor.distance(ray));
-    match (end, edges) {
-        (Some(t), [edges @ .., last]) => {
-            invert_cdf(&weights, split, step_at(t, split), placement.shift, edges);
+    match (floor_step(grid, ray, split), edges) {
+        (Some(end), [edges @ .., last]) => {
+            invert_cdf(&weights, split, end, placement.shift, edges);
             *last = 2.0 * OPAQUE_LENGTH;
         }
         (_, edges) => invert_cdf(&weights, split, N_STEPS as f32, placement.shift, edges),
@@ -107,8 +106,7 @@ pub fn steps_of_ray(grid: &DensityGrid, ray: &ConeRay) -> RaySteps {
     let mut weights = [0.0; N_STEPS];
     let split = split_distance(ray);
     march::<Baseline>(grid, ray, split, &mut weights);
-    let floor = grid.floor.and_then(|floor| floor.distance(ray));
-    let end = floor.map_or(N_STEPS as f32, |t| step_at(t, split));
+    let end = floor_step(grid, ray, split).unwrap_or(N_STEPS as f32);
     let mut left = 1.0;
     let mut steps = RaySteps {
         n: N_STEPS,
@@ -191,6 +189,13 @@ fn step_distance(step: f32, split: f32) -> f32 {
     } else {
         outer_distance(step, split)
     }
+}
+
+/// The fractional step at which a ray ends on the floor.
+#[inline(always)]
+fn floor_step(grid: &DensityGrid, ray: &ConeRay, split: f32) -> Option<f32> {
+    let distance = grid.floor?.distance(ray)?;
+    Some(step_at(distance, split))
 }
 
 /// The fractional step at a distance; [`N_STEPS`] from where the steps end.

@@ -103,9 +103,7 @@ pub(super) struct Meter {
 impl Meter {
     /// Of a scene of mean exposure.
     pub(super) fn of(scene: &Scene, camera: &Camera) -> Self {
-        let scale = METERED_SIDE as f32 / camera.width.max(camera.height) as f32;
-        let side = |full: u32| ((full as f32 * scale.min(1.0)).round() as u32).max(1);
-        let small = camera.resized(side(camera.width), side(camera.height));
+        let small = camera.within(METERED_SIDE);
         let mut dark = scene.clone();
         dark.display_ev = -HEADROOM;
         let never = AtomicBool::new(false);

@@ -72,11 +72,10 @@ impl SeenGround {
             .train
             .par_iter()
             .map(|view| {
-                let none = || vec![None; points.len()];
                 if ground.height(view.camera.position()) > 0.0 {
                     log_colors(view, &points)
                 } else {
-                    none()
+                    vec![None; points.len()]
                 }
             })
             .collect();

@@ -7,7 +7,7 @@ use glam::Vec3;
 
 use super::config::TrainConfig;
 use crate::color::srgb_from_linear;
-use crate::data::{Dataset, Mask, Origin, Photo, View};
+use crate::data::{Dataset, Mask, Photo, View};
 use crate::geometry::{Camera, Mesh, Ray, SurfaceTracer, fibonacci_sphere};
 use crate::neif::hash_grid::{GridConfig, LEAST_WEIGHT};
 
@@ -58,14 +58,10 @@ pub(super) fn sphere_in_a_box(n_views: usize, size: u32) -> Dataset {
     Dataset {
         name: "sphere in a box".to_owned(),
         root: PathBuf::from("formula"),
-        origin: Origin::default(),
-        train: strip(train),
         val: strip(val),
-        test: Vec::new(),
         mesh: Some(mesh),
         mesh_path: Some(PathBuf::from("formula")),
-        surroundings_visible: true,
-        problems: Vec::new(),
+        ..Dataset::of_views(strip(train))
     }
 }
 

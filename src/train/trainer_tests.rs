@@ -9,7 +9,7 @@ use super::test_scene::{FLOOR, TINT, small_fields, sphere_in_a_box, sphere_on_a_
 use super::trainer::{StepStats, Trainer};
 use crate::color::{linear_from_srgb, srgb_from_linear};
 use crate::data::{Dataset, Photo};
-use crate::neif::environment::{EnvironmentField, LightScratch};
+use crate::neif::environment::LightScratch;
 use crate::neif::floor::Floor;
 use crate::neif::material::MaterialBatch;
 use crate::neif::radiance_field::{CutOff, FieldBatch, FieldRay, RadianceField};
@@ -231,10 +231,7 @@ fn on_a_floor() -> Dataset {
 
 /// The floor of a trainer's field.
 fn floor_of(trainer: &Trainer) -> Option<Floor> {
-    match trainer.snapshot().environment.field() {
-        EnvironmentField::Grid { density, .. } => density.floor,
-        _ => None,
-    }
+    trainer.snapshot().environment.floor()
 }
 
 #[test]

@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 use glam::{Vec2, Vec3};
 
 use super::*;
-use crate::data::{Mask, Origin, Photo, View};
+use crate::data::{Mask, Photo, View};
 use crate::geometry::Camera;
 
 /// Pixels on a side.
@@ -98,18 +98,7 @@ fn view(i: u32, n: u32, shape: Shape) -> View {
 }
 
 fn capture(n: u32, shape: Shape) -> Dataset {
-    Dataset {
-        name: "shape".to_owned(),
-        root: "shape".into(),
-        origin: Origin::default(),
-        train: (0..n).map(|i| view(i, n, shape)).collect(),
-        val: Vec::new(),
-        test: Vec::new(),
-        mesh: None,
-        mesh_path: None,
-        surroundings_visible: true,
-        problems: Vec::new(),
-    }
+    Dataset::of_views((0..n).map(|i| view(i, n, shape)).collect())
 }
 
 fn make(dataset: &Dataset) -> Result<Mesh, StageOneError> {
