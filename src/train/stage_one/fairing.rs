@@ -1,5 +1,6 @@
 //! The fairest surface that has the given outlines: signed distances on a grid, pulled onto the
-//! rays that graze the object and bent as evenly as possible between them.
+//! rays that graze the object and bent as evenly as possible between them, without letting go of what rays
+//! within the outlines meet.
 //!
 //! Each round finds where every grazing ray comes nearest to the surface and solves the linear
 //! least squares `sum w (phi(x))^2 + evenness sum c (L phi(i) - L phi(j))^2 + stiffness sum (L phi)^2`,
@@ -10,7 +11,7 @@
 //! two balls with a neck and ripples between the outlines. The weights `c` are those of a Cauchy loss, so
 //! that a crease may be as sharp as the outlines are sure.
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::band::{Band, add_scaled, dot};
@@ -25,6 +26,9 @@ pub(super) const REACH: f32 = 6.0;
 const DOUBT: f32 = 1.0;
 /// Least difference of curvature between neighbours, a cell, whose weight is a half, however sure the outlines are.
 const LEAST_CREASE: f32 = 0.04;
+/// Cells below the surface that a ray within an outline reaches at least. A sheet two cells thick bends in no even way, and
+/// would dissolve between its rims.
+const LEAST_DEPTH: f32 = 0.3;
 
 /// Steps along a ray.
 const MAX_STEPS: usize = 2048;
@@ -53,7 +57,7 @@ struct Condition {
     slots: [u32; 8],
     weights: [f32; 8],
     weight: f32,
-    /// The value there now, in cells.
+    /// The value there now, in cells, less what it should be.
     value: f32,
 }
 
@@ -66,18 +70,17 @@ pub(super) fn round(
     fairing: &Fairing,
 ) -> f32 {
     let band = Band::new(phi, BAND);
-    let conditions: Vec<Condition> = silhouettes
-        .par_iter()
-        .flat_map_iter(|silhouette| {
-            let (phi, band) = (&*phi, &band);
-            silhouette
-                .outline
-                .iter()
-                .filter_map(move |at| condition(phi, band, &silhouette.ray(*at)))
-        })
-        .collect();
+    let every = |rays: fn(&Silhouette) -> &[Vec2], depth: f32, enough: f32| -> Vec<Condition> {
+        let rays = silhouettes
+            .par_iter()
+            .flat_map_iter(|silhouette| rays(silhouette).iter().map(|at| silhouette.ray(*at)));
+        rays.filter_map(|ray| condition(phi, &band, &ray, depth, enough))
+            .collect()
+    };
+    let mut conditions = every(|s| &s.outline, 0.0, f32::NEG_INFINITY);
     let sum: f32 = conditions.iter().map(|c| c.value.abs()).sum();
     let residual = sum / conditions.len().max(1) as f32;
+    conditions.extend(every(|s| &s.inner, LEAST_DEPTH, -LEAST_DEPTH));
     let crease = (fairing.crease * residual).max(LEAST_CREASE);
     let system = System::new(phi, hull, &band, &conditions, fairing, crease);
     let change = system.solve();
@@ -89,9 +92,16 @@ pub(super) fn round(
     residual
 }
 
-/// The condition that a grazing ray sets, if it comes near the surface.
-fn condition(phi: &ScalarGrid, band: &Band, ray: &Ray) -> Option<Condition> {
-    let at = nearest_approach(phi, ray)?;
+/// The condition that a ray should come `depth` cells below the surface and no deeper, if it comes near; `None` too for
+/// one that goes `enough` cells deep (a negative value, as inside).
+fn condition(
+    phi: &ScalarGrid,
+    band: &Band,
+    ray: &Ray,
+    depth: f32,
+    enough: f32,
+) -> Option<Condition> {
+    let at = nearest_approach(phi, ray, enough * phi.cell)?;
     let corners = phi.corners(at);
     let mut slots = [0; 8];
     for (slot, node) in slots.iter_mut().zip(corners.nodes) {
@@ -103,6 +113,7 @@ fn condition(phi: &ScalarGrid, band: &Band, ray: &Ray) -> Option<Condition> {
         .zip(corners.weights)
         .map(|(node, weight)| weight * phi.values[*node] / phi.cell)
         .sum();
+    let value = value + depth;
     Some(Condition {
         slots,
         weights: corners.weights,
@@ -111,8 +122,8 @@ fn condition(phi: &ScalarGrid, band: &Band, ray: &Ray) -> Option<Condition> {
     })
 }
 
-/// Where along the ray the value is least; `None` for rays that miss the grid.
-fn nearest_approach(phi: &ScalarGrid, ray: &Ray) -> Option<Vec3> {
+/// Where along the ray the value is least; `None` for rays that miss the grid, and where it falls to `enough`.
+fn nearest_approach(phi: &ScalarGrid, ray: &Ray, enough: f32) -> Option<Vec3> {
     let (start, end) = phi.bounds().span(ray)?;
     let (mut t, mut best_t, mut best) = (start, start, f32::INFINITY);
     // Bounded, as a step may be lost in the rounding of a far camera's distances.
@@ -123,6 +134,9 @@ fn nearest_approach(phi: &ScalarGrid, ray: &Ray) -> Option<Vec3> {
         let value = phi.sample(ray.at(t));
         if value < best {
             (best, best_t) = (value, t);
+            if value <= enough {
+                return None;
+            }
         }
         t += (0.7 * value.abs()).max(0.5 * phi.cell);
     }

@@ -17,6 +17,8 @@ pub(super) struct Silhouette {
     /// Middles of the outline's pieces, about one a pixel, in pixels. Where the picture ends the
     /// object is cut, and there is no outline.
     pub(super) outline: Vec<Vec2>,
+    /// Places on the object, evenly, in pixels: all of its rays should meet it.
+    pub(super) inner: Vec<Vec2>,
     /// `[height * width]` distance of each pixel's centre to the outline in pixels, positive on
     /// the object; cut at [`FAR_PX`] either way.
     distance: Vec<f32>,
@@ -24,6 +26,10 @@ pub(super) struct Silhouette {
 
 /// Where distances end, pixels.
 const FAR_PX: f32 = 1e4;
+/// Most places on the object whose rays are asked for, about one for every other cell that it covers.
+const MOST_INNER: usize = 8_000;
+/// Pixels from the outline within which rays are not: cameras err by as much.
+const RIM_PX: f32 = 1.5;
 
 /// A piece of the outline, in pixels.
 type Piece = [Vec2; 2];
@@ -39,10 +45,12 @@ impl Silhouette {
             return None;
         }
         let distance = distances(&soft, width, height, &pieces);
+        let inner = inner_places(&distance, width);
         Some(Self {
             camera: view.camera,
             camera_from_world: view.camera.world_from_camera.inverse(),
             outline: pieces.iter().map(|[a, b]| 0.5 * (*a + *b)).collect(),
+            inner,
             distance,
         })
     }
@@ -121,6 +129,17 @@ impl Silhouette {
         let reach = self.outline.iter().map(|p| p.distance(middle));
         (middle, reach.fold(0.0, f32::max))
     }
+}
+
+/// Pixel centres further than [`RIM_PX`] within the outline, all or every so many along both axes.
+fn inner_places(distance: &[f32], width: usize) -> Vec<Vec2> {
+    let inner = || (0..distance.len()).filter(|i| distance[*i] > RIM_PX);
+    let stride = (inner().count() as f32 / MOST_INNER as f32).sqrt().ceil() as usize;
+    inner()
+        .map(|i| (i % width, i / width))
+        .filter(|(x, y)| x % stride == 0 && y % stride == 0)
+        .map(|(x, y)| Vec2::new(x as f32, y as f32) + 0.5)
+        .collect()
 }
 
 /// Coverage 0..1, blurred a little where the mask has hard steps.
