@@ -71,6 +71,11 @@ impl Meter {
         }
     }
 
+    /// Leaves seconds in which no step could be taken out of the rates.
+    pub(super) fn leave_out(&mut self, secs: f64) {
+        self.since_secs += secs;
+    }
+
     /// The figures since the last report; begins anew.
     pub(super) fn report(&mut self, plan: &Plan, clock: &Clock, trainer: &AnyTrainer) -> Progress {
         let now = clock.secs();

@@ -163,9 +163,12 @@ impl Run<'_> {
 
     /// Traces every training pixel anew, on the run's own threads.
     fn retrace(&mut self) -> Result<(), TrainError> {
+        let begun = self.clock.secs();
         let (trainer, stop) = (&mut self.trainer, &self.worker.shared.stop);
         let retrace = || trainer.retrace(&self.dataset, stop);
-        self.worker.pool.install(retrace)
+        let retraced = self.worker.pool.install(retrace);
+        self.meter.leave_out(self.clock.secs() - begun);
+        retraced
     }
 
     /// Puts the newest state of the fields where everybody can take it.
