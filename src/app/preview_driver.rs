@@ -61,8 +61,8 @@ pub struct PreviewDriver {
     is_done: bool,
     /// When the person last changed something that was asked for.
     touched_secs: Option<f64>,
-    /// Whether a change waits for its turn.
-    is_held_back: bool,
+    /// From when on a change or a newer snapshot that waits for its turn may be shown; none where nothing waits.
+    due_secs: Option<f64>,
     /// When the last refresh was asked for, and from when on the next may be.
     refreshed_secs: f64,
     /// Cost of a picture in motion, in processor seconds.
@@ -80,6 +80,7 @@ impl PreviewDriver {
         situation: &Situation,
     ) -> Option<Wanted> {
         let now = situation.now_secs;
+        self.due_secs = None;
         // The last picture of a refinement takes long; the next snapshot would make it worthless.
         let passes = if situation.is_training {
             Passes::Glance
@@ -94,11 +95,10 @@ impl PreviewDriver {
         let current = scene(&same_snapshot);
         let is_newer = !Arc::ptr_eq(&same_snapshot, newest);
         if !current.is_same(&asked.scene) {
-            let since = self
-                .touched_secs
-                .map_or(f64::INFINITY, |touched| now - touched);
-            self.is_held_back = situation.is_training && since < self.drag_interval_secs(situation);
-            if self.is_held_back {
+            let touched = self.touched_secs.unwrap_or(f64::NEG_INFINITY);
+            let (since, due) = (now - touched, touched + self.drag_interval_secs(situation));
+            if situation.is_training && now < due {
+                self.due_secs = Some(due);
                 return None;
             }
             let is_dragging = since < HOLD_SECS;
@@ -113,7 +113,6 @@ impl PreviewDriver {
                 wanted
             });
         }
-        self.is_held_back = false;
         if !self.is_done {
             return None;
         }
@@ -126,18 +125,18 @@ impl PreviewDriver {
             return None;
         }
         let (scale, interval) = self.refresh_plan(situation);
-        (now - self.refreshed_secs >= interval)
-            .then(|| self.ask(newest, scene(newest), Passes::Only(scale), now))
+        let due = self.refreshed_secs + interval;
+        if now < due {
+            self.due_secs = Some(due);
+            return None;
+        }
+        Some(self.ask(newest, scene(newest), Passes::Only(scale), now))
     }
 
-    /// Seconds until the next picture is due, to be woken in time.
-    pub fn wait_secs(&self, situation: &Situation) -> f64 {
-        if let (true, Some(touched)) = (self.is_held_back, self.touched_secs) {
-            let interval = self.drag_interval_secs(situation);
-            return (touched + interval - situation.now_secs).max(0.0);
-        }
-        let (_, interval) = self.refresh_plan(situation);
-        (self.refreshed_secs + interval - situation.now_secs).max(0.0)
+    /// Seconds until what waits for its turn may be asked for, to be woken in time. None where nothing waits: a new
+    /// snapshot, a finished picture or the person wakes the window.
+    pub fn wait_secs(&self, now_secs: f64) -> Option<f64> {
+        self.due_secs.map(|due| (due - now_secs).max(0.0))
     }
 
     /// Least time between two pictures of something dragged while training.
@@ -339,6 +338,30 @@ mod tests {
     }
 
     #[test]
+    fn the_window_is_woken_for_what_waits_and_for_nothing_else() {
+        let (mut driver, first) = (PreviewDriver::default(), snapshot(0));
+        let wanted = driver
+            .decide(&first, picture(100), &situation(0.0, true))
+            .expect("the first picture");
+        let decide = |driver: &mut PreviewDriver, newest, now| {
+            let wanted = driver.decide(newest, picture(100), &situation(now, true));
+            (wanted.is_some(), driver.wait_secs(now))
+        };
+        assert_eq!(
+            decide(&mut driver, &first, 0.1),
+            (false, None),
+            "it is being drawn"
+        );
+        finish(&mut driver, &wanted, 0.01);
+        assert_eq!(decide(&mut driver, &first, 60.0), (false, None));
+        driver.refreshed_secs = 60.0;
+        let newest = snapshot(1);
+        let (is_asked, wait) = decide(&mut driver, &newest, 60.25);
+        assert!(!is_asked && wait == Some(0.75), "{wait:?}");
+        assert_eq!(decide(&mut driver, &newest, 61.0), (true, None));
+    }
+
+    #[test]
     fn a_coarse_refresh_becomes_fine_when_training_rests() {
         let mut driver = PreviewDriver::default();
         let first = driver
@@ -407,7 +430,7 @@ mod tests {
             shown.extend(wanted.map(|wanted| wanted.scene.camera.width));
         }
         assert!((9..=11).contains(&shown.len()), "{shown:?}");
-        let wait = driver.wait_secs(&at(2.0, true));
+        let wait = driver.wait_secs(2.0).expect("a change waits");
         assert!(wait <= 0.1, "woken after {wait} s");
         let last = driver.decide(&first, picture(200), &at(2.0 + wait + 1e-6, true));
         assert_eq!(last.expect("the end").scene.camera.width, 200);

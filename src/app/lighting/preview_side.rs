@@ -101,9 +101,8 @@ impl PreviewSide {
         if let Some(wanted) = self.driver.decide(snapshot, scene, situation) {
             let number = self.preview.request(wanted.scene, wanted.passes);
             self.driver.was_requested(number);
-        } else if situation.is_training {
-            let wait = self.driver.wait_secs(situation).clamp(0.01, 5.0);
-            ctx.request_repaint_after(Duration::from_secs_f64(wait));
+        } else if let Some(wait) = self.driver.wait_secs(situation.now_secs) {
+            ctx.request_repaint_after(Duration::from_secs_f64(wait.max(0.01)));
         }
     }
 
