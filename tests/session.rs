@@ -6,6 +6,7 @@ mod capture;
 use std::{path::Path, time::Duration};
 
 use neif::train::TrainConfig;
+use neif::train::config::Normals;
 use neif::train::events::{FinishReason, TrainCommand, TrainEvent};
 use neif::train::plan::Budget;
 use neif::train::run_folder::RunFolder;
@@ -110,6 +111,30 @@ fn who_asks_sees_the_surface_grow_that_is_made_from_masks() {
         session.send(TrainCommand::Stop);
         session.join().expect("a clean end");
     }
+}
+
+#[test]
+fn a_session_tells_that_it_traces_refined_normals_anew() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let capture = folder.path().join("scene");
+    capture::write_capture(&capture);
+    let config = TrainConfig {
+        normals: Normals::Refined,
+        ..tiny_config()
+    };
+    let options = SessionOptions::new(&capture, config, Budget::Steps(20));
+    let session = Session::spawn(options, || {}).expect("a thread");
+    let told = wait_for(&session, |event| {
+        matches!(
+            event,
+            TrainEvent::Retracing { .. } | TrainEvent::Finished(_)
+        )
+    });
+    assert_eq!(told, TrainEvent::Retracing { fraction: 0.0 });
+    let goes_on = |event: &TrainEvent| matches!(event, TrainEvent::Progress(_));
+    wait_for(&session, goes_on);
+    wait_for(&session, |event| matches!(event, TrainEvent::Finished(_)));
+    session.join().expect("a clean end");
 }
 
 #[test]

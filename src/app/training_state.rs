@@ -107,6 +107,8 @@ fn mean(points: &[[f64; 3]]) -> [f64; 3] {
 pub struct TrainingState {
     /// Where it stands.
     pub phase: Phase,
+    /// Share of the light paths that are traced anew, 0 to 1, while no step is taken for that.
+    pub retraced: Option<f32>,
     /// The last figures.
     pub progress: Progress,
     /// Facts of the capture.
@@ -158,7 +160,9 @@ pub enum Level {
 impl TrainingState {
     /// Takes in an event; returns what the person should be told, if anything.
     pub fn take(&mut self, event: TrainEvent) -> Vec<(Level, String)> {
+        self.retraced = None;
         match event {
+            TrainEvent::Retracing { fraction } => self.retraced = Some(fraction),
             TrainEvent::Loading { what, fraction } => {
                 self.phase = Phase::Loading { what, fraction }
             }
@@ -347,6 +351,10 @@ mod tests {
             ..Progress::default()
         }));
         assert!(state.is_unsaved() && state.loss.points().len() == 1);
+        state.take(TrainEvent::Retracing { fraction: 0.5 });
+        assert_eq!(state.retraced, Some(0.5));
+        state.take(TrainEvent::Progress(state.progress));
+        assert_eq!(state.retraced, None, "steps are taken again");
         state.take(TrainEvent::Saved("run".into()));
         assert!(!state.is_unsaved());
         state.take(TrainEvent::Paused);

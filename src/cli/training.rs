@@ -131,6 +131,9 @@ impl Watcher {
                 let figures = self.figures(progress);
                 self.display.set(progress.fraction, "Training", &figures);
             }
+            TrainEvent::Retracing { fraction } => {
+                self.display.set(*fraction, "Tracing light paths anew", "");
+            }
             TrainEvent::Validated(validation) => self.validation = Some(*validation),
             TrainEvent::Exposures(photos) => {
                 let stops = photos.iter().flat_map(|(_, gain)| gain.map(f32::log2));

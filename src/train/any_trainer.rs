@@ -104,13 +104,18 @@ impl AnyTrainer {
         }
     }
 
-    /// Traces every training pixel anew where [`Self::needs_retracing`].
+    /// Traces every training pixel anew where [`Self::needs_retracing`]; `on_progress` hears the share that is done, 0 to 1.
     ///
     /// # Errors
     /// When cancelled.
-    pub fn retrace(&mut self, dataset: &Dataset, cancel: &AtomicBool) -> Result<(), TrainError> {
+    pub fn retrace(
+        &mut self,
+        dataset: &Dataset,
+        cancel: &AtomicBool,
+        on_progress: &(dyn Fn(f32) + Sync),
+    ) -> Result<(), TrainError> {
         match self {
-            Self::Fast(trainer) => trainer.retrace(dataset, cancel),
+            Self::Fast(trainer) => trainer.retrace(dataset, cancel, on_progress),
             Self::Paper(_) => Ok(()),
         }
     }

@@ -52,6 +52,11 @@ pub enum TrainEvent {
     },
     /// How training goes, about once a second.
     Progress(Progress),
+    /// Light paths are traced anew with the refined normals and poses; no step is taken meanwhile.
+    Retracing {
+        /// Share that is done, 0 to 1.
+        fraction: f32,
+    },
     /// Quality on held-out pixels.
     Validated(Validation),
     /// The same by validation view, in the capture's order: PSNR in dB of the object, or of all pixels where nothing of it
@@ -182,6 +187,9 @@ impl TrainEvent {
                 "loss_object": p.loss_object, "loss_background": p.loss_background,
                 "skipped_steps": p.skipped_steps, "skips": p.skips,
             }),
+            Self::Retracing { fraction } => {
+                json!({"event": "retracing", "fraction": fraction})
+            }
             Self::Validated(v) => json!({
                 "event": "validated", "step": v.step, "elapsed_secs": v.elapsed_secs,
                 "psnr": v.psnr, "psnr_object": v.psnr_object, "psnr_background": v.psnr_background,

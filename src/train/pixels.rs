@@ -85,32 +85,45 @@ impl PixelStore {
         options: PixelOptions,
         on_view: &(dyn Fn() -> bool + Sync),
     ) -> Option<Self> {
-        let n_pixels: usize = dataset
-            .train
-            .iter()
-            .map(|v| v.photo.width() as usize * v.photo.height() as usize)
-            .sum();
-        let keep = (options.max_pixels as f32 / n_pixels.max(1) as f32).min(1.0);
-        let parts: Vec<Option<ViewPixels>> = dataset
-            .train
-            .par_iter()
-            .zip(cameras)
-            .enumerate()
-            .map(|(index, (view, camera))| {
-                let numbered = (index as u32, camera);
-                on_view().then(|| collect_view(view, numbered, tracer, &options, keep))
-            })
-            .collect();
-        let views = parts.into_iter().collect::<Option<Vec<_>>>()?;
+        let photos = (dataset, cameras);
+        let views = collect_views(photos, tracer, &options, |_| true, on_view)?;
+        Some(Self::of(views, options.n_blurred))
+    }
+
+    /// Collects them again, on a mesh and from cameras that have changed a little; what masks say of the background stays.
+    /// Returns false, and leaves everything as it was, where `on_view` has stopped the work.
+    pub(super) fn retrace(
+        &mut self,
+        dataset: &Dataset,
+        tracer: Option<&SurfaceTracer>,
+        options: PixelOptions,
+        on_view: &(dyn Fn() -> bool + Sync),
+    ) -> bool {
+        let cameras = self.cameras();
+        let photos = (dataset, cameras.as_slice());
+        let is_unmasked = |view: &View| view.mask.is_none();
+        let Some(mut views) = collect_views(photos, tracer, &options, is_unmasked, on_view) else {
+            return false;
+        };
+        for (view, former) in views.iter_mut().zip(&mut self.views) {
+            if view.backgrounds.is_empty() {
+                view.backgrounds = std::mem::take(&mut former.backgrounds);
+            }
+        }
+        *self = Self::of(views, options.n_blurred);
+        true
+    }
+
+    fn of(views: Vec<ViewPixels>, n_blurred: usize) -> Self {
         let level_len =
             |view: &ViewPixels, level| view.backgrounds.get(level).map_or(0, BlurredImage::len);
-        Some(Self {
+        Self {
             objects_before: running_sums(views.iter().map(|view| view.smoothness.len())),
-            backgrounds_before: (0..=options.n_blurred)
+            backgrounds_before: (0..=n_blurred)
                 .map(|level| running_sums(views.iter().map(|view| level_len(view, level))))
                 .collect(),
             views,
-        })
+        }
     }
 
     /// The cameras of the training views.
@@ -242,56 +255,92 @@ struct ViewPixels {
     backgrounds: Vec<BlurredImage>,
 }
 
-fn collect_view(
-    view: &View,
-    (index, camera): (u32, &Camera),
+/// The pixels of all views; backgrounds only of those that `has_backgrounds`. `None` once `on_view` returns false.
+fn collect_views(
+    (dataset, cameras): (&Dataset, &[Camera]),
     tracer: Option<&SurfaceTracer>,
     options: &PixelOptions,
-    keep: f32,
-) -> ViewPixels {
-    let is_background = background_of(view, camera, tracer);
-    let mut pixels = ViewPixels {
-        camera: *camera,
-        paths: PackedPaths::default(),
-        targets: SrgbCodes::like(&view.photo),
-        smoothness: Vec::new(),
-        backgrounds: Vec::new(),
+    has_backgrounds: fn(&View) -> bool,
+    on_view: &(dyn Fn() -> bool + Sync),
+) -> Option<Vec<ViewPixels>> {
+    let n_pixels: usize = dataset.train.iter().map(|v| v.photo.n_pixels()).sum();
+    let keep = (options.max_pixels as f32 / n_pixels.max(1) as f32).min(1.0);
+    let collect = |(index, (view, camera)): (usize, (&View, &Camera))| {
+        on_view().then(|| {
+            let is_background = background_of(view, camera, tracer);
+            let mut pixels = ViewPixels {
+                camera: *camera,
+                paths: PackedPaths::default(),
+                targets: SrgbCodes::like(&view.photo),
+                smoothness: Vec::new(),
+                backgrounds: Vec::new(),
+            };
+            let thinning = (index as u64, keep);
+            if let Some(tracer) = tracer {
+                pixels.trace_objects(view, tracer, options, thinning, &is_background);
+            }
+            if has_backgrounds(view) {
+                pixels.collect_backgrounds(view, options, thinning, &is_background);
+            }
+            pixels
+        })
     };
-    if let Some(tracer) = tracer {
+    let views = dataset.train.par_iter().zip(cameras).enumerate();
+    views.map(collect).collect()
+}
+
+impl ViewPixels {
+    /// Traces the object's pixels; of the `index`-th view a share `keep` is kept.
+    fn trace_objects(
+        &mut self,
+        view: &View,
+        tracer: &SurfaceTracer,
+        options: &PixelOptions,
+        (index, keep): (u64, f32),
+        is_background: &[bool],
+    ) {
         let is_wanted = |i: u32| {
-            let mut random = SlotRandom::new(options.seed ^ 0x5bd1, u64::from(index), u64::from(i));
+            let mut random = SlotRandom::new(options.seed ^ 0x5bd1, index, u64::from(i));
             let is_solid = match &view.mask {
                 Some(mask) => mask.coverage[i as usize] >= SOLID,
                 None => !is_background[i as usize],
             };
             is_solid && random.uniform() < keep
         };
-        for rows in bands(camera) {
+        let camera = self.camera;
+        for rows in bands(&camera) {
             let first = rows.start * camera.width;
-            let gbuffer = GBuffer::trace_some(tracer, camera, rows, options.paths, is_wanted);
+            let gbuffer = GBuffer::trace_some(tracer, &camera, rows, options.paths, is_wanted);
             for (i, coverage) in (first..).zip(gbuffer.coverage()) {
-                if *coverage >= 1.0 && pixels.paths.push(gbuffer.paths_at(i)) {
-                    pixels.targets.extend([view.photo.srgb(i as usize)]);
-                    pixels.smoothness.push(smoothness(view, i as usize));
+                if *coverage >= 1.0 && self.paths.push(gbuffer.paths_at(i)) {
+                    self.targets.extend([view.photo.srgb(i as usize)]);
+                    self.smoothness.push(smoothness(view, i as usize));
                 }
             }
         }
-        pixels.paths.shrink();
-        pixels.targets.shrink();
-        pixels.smoothness.shrink_to_fit();
+        self.paths.shrink();
+        self.targets.shrink();
+        self.smoothness.shrink_to_fit();
     }
-    let mut random: Vec<SlotRandom> = (0..=options.n_blurred as u64)
-        .map(|level| SlotRandom::new(options.seed ^ 0x1b87, u64::from(index), level))
-        .collect();
-    let keep = |level: usize| random[level].uniform() < keep;
-    pixels.backgrounds = blurred_images(
-        &view.photo,
-        &is_background,
-        options.n_blurred,
-        options.clipped_radiance,
-        keep,
-    );
-    pixels
+
+    fn collect_backgrounds(
+        &mut self,
+        view: &View,
+        options: &PixelOptions,
+        (index, keep): (u64, f32),
+        is_background: &[bool],
+    ) {
+        let mut random: Vec<SlotRandom> = (0..=options.n_blurred as u64)
+            .map(|level| SlotRandom::new(options.seed ^ 0x1b87, index, level))
+            .collect();
+        self.backgrounds = blurred_images(
+            &view.photo,
+            is_background,
+            options.n_blurred,
+            options.clipped_radiance,
+            |level: usize| random[level].uniform() < keep,
+        );
+    }
 }
 
 /// Rows that are traced at once.

@@ -74,7 +74,9 @@ fn shaken_cameras_are_put_right_and_kept() {
     let off = off_px(&second.poses().unwrap().cameras(), &poses.cameras());
     assert!(off < 1e-3, "{off} px lost by the checkpoint");
     // The object's light paths begin at the corrected cameras too.
-    second.retrace(&dataset, &AtomicBool::new(false)).unwrap();
+    second
+        .retrace(&dataset, &AtomicBool::new(false), &|_| ())
+        .unwrap();
     assert_eq!(
         second.pixels.cameras()[3],
         second.poses().unwrap().cameras()[3]

@@ -36,7 +36,7 @@ impl Prepared {
         let pixels = collect_pixels(
             config,
             (dataset, &given_cameras(dataset)),
-            tracer.as_ref(),
+            tracer.as_deref(),
             cancel,
             on_progress,
         )?;
@@ -53,34 +53,15 @@ pub(super) fn given_cameras(dataset: &Dataset) -> Vec<Camera> {
 ///
 /// # Errors
 /// When cancelled, or when no pixel can be trained on.
-pub(super) fn collect_pixels(
+fn collect_pixels(
     config: &TrainConfig,
     (dataset, cameras): (&Dataset, &[Camera]),
-    tracer: Option<&Arc<SurfaceTracer>>,
+    tracer: Option<&SurfaceTracer>,
     cancel: &AtomicBool,
     on_progress: &(dyn Fn(f32) + Sync),
 ) -> Result<PixelStore, TrainError> {
-    let options = PixelOptions {
-        seed: config.seed,
-        max_pixels: config.max_pixels,
-        n_blurred: config.preconvolved_levels,
-        // With an object the lamps' radiance is learned from what they shine on.
-        clipped_radiance: match tracer {
-            Some(_) => 1.0,
-            None => config.clipped_radiance,
-        },
-        paths: PathOptions {
-            max_vertices: config.bounces + 1,
-            smooth: 1,
-            torn: if config.subpixels { 2 } else { 1 },
-        },
-    };
-    let (done, total) = (AtomicUsize::new(0), dataset.train.len().max(1) as f32);
-    let on_view = || {
-        on_progress(done.fetch_add(1, Ordering::Relaxed) as f32 / total);
-        !cancel.load(Ordering::Relaxed)
-    };
-    let tracer = tracer.map(|tracer| &**tracer);
+    let options = pixel_options(config, tracer.is_some());
+    let on_view = watched(dataset.train.len(), cancel, on_progress);
     let pixels = PixelStore::collect(dataset, cameras, tracer, options, &on_view)
         .ok_or(TrainError::Cancelled)?;
     if pixels.n_objects() == 0 && pixels.n_backgrounds() == 0 {
@@ -89,4 +70,56 @@ pub(super) fn collect_pixels(
         });
     }
     Ok(pixels)
+}
+
+/// Traces the pixels again, on a mesh and from cameras that have changed a little; `on_progress` gets 0..1.
+///
+/// # Errors
+/// When cancelled; the pixels are then as they were.
+pub(super) fn retrace_pixels(
+    pixels: &mut PixelStore,
+    config: &TrainConfig,
+    (dataset, tracer): (&Dataset, Option<&SurfaceTracer>),
+    cancel: &AtomicBool,
+    on_progress: &(dyn Fn(f32) + Sync),
+) -> Result<(), TrainError> {
+    let options = pixel_options(config, tracer.is_some());
+    let on_view = watched(dataset.train.len(), cancel, on_progress);
+    if pixels.retrace(dataset, tracer, options, &on_view) {
+        Ok(())
+    } else {
+        Err(TrainError::Cancelled)
+    }
+}
+
+fn pixel_options(config: &TrainConfig, has_object: bool) -> PixelOptions {
+    PixelOptions {
+        seed: config.seed,
+        max_pixels: config.max_pixels,
+        n_blurred: config.preconvolved_levels,
+        // With an object the lamps' radiance is learned from what they shine on.
+        clipped_radiance: if has_object {
+            1.0
+        } else {
+            config.clipped_radiance
+        },
+        paths: PathOptions {
+            max_vertices: config.bounces + 1,
+            smooth: 1,
+            torn: if config.subpixels { 2 } else { 1 },
+        },
+    }
+}
+
+/// To be called for each of the views: tells how many have been, and whether to go on.
+fn watched(
+    n_views: usize,
+    cancel: &AtomicBool,
+    on_progress: &(dyn Fn(f32) + Sync),
+) -> impl Fn() -> bool + Sync {
+    let done = AtomicUsize::new(0);
+    move || {
+        on_progress(done.fetch_add(1, Ordering::Relaxed) as f32 / n_views.max(1) as f32);
+        !cancel.load(Ordering::Relaxed)
+    }
 }

@@ -9,7 +9,7 @@ use std::sync::atomic::AtomicBool;
 use super::TrainError;
 use super::config::{Normals, TrainConfig};
 use super::normal_offsets::NormalOffsets;
-use super::preparation::collect_pixels;
+use super::preparation::retrace_pixels;
 use super::trainer::Trainer;
 use crate::data::Dataset;
 use crate::geometry::{Mesh, SurfaceTracer};
@@ -74,18 +74,23 @@ impl Trainer {
     }
 
     /// Traces every training pixel anew, on the mesh and from the cameras as they are known by now, on the current thread
-    /// pool; nothing where neither is refined.
+    /// pool; nothing where neither is refined. `on_progress` hears the share that is done, 0 to 1.
     ///
     /// # Errors
     /// When cancelled; the trainer then goes on with the old paths.
-    pub fn retrace(&mut self, dataset: &Dataset, cancel: &AtomicBool) -> Result<(), TrainError> {
+    pub fn retrace(
+        &mut self,
+        dataset: &Dataset,
+        cancel: &AtomicBool,
+        on_progress: &(dyn Fn(f32) + Sync),
+    ) -> Result<(), TrainError> {
         if !self.needs_retracing() {
             return Ok(());
         }
         self.settle_normals();
-        let (tracer, cameras) = (self.tracer.as_ref(), self.pixels.cameras());
-        let photos = (dataset, cameras.as_slice());
-        self.pixels = collect_pixels(&self.config, photos, tracer, cancel, &|_| ())?;
+        let tracer = self.tracer.as_ref();
+        let scene = (dataset, tracer.map(|tracer| &**tracer));
+        retrace_pixels(&mut self.pixels, &self.config, scene, cancel, on_progress)?;
         if let (Some(refinement), Some(tracer)) = (&mut self.refinement, tracer) {
             refinement.traced = Arc::clone(tracer.mesh());
             refinement.offsets.forget_recent();

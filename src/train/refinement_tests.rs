@@ -65,7 +65,9 @@ fn bent_normals_are_straightened_by_what_they_mirror() {
     let before = error_deg(dataset.mesh.as_deref().unwrap());
     let mut refined = trainer(Normals::Refined, &dataset);
     train(&mut refined, 0..400, 1200);
-    refined.retrace(&dataset, &AtomicBool::new(false)).unwrap();
+    refined
+        .retrace(&dataset, &AtomicBool::new(false), &|_| ())
+        .unwrap();
     train(&mut refined, 400..1200, 1200);
     let after = error_deg(&mesh(&mut refined));
     assert!(
@@ -78,6 +80,31 @@ fn bent_normals_are_straightened_by_what_they_mirror() {
 }
 
 #[test]
+fn pixels_traced_anew_are_those_that_a_new_trainer_would_have() {
+    for has_masks in [true, false] {
+        let mut dataset = bent_sphere(4, 24);
+        if !has_masks {
+            dataset.train.iter_mut().for_each(|view| view.mask = None);
+        }
+        let mut refined = trainer(Normals::Refined, &dataset);
+        let pixels = |trainer: &Trainer| format!("{:?}", trainer.pixels);
+        let before = pixels(&refined);
+        train(&mut refined, 0..130, 200);
+        refined
+            .retrace(&dataset, &AtomicBool::new(false), &|_| ())
+            .unwrap();
+        assert!(pixels(&refined) != before, "normals have changed");
+        dataset.mesh = Some(mesh(&mut refined));
+        let new = trainer(Normals::Refined, &dataset);
+        assert!(pixels(&refined) == pixels(&new), "masks: {has_masks}");
+
+        let cancelled = AtomicBool::new(true);
+        refined.retrace(&dataset, &cancelled, &|_| ()).unwrap_err();
+        assert!(pixels(&refined) == pixels(&new), "as before when cancelled");
+    }
+}
+
+#[test]
 fn refinement_gives_the_same_bits_on_any_number_of_threads() {
     let dataset = bent_sphere(6, 24);
     let run = |n_threads| {
@@ -85,7 +112,9 @@ fn refinement_gives_the_same_bits_on_any_number_of_threads() {
         pool.build().unwrap().install(|| {
             let mut trainer = trainer(Normals::Refined, &dataset);
             train(&mut trainer, 0..130, 200);
-            trainer.retrace(&dataset, &AtomicBool::new(false)).unwrap();
+            trainer
+                .retrace(&dataset, &AtomicBool::new(false), &|_| ())
+                .unwrap();
             train(&mut trainer, 130..150, 200);
             (
                 mesh(&mut trainer).normals.clone(),

@@ -71,7 +71,9 @@ impl RunLog {
         match event {
             TrainEvent::Progress(progress) => self.push_progress(progress),
             TrainEvent::Validated(validation) => self.push_validation(validation),
-            TrainEvent::Loading { .. } | TrainEvent::ViewsValidated(_) => {}
+            TrainEvent::Loading { .. }
+            | TrainEvent::Retracing { .. }
+            | TrainEvent::ViewsValidated(_) => {}
             other => {
                 self.events.push_str(&other.to_json().to_string());
                 self.events.push('\n');

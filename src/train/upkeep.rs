@@ -164,8 +164,9 @@ impl Run<'_> {
     /// Traces every training pixel anew, on the run's own threads.
     fn retrace(&mut self) -> Result<(), TrainError> {
         let begun = self.clock.secs();
-        let (trainer, stop) = (&mut self.trainer, &self.worker.shared.stop);
-        let retrace = || trainer.retrace(&self.dataset, stop);
+        let (trainer, worker) = (&mut self.trainer, self.worker);
+        let on_progress = |fraction| worker.events.send(TrainEvent::Retracing { fraction });
+        let retrace = || trainer.retrace(&self.dataset, &worker.shared.stop, &on_progress);
         let retraced = self.worker.pool.install(retrace);
         self.meter.leave_out(self.clock.secs() - begun);
         retraced

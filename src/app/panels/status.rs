@@ -38,7 +38,10 @@ fn figures_ui(ui: &mut Ui, state: &AppState) {
         None => format!("step {}", p.step),
     };
     ui.label(step);
-    ui.label(format!("{} it/s", count(p.steps_per_sec)));
+    ui.label(match state.training.retraced {
+        Some(fraction) => format!("tracing light anew, {:.0} %", 100.0 * fraction),
+        None => format!("{} it/s", count(p.steps_per_sec)),
+    });
     ui.label(format!("{} elapsed", duration(p.elapsed_secs)));
     if matches!(state.training.phase, Phase::Training | Phase::Paused) {
         ui.label(format!("{} left", duration(p.eta_secs)));
