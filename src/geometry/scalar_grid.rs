@@ -84,6 +84,19 @@ impl ScalarGrid {
         [node % self.size[0], row % self.size[1], row / self.size[1]]
     }
 
+    /// The neighbours of a node along x, y, z: the ones before and after it, where there are any.
+    #[inline]
+    pub fn neighbours(&self, node: usize) -> [[Option<usize>; 2]; 3] {
+        let (place, strides) = (self.place(node), self.strides());
+        std::array::from_fn(|axis| {
+            let has_next = place[axis] + 1 < self.size[axis];
+            [
+                (place[axis] > 0).then(|| node - strides[axis]),
+                has_next.then(|| node + strides[axis]),
+            ]
+        })
+    }
+
     /// Where a node lies, world.
     #[inline]
     pub fn position(&self, [x, y, z]: [usize; 3]) -> Vec3 {

@@ -31,26 +31,12 @@ impl Band {
                 nodes.push(node as u32);
             }
         }
-        let strides = grid.strides();
+        let slot_or_none = |node: Option<usize>| node.map_or(NONE, |node| slot_of_node[node]);
         let neighbours = nodes
             .par_iter()
             .map(|node| {
-                let node = *node as usize;
-                let place = grid.place(node);
-                std::array::from_fn(|i| {
-                    let axis = i / 2;
-                    if i % 2 == 0 {
-                        if place[axis] > 0 {
-                            slot_of_node[node - strides[axis]]
-                        } else {
-                            NONE
-                        }
-                    } else if place[axis] + 1 < grid.size[axis] {
-                        slot_of_node[node + strides[axis]]
-                    } else {
-                        NONE
-                    }
-                })
+                let pairs = grid.neighbours(*node as usize);
+                std::array::from_fn(|i| slot_or_none(pairs[i / 2][i % 2]))
             })
             .collect();
         Self {
