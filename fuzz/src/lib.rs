@@ -133,12 +133,12 @@ fn write_photos(root: &Path) {
         fs::create_dir_all(path.parent().expect("a folder")).expect("a folder");
         write_png_srgb(&path, 40, 30, &[[0.5; 3]; 1200]).expect("a photo");
     };
-    for folder in ["images", "image", "inputs/images"] {
+    for folder in ["images", "image", "inputs/images", "color"] {
         for i in 0..9 {
             write(&format!("{folder}/{i:04}.png"));
         }
     }
-    for name in ["blended_images/0000.png", "color/0000.png", "0.png"] {
+    for name in ["blended_images/0000.png", "0.png"] {
         write(name);
     }
 }

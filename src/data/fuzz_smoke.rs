@@ -11,7 +11,7 @@ use super::npy::tests::npy_of;
 use super::test_capture::TestCapture;
 use super::test_formats::{
     cameras, folder, write_blended_mvs, write_colmap_binary, write_colmap_text, write_idr,
-    write_llff, write_neilf, write_nero, write_photos, write_rgbd,
+    write_llff, write_neilf, write_nero, write_photos, write_rgbd, write_trajectory,
 };
 use super::{Dataset, ExrSample, LoadOptions, check, first_photo, write_exr, write_glb};
 use crate::geometry::test_mesh::ellipsoid;
@@ -136,6 +136,15 @@ fn captures() -> Vec<TempDir> {
         with("color", &|root| {
             write_rgbd(root, &cameras());
             write_depths(&root.join("depth"));
+        }),
+        with("color", &|root| {
+            write_trajectory(root, "trajectory.log", &cameras());
+        }),
+        with("results", &|root| {
+            write_trajectory(root, "traj.txt", &cameras());
+        }),
+        with("rgb", &|root| {
+            write_trajectory(root, "groundtruth.txt", &cameras());
         }),
         with("unused", &|root| {
             write_nero(root, &cameras()[..2]);

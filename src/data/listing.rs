@@ -85,7 +85,7 @@ struct Layout {
 }
 
 /// In the order of preference: what was made for reconstruction before what it was made from.
-const LAYOUTS: [Layout; 7] = [
+const LAYOUTS: [Layout; 8] = [
     Layout {
         name: "IDR or NeuS",
         looked_for: idr::LOOKED_FOR,
@@ -127,6 +127,12 @@ const LAYOUTS: [Layout; 7] = [
         looked_for: rgbd::LOOKED_FOR,
         find: rgbd::find,
         list: rgbd::list,
+    },
+    Layout {
+        name: "depth camera, poses in one file",
+        looked_for: rgbd::trajectory::LOOKED_FOR,
+        find: rgbd::trajectory::find,
+        list: rgbd::trajectory::list,
     },
 ];
 
@@ -209,10 +215,13 @@ fn list_file(path: &Path) -> Result<Listing, DataError> {
         let found = colmap::found_at(folder);
         return Ok(finish(&found, colmap::list(&found)?));
     }
+    if let Some(found) = rgbd::trajectory::found_at(path) {
+        return Ok(finish(&found, rgbd::trajectory::list(&found)?));
+    }
     Err(DataError::NotADataset {
         path: path.to_owned(),
-        problem: "expected a folder, a transforms.json, poses_bounds.npy, cameras_sphere.npz or \
-                  a file of a COLMAP model"
+        problem: "expected a folder, a transforms.json, poses_bounds.npy, cameras_sphere.npz, a \
+                  file of a COLMAP model or a depth camera's trajectory"
             .to_owned(),
     })
 }

@@ -238,28 +238,81 @@ pub(super) fn write_blended_mvs(root: &Path, cameras: &[Camera]) {
     }
 }
 
+/// From camera to world with x right, y down, z forward.
+fn world_from_opencv_camera(camera: &Camera) -> DMat4 {
+    let rows: [f64; 16] = opencv_rows(camera).try_into().unwrap();
+    DMat4::from_cols_array(&rows).transpose().inverse()
+}
+
+/// A matrix as text, four numbers a line.
+fn lines_of(m: DMat4) -> String {
+    let rows = m.transpose().to_cols_array();
+    let lines = rows
+        .chunks(4)
+        .map(|row| format!("{} {} {} {}\n", row[0], row[1], row[2], row[3]));
+    lines.collect()
+}
+
 /// Writes `pose/*.txt` and `intrinsic/intrinsic_color.txt`.
 pub(super) fn write_rgbd(root: &Path, cameras: &[Camera]) {
-    let text = |m: DMat4| -> String {
-        let rows = m.transpose().to_cols_array();
-        let lines = rows
-            .chunks(4)
-            .map(|row| format!("{} {} {} {}\n", row[0], row[1], row[2], row[3]));
-        lines.collect()
-    };
     std::fs::create_dir_all(root.join("pose")).unwrap();
     std::fs::create_dir_all(root.join("intrinsic")).unwrap();
-    let lens = text(DMat4::from_mat3(k_of(&cameras[0])));
+    let lens = lines_of(DMat4::from_mat3(k_of(&cameras[0])));
     std::fs::write(root.join("intrinsic/intrinsic_color.txt"), lens).unwrap();
     for (i, camera) in cameras.iter().enumerate() {
-        let rows: [f64; 16] = opencv_rows(camera).try_into().unwrap();
-        let world_from_camera = DMat4::from_cols_array(&rows).transpose().inverse();
-        std::fs::write(
-            root.join(format!("pose/{i:04}.txt")),
-            text(world_from_camera),
-        )
-        .unwrap();
+        let pose = lines_of(world_from_opencv_camera(camera));
+        std::fs::write(root.join(format!("pose/{i:04}.txt")), pose).unwrap();
     }
+}
+
+/// Writes `trajectory.log`, `traj.txt` or `groundtruth.txt` with what lies beside it: the lens, and for the last
+/// `rgb.txt` and `depth.txt`. Photo `i` was taken between two poses, its depth map (`depth/depth0000.png`) a little later.
+pub(super) fn write_trajectory(root: &Path, file: &str, cameras: &[Camera]) {
+    let k = k_of(&cameras[0]);
+    let (fx, fy, cx, cy) = (k.x_axis.x, k.y_axis.y, k.z_axis.x, k.z_axis.y);
+    let (mut poses, mut photos, mut depths) =
+        ("# poses\n".to_owned(), String::new(), String::new());
+    for (i, camera) in cameras.iter().enumerate() {
+        let pose = world_from_opencv_camera(camera);
+        match file {
+            "trajectory.log" => writeln!(poses, "{i} {i} {}\n{}", i + 1, lines_of(pose)).unwrap(),
+            "traj.txt" => writeln!(poses, "{}", lines_of(pose).replace('\n', " ")).unwrap(),
+            _ => {
+                let (_, q, p) = pose.to_scale_rotation_translation();
+                let secs = 1000.0 + 0.5 * i as f64;
+                for at in [secs - 0.004, secs + 0.006] {
+                    writeln!(
+                        poses,
+                        "{at} {} {} {} {} {} {} {}",
+                        p.x, p.y, p.z, q.x, q.y, q.z, q.w
+                    )
+                    .unwrap();
+                }
+                writeln!(photos, "{secs} rgb/{i:04}.png").unwrap();
+                writeln!(depths, "{} depth/depth{i:04}.png", secs + 0.01).unwrap();
+            }
+        }
+    }
+    let lens = match file {
+        "trajectory.log" => {
+            let matrix = k.to_cols_array();
+            let lens = json!({"width": SIZE.0, "height": SIZE.1, "intrinsic_matrix": matrix});
+            ("camera_intrinsic.json", lens.to_string())
+        }
+        "traj.txt" => {
+            let (w, h) = SIZE;
+            let lens =
+                json!({"w": w, "h": h, "fx": fx, "fy": fy, "cx": cx, "cy": cy, "scale": 6553.5});
+            ("cam_params.json", json!({"camera": lens}).to_string())
+        }
+        _ => {
+            std::fs::write(root.join("rgb.txt"), photos).unwrap();
+            std::fs::write(root.join("depth.txt"), depths).unwrap();
+            ("calibration.txt", format!("{fx} {fy} {cx} {cy}\n"))
+        }
+    };
+    std::fs::write(root.join(file), poses).unwrap();
+    std::fs::write(root.join(lens.0), lens.1).unwrap();
 }
 
 /// Writes `0-camera.pkl` and so on.

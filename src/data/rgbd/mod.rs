@@ -4,41 +4,30 @@
 //! `ScanNet` and its kin: `pose/12.txt` beside `color/12.jpg`, the lens in `intrinsic/intrinsic_color.txt`.
 //! `KinectFusion`, `BundleFusion`, 7-Scenes and `3DMatch`: `frame-000012.pose.txt` beside `frame-000012.color.png`, the
 //! lens in `camera-intrinsics.txt`, there or one folder above. Depth maps lie in `depth/` or are called
-//! `frame-000012.depth.png`; their lens is the photos' unless `intrinsic/intrinsic_depth.txt` is there.
+//! `frame-000012.depth.png`; their lens is the photos' unless `intrinsic/intrinsic_depth.txt` is there. Captures with all
+//! poses in one file: [`trajectory`].
+
+mod lens;
+mod poses;
+pub(super) mod trajectory;
 
 use std::path::{Path, PathBuf};
+
+use glam::{Affine3A, DMat3, DVec3};
 
 use super::capture_path::{read_text, with_extension};
 use super::depth::MILLIMETRE;
 use super::frame::{rotation_and_translation, world_from_opencv};
 use super::listing::{Found, Listed};
 use super::problem::first_names;
-use super::{DataError, DepthFile, Frame, Intrinsics, Problem, Severity};
+use super::{DataError, DepthFile, Frame, Problem, Severity};
 
-/// The largest text file read.
+/// The largest text file read, but for trajectories.
 const MAX_BYTES: u64 = 1 << 20;
 /// Most files looked at in a folder.
 const MAX_FILES: usize = 200_000;
 const POSE_FOLDERS: [&str; 2] = ["pose", "poses"];
 const PHOTO_FOLDERS: [&str; 4] = ["color", "rgb", "images", "image"];
-/// Where the lens may stand, from the capture's folder.
-const LENSES: [&str; 9] = [
-    "intrinsic/intrinsic_color.txt",
-    "intrinsics/intrinsic_color.txt",
-    "intrinsic_color.txt",
-    "intrinsic.txt",
-    "intrinsics.txt",
-    "camera-intrinsics.txt",
-    "camera_intrinsics.txt",
-    "K.txt",
-    "../camera-intrinsics.txt",
-];
-/// Where the lens of the depth maps may stand, from the capture's folder.
-const DEPTH_LENSES: [&str; 3] = [
-    "intrinsic/intrinsic_depth.txt",
-    "intrinsics/intrinsic_depth.txt",
-    "intrinsic_depth.txt",
-];
 const POSE_ENDING: &str = ".pose.txt";
 
 pub(super) const LOOKED_FOR: &str = "depth cameras: pose/*.txt with color/ and intrinsic/intrinsic_color.txt, or \
@@ -46,7 +35,7 @@ pub(super) const LOOKED_FOR: &str = "depth cameras: pose/*.txt with color/ and i
 
 /// The folder with the poses, where there is a lens too.
 pub(super) fn find(root: &Path) -> Option<Found> {
-    lens_of(root)?;
+    lens::find(root)?;
     let folders = POSE_FOLDERS.iter().map(|name| root.join(name));
     let file = folders
         .chain([root.to_owned()])
@@ -55,11 +44,6 @@ pub(super) fn find(root: &Path) -> Option<Found> {
         root: root.to_owned(),
         file,
     })
-}
-
-fn lens_of(root: &Path) -> Option<PathBuf> {
-    let files = LENSES.iter().map(|name| root.join(name));
-    files.into_iter().find(|file| file.is_file())
 }
 
 /// The pose files in a folder, sorted by number, with what their photos are called.
@@ -83,20 +67,19 @@ fn pose_files(folder: &Path, root: &Path) -> Result<Vec<(String, PathBuf)>, Data
 /// Lists the photos in the order of their numbers.
 pub(super) fn list(found: &Found) -> Result<Listed, DataError> {
     let root = &found.root;
-    let lens_file = lens_of(root).ok_or_else(|| DataError::NotADataset {
+    let lens_file = lens::find(root).ok_or_else(|| DataError::NotADataset {
         path: root.clone(),
         problem: "poses are there, but no camera-intrinsics.txt".to_owned(),
     })?;
-    let lens = read_lens(&lens_file)?;
-    let depth_lens = DEPTH_LENSES.iter().map(|name| root.join(name));
-    let depth_lens = depth_lens.into_iter().find(|file| file.is_file());
-    let depth_lens = depth_lens.as_deref().map(read_lens).transpose()?;
+    let lens = lens::read(&lens_file)?;
+    let depth_lens = lens::find_of_depths(root);
+    let depth_lens = depth_lens.as_deref().map(lens::read).transpose()?;
     let mut n_depths = 0;
     let poses = pose_files(&found.file, root)?;
     let n_poses = poses.len();
     let (mut frames, mut lost) = (Vec::new(), Vec::new());
     for (index, (stem, path)) in poses.into_iter().enumerate() {
-        let numbers = read_numbers(&path)?;
+        let numbers = numbers_of(&path, &read_text(&path, MAX_BYTES)?)?;
         // Cameras that lost track of where they were write infinities.
         if numbers.iter().any(|v| !v.is_finite()) {
             lost.push(stem);
@@ -112,17 +95,17 @@ pub(super) fn list(found: &Found) -> Result<Listed, DataError> {
                 "not the 16 numbers of a rotation and a position",
             )
         })?;
-        let rotation = rotation.transpose();
-        let pose = world_from_opencv(rotation, -(rotation * position));
+        let pose = pose_of(rotation, position);
         let photo = photo_of(root, &found.file, &stem);
         let mut depth = depth_of(root, &found.file, &stem);
         if let Some(file) = &mut depth {
-            file.lens = depth_lens;
+            file.lens = depth_lens.map(|lens| lens.intrinsics);
+            file.unit = lens.depth_unit.unwrap_or(file.unit);
             n_depths += 1;
         }
         frames.push(Frame {
             depth,
-            ..Frame::new(index, photo, pose, lens, &lens_file)
+            ..Frame::new(index, photo, pose, lens.intrinsics, &lens_file)
         });
     }
     let mut problems = Vec::new();
@@ -175,45 +158,20 @@ fn photo_of(root: &Path, poses: &Path, stem: &str) -> PathBuf {
     with_extension(folder.join(stem))
 }
 
-/// The lens: a 3 x 3 or 4 x 4 matrix, pixel centres at whole numbers.
-fn read_lens(path: &Path) -> Result<Intrinsics, DataError> {
-    let numbers = read_numbers(path)?;
-    let side = match numbers.len() {
-        9 => 3,
-        16 => 4,
-        n => {
-            let problem = format!("{n} numbers are not a 3 x 3 or 4 x 4 matrix");
-            return Err(fault(path, "matrix", &problem));
-        }
-    };
-    let at = |row: usize, column: usize| numbers[row * side + column] as f32;
-    let (fx, fy) = (at(0, 0), at(1, 1));
-    let is_usable = [fx, fy, at(0, 2), at(1, 2)].iter().all(|v| v.is_finite());
-    if !is_usable || fx <= 0.0 || fy <= 0.0 {
-        return Err(fault(
-            path,
-            "matrix",
-            "the focal lengths are not greater than 0",
-        ));
-    }
-    Ok(Intrinsics {
-        fl_x: Some(fx),
-        fl_y: Some(fy),
-        // Ours has the first pixel's centre at one half.
-        cx: Some(at(0, 2) + 0.5),
-        cy: Some(at(1, 2) + 0.5),
-        ..Intrinsics::default()
-    })
-}
-
-fn read_numbers(path: &Path) -> Result<Vec<f64>, DataError> {
-    let text = read_text(path, MAX_BYTES)?;
+/// The numbers of a text, which white space parts.
+fn numbers_of(path: &Path, text: &str) -> Result<Vec<f64>, DataError> {
     text.split_whitespace()
         .map(|word| {
             word.parse()
                 .map_err(|_unparsed| fault(path, "matrix", &format!("\"{word}\" is not a number")))
         })
         .collect()
+}
+
+/// The pose of a camera given by its axes (x right, y down, z forward) and position in the world.
+fn pose_of(rotation: DMat3, position: DVec3) -> Affine3A {
+    let rotation = rotation.transpose();
+    world_from_opencv(rotation, -(rotation * position))
 }
 
 fn fault(path: &Path, field: &str, problem: &str) -> DataError {
@@ -295,7 +253,7 @@ mod tests {
             (
                 "intrinsic/intrinsic_color.txt",
                 "1 2",
-                "2 numbers are not a 3 x 3",
+                "2 numbers are neither a matrix of 3 x 3",
             ),
         ] {
             let before = std::fs::read(root.join(file)).unwrap();
