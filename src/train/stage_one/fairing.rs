@@ -1,11 +1,11 @@
 //! The fairest surface that has the given outlines: signed distances on a grid, pulled onto the
 //! rays that graze the object and bent as evenly as possible between them, without letting go of what rays
-//! within the outlines meet.
+//! within the outlines meet. Where depth maps saw the surface it stays, less their noise.
 //!
 //! Each round finds where every grazing ray comes nearest to the surface and solves the linear
 //! least squares `sum w (phi(x))^2 + evenness sum c (L phi(i) - L phi(j))^2 + stiffness sum (L phi)^2`,
 //! over neighbours `i` and `j`, for the change of `phi`, with a one-sided term that keeps `phi` above the
-//! distance to the hull. `L phi` is the surface's curvature: where it is bent, it shall go on bending as
+//! distance to the hull, and one that pulls it to the distances of the depth maps. `L phi` is the surface's curvature: where it is bent, it shall go on bending as
 //! it does beside (the surfaces of least variation of curvature of Moreton and Séquin 1992, of which
 //! spheres and cylinders are some), rather than be as little bent as can be, which fills the gap between
 //! two balls with a neck and ripples between the outlines. The weights `c` are those of a Cauchy loss, so
@@ -15,6 +15,7 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::band::{Band, add_scaled, dot};
+use super::fusion::Seen;
 use super::silhouette::Silhouette;
 use crate::geometry::{Ray, ScalarGrid};
 
@@ -29,6 +30,8 @@ const LEAST_CREASE: f32 = 0.04;
 /// Cells below the surface that a ray within an outline reaches at least. A sheet two cells thick bends in no even way, and
 /// would dissolve between its rims.
 const LEAST_DEPTH: f32 = 0.3;
+/// Cells from the surface up to which what depth maps say is a distance; further off it is free or hidden.
+const NEAR_SEEN: f32 = 2.0;
 
 /// Steps along a ray.
 const MAX_STEPS: usize = 2048;
@@ -39,16 +42,29 @@ pub(super) struct Fairing {
     /// Weight of the curvature's differences between neighbours, in cells.
     pub(super) evenness: f32,
     /// Difference of curvature between neighbours, a cell, whose weight is a half, over the mean distance of the rays from
-    /// the surface: outlines that err would rip it.
+    /// the surface or the depth maps' noise: outlines that err would rip it.
     pub(super) crease: f32,
     /// Weight of the curvature itself, in cells.
     pub(super) stiffness: f32,
+    /// Weight of what depth maps say.
+    pub(super) seen: f32,
     /// Weight of the hull.
     pub(super) hull: f32,
     /// Weight of staying put, which keeps a round's changes where they are linear.
     pub(super) inertia: f32,
     /// Steps of conjugate gradients.
     pub(super) steps: usize,
+}
+
+/// What a surface must agree with.
+#[derive(Debug)]
+pub(super) struct Evidence {
+    /// Distances to the hull, at the same nodes as the surface's.
+    pub(super) hull: ScalarGrid,
+    /// The outlines.
+    pub(super) silhouettes: Vec<Silhouette>,
+    /// What depth maps say, where there are any.
+    pub(super) seen: Option<Seen>,
 }
 
 /// A linear condition: a weighted sum of values around a point should be zero.
@@ -61,14 +77,9 @@ struct Condition {
     value: f32,
 }
 
-/// One round. `hull` has the same nodes as `phi`. Returns the mean distance of the rays from the
-/// surface, in cells.
-pub(super) fn round(
-    phi: &mut ScalarGrid,
-    hull: &ScalarGrid,
-    silhouettes: &[Silhouette],
-    fairing: &Fairing,
-) -> f32 {
+/// One round. Returns the mean distance of the rays from the surface, in cells.
+pub(super) fn round(phi: &mut ScalarGrid, evidence: &Evidence, fairing: &Fairing) -> f32 {
+    let silhouettes = &evidence.silhouettes;
     let band = Band::new(phi, BAND);
     let every = |rays: fn(&Silhouette) -> &[Vec2], depth: f32, enough: f32| -> Vec<Condition> {
         let rays = silhouettes
@@ -81,8 +92,12 @@ pub(super) fn round(
     let sum: f32 = conditions.iter().map(|c| c.value.abs()).sum();
     let residual = sum / conditions.len().max(1) as f32;
     conditions.extend(every(|s| &s.inner, LEAST_DEPTH, -LEAST_DEPTH));
-    let crease = (fairing.crease * residual).max(LEAST_CREASE);
-    let system = System::new(phi, hull, &band, &conditions, fairing, crease);
+    let noise = evidence
+        .seen
+        .as_ref()
+        .map_or(0.0, |seen| seen.noise / phi.cell);
+    let crease = (fairing.crease * residual.max(noise)).max(LEAST_CREASE);
+    let system = System::new(phi, evidence, &band, &conditions, fairing, crease);
     let change = system.solve();
     for (slot, node) in band.nodes.iter().enumerate() {
         // A change of more than a cell is beyond what the round knows.
@@ -172,7 +187,7 @@ struct System<'a> {
 impl<'a> System<'a> {
     fn new(
         phi: &ScalarGrid,
-        hull: &ScalarGrid,
+        evidence: &Evidence,
         band: &'a Band,
         conditions: &'a [Condition],
         fairing: &'a Fairing,
@@ -195,7 +210,23 @@ impl<'a> System<'a> {
         band.laplacian_transposed(&bent, -1.0, &mut right);
         let mut diagonal = vec![fairing.inertia; band.len()];
         for (slot, node) in band.nodes.iter().enumerate() {
-            let missing = hull.values[*node as usize] / phi.cell - values[slot];
+            let node = *node as usize;
+            let mut least = evidence.hull.values[node] / phi.cell;
+            if let Some(seen) = &evidence.seen
+                && seen.weights[node] > 0.0
+            {
+                let distance = seen.distances[node] / phi.cell;
+                if distance >= NEAR_SEEN {
+                    least = least.max(1.0);
+                } else if distance > -NEAR_SEEN {
+                    let off = distance - values[slot];
+                    let sure = seen.weights[node] / (1.0 + seen.weights[node]);
+                    let weight = fairing.seen * sure / (1.0 + (off / DOUBT).powi(2));
+                    diagonal[slot] += weight;
+                    right[slot] += weight * off;
+                }
+            }
+            let missing = least - values[slot];
             if missing > 0.0 {
                 diagonal[slot] += fairing.hull;
                 right[slot] += fairing.hull * missing.min(1.0);
@@ -274,6 +305,7 @@ impl Default for Fairing {
             evenness: 1.0,
             crease: 1.5,
             stiffness: 0.01,
+            seen: 0.3,
             hull: 0.3,
             inertia: 0.02,
             steps: 160,

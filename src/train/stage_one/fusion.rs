@@ -1,4 +1,5 @@
-//! A surface from depth maps: their truncated signed distances averaged on a grid (Curless and Levoy 1996).
+//! A surface from depth maps: their truncated signed distances averaged on a grid (Curless and Levoy 1996), each along the
+//! normal that its map shows, so that maps from all sides agree (Bylow et al. 2013 compare such distances).
 
 use std::collections::HashMap;
 
@@ -20,6 +21,12 @@ const MAPS_FOR_BOUNDS: usize = 60;
 const POINTS_FOR_BOUNDS: usize = 4000;
 /// Cells up to which distances are told from a map; noise and thickness are less.
 const REACH_CELLS: f32 = 4.0;
+/// Pixels from a place in a map to those that say how its surface is turned.
+const TURN_PX: f32 = 1.0;
+/// Cosine of the angle to the view that a surface is taken to have at least.
+const GRAZING: f32 = 0.15;
+/// Reaches in front of the surface from which it does not matter how that is turned.
+const CLEAR: f32 = 4.0;
 /// Coverage from which a pixel's depth is the object's: at its edge, cameras measure something between.
 const SOLID: f32 = 0.98;
 /// Share of the points along an axis that may be errors, at either end.
@@ -122,6 +129,22 @@ impl<'a> Source<'a> {
         mask.share(y * mask.width as usize + x)
     }
 
+    /// The place in the world that a place in the map shows.
+    fn shown(&self, x_px: f32, y_px: f32) -> Option<Vec3> {
+        let ray = self.map.camera.ray(x_px, y_px);
+        let along = ray.direction.dot(self.forward).max(1e-3);
+        Some(ray.at(self.map.at(x_px, y_px)? / along))
+    }
+
+    /// Cosine of the angle between the surface's normal there and the unit direction of view, at least [`GRAZING`]; `None`
+    /// where the surface ends or hides another.
+    fn facing(&self, x_px: f32, y_px: f32, direction: Vec3) -> Option<f32> {
+        let across = self.shown(x_px + TURN_PX, y_px)? - self.shown(x_px - TURN_PX, y_px)?;
+        let down = self.shown(x_px, y_px + TURN_PX)? - self.shown(x_px, y_px - TURN_PX)?;
+        let normal = across.cross(down).try_normalize()?;
+        Some(direction.dot(normal).abs().max(GRAZING))
+    }
+
     /// Points of the object that it shows, at most [`POINTS_FOR_BOUNDS`].
     fn points(&self) -> Vec<Vec3> {
         let camera = &self.map.camera;
@@ -138,11 +161,8 @@ impl<'a> Source<'a> {
             .filter_map(|i| {
                 let (x, y) = (i as u32 % camera.width, i as u32 / camera.width);
                 let (x, y) = (x as f32 + 0.5, y as f32 + 0.5);
-                let depth = self.map.depths[i];
-                let ray = camera.ray(x, y);
-                let along = ray.direction.dot(self.forward).max(1e-3);
-                let is_object = depth > 0.0 && self.share(x, y) >= SOLID;
-                is_object.then(|| ray.at(depth / along))
+                let is_object = self.map.depths[i] > 0.0 && self.share(x, y) >= SOLID;
+                self.shown(x, y).filter(|_| is_object)
             })
             .collect()
     }
@@ -208,19 +228,43 @@ pub(super) fn looked_at(dataset: &Dataset) -> Option<(Vec3, f32)> {
     Some((center, REACH_OF_LOOK * median))
 }
 
+/// What depth maps say at the nodes of a grid.
+#[derive(Debug)]
+pub(super) struct Seen {
+    /// Maps that could be read.
+    pub(super) n_maps: usize,
+    /// `[n]` distances in front of the surface, scene units, at most the reach; negative behind it.
+    pub(super) distances: Vec<f32>,
+    /// `[n]` how sure they are: about as many as maps saw the place squarely, 0 where none did.
+    pub(super) weights: Vec<f32>,
+    /// Mean standard error of the distances near the surface, scene units.
+    pub(super) noise: f32,
+}
+
 /// What the maps say of a node.
 #[derive(Clone, Copy, Default)]
 struct Node {
-    /// Sum of distances in front of the surface, in reaches, at most 1 each.
+    /// Weighted sums of distances in front of the surface, in reaches, at most 1 each, and of their squares.
     sum: f32,
+    squares: f32,
+    weight: f32,
     n: u32,
     /// Maps that show something far in front of it, less those that know nothing there: depth cameras see no sky, and
     /// what lies before the sky hides nothing.
     n_hiding: i32,
 }
 
+impl Node {
+    /// Standard error of the distance of a node near the surface, in reaches.
+    fn uncertainty(&self) -> Option<f32> {
+        let mean = self.sum / self.weight;
+        let variance = (self.squares / self.weight - mean * mean).max(0.0);
+        (self.n > 2 && mean.abs() < 0.5).then(|| (variance / self.n as f32).sqrt())
+    }
+}
+
 /// Fills `grid` with distances to the surface that the maps show; what none of them sees is inside where something hides
-/// it, and outside otherwise. Says how many maps could be read; `None` when told to stop.
+/// it, and outside otherwise. `None` when told to stop.
 ///
 /// `is_late`: asked after each few maps, ends the work with what there is.
 pub(super) fn fill(
@@ -229,11 +273,11 @@ pub(super) fn fill(
     is_late: &dyn Fn() -> bool,
     go_on: &(dyn Fn() -> bool + Sync),
     on_progress: &(dyn Fn(f32) + Sync),
-) -> Option<usize> {
+) -> Option<Seen> {
     let reach = REACH_CELLS * grid.cell;
     let layer = grid.size[0] * grid.size[1];
     let mut nodes = vec![Node::default(); grid.values.len()];
-    let mut n_read = 0;
+    let mut n_maps = 0;
     // Neighbours in the list look alike: spread, what there is by the deadline shows all sides.
     let n_batches = views.len().div_ceil(BATCH);
     for batch in 0..n_batches {
@@ -242,7 +286,7 @@ pub(super) fn fill(
             .par_iter()
             .filter_map(|depths| Source::read(depths))
             .collect();
-        n_read += sources.len();
+        n_maps += sources.len();
         let frame = &*grid;
         nodes
             .par_chunks_mut(layer)
@@ -267,10 +311,19 @@ pub(super) fn fill(
         *value = match node {
             Node { n: 0, n_hiding, .. } if *n_hiding > 0 => -reach,
             Node { n: 0, .. } => reach,
-            Node { sum, n, .. } => reach * sum / *n as f32,
+            Node { sum, weight, .. } => reach * sum / weight,
         };
     }
-    Some(n_read)
+    let near = nodes.iter().filter_map(Node::uncertainty);
+    let (sum, n) = near.fold((0.0_f64, 0_usize), |(sum, n), u| {
+        (sum + f64::from(u), n + 1)
+    });
+    Some(Seen {
+        n_maps,
+        distances: grid.values.clone(),
+        weights: nodes.iter().map(|node| node.weight).collect(),
+        noise: reach * (sum / n.max(1) as f64) as f32,
+    })
 }
 
 /// Adds what a map says of a point.
@@ -287,19 +340,31 @@ fn observe(node: &mut Node, source: &Source<'_>, point: Vec3, reach: f32) {
     if !(pixel.x >= 0.0 && pixel.y >= 0.0 && pixel.x < width && pixel.y < height) {
         return;
     }
-    // Beside the object there is nothing of it, whatever the map shows there.
-    let in_front = if source.share(pixel.x, pixel.y) < 0.5 {
-        1.0
-    } else if let Some(depth) = source.map.at(pixel.x, pixel.y) {
-        (depth - along) / reach
-    } else {
+    // What the map shows beside the object is none of it; the hull is cut away later.
+    if source.share(pixel.x, pixel.y) < 0.5 {
+        return;
+    }
+    let Some(depth) = source.map.at(pixel.x, pixel.y) else {
         node.n_hiding -= 1;
         return;
     };
+    let mut in_front = (depth - along) / reach;
     if in_front < -1.0 {
         node.n_hiding += 1;
         return;
     }
-    node.sum += in_front.min(1.0);
+    let mut weight = 1.0;
+    if in_front < CLEAR {
+        // The nearest point of the surface lies along its normal, not along the axis.
+        let to_point = (point - source.eye) / along;
+        let length = to_point.length();
+        let facing = source.facing(pixel.x, pixel.y, to_point / length);
+        in_front *= length * facing.unwrap_or(1.0);
+        weight = facing.unwrap_or(GRAZING).powi(2);
+    }
+    let in_front = in_front.min(1.0);
+    node.sum += weight * in_front;
+    node.squares += weight * in_front * in_front;
+    node.weight += weight;
     node.n += 1;
 }

@@ -11,10 +11,13 @@ use super::*;
 use crate::data::{LoadOptions, PointCloud, SeenPoints, write_png_srgb};
 use crate::geometry::test_mesh::ellipsoid;
 use crate::geometry::{Camera, Ray, SurfaceTracer, fibonacci_sphere};
+use crate::train::random::SlotRandom;
 
 /// Pixels on a side.
 const SIDE: u32 = 96;
 const CENTER: Vec3 = Vec3::new(3.0, -2.0, 1.0);
+/// Rounds of fairing.
+const N_ROUNDS: usize = 8;
 
 /// What lies under the object, as far as depth maps show it.
 #[derive(Clone, Copy, PartialEq)]
@@ -28,14 +31,18 @@ fn shape() -> Arc<Mesh> {
     Arc::new(ellipsoid(CENTER, Vec3::new(0.5, 0.3, 0.4), 48))
 }
 
-/// Writes photos, depth maps, and masks where they are wanted, with a `transforms.json`.
-fn write_capture(root: &Path, ground: Ground, has_masks: bool) {
+/// What noisy depth maps err by at most, share of the depth: 1.6 cells.
+const NOISE: f32 = 0.015;
+
+/// Writes photos, depth maps that err by up to `noise` of the depth, and masks where they are wanted, with a `transforms.json`.
+fn write_capture(root: &Path, ground: Ground, has_masks: bool, noise: f32) {
     let tracer = SurfaceTracer::new(shape());
     let directions = fibonacci_sphere(40);
     let seen = directions
         .iter()
         .filter(|d| ground == Ground::None || d.z > 0.1);
     let mut frames = Vec::new();
+    let mut random = SlotRandom::new(7, 0, 0);
     for (i, direction) in seen.enumerate() {
         let camera = Camera::look_at(CENTER + 2.0 * *direction, CENTER, Vec3::Z, 0.7, SIDE, SIDE);
         let (mut depths, mut mask) = (vec![0.0_f32; (SIDE * SIDE) as usize], Vec::new());
@@ -45,7 +52,8 @@ fn write_capture(root: &Path, ground: Ground, has_masks: bool) {
             let floor = (CENTER.z - 0.4 - ray.origin.z) / ray.direction.z;
             let floor = (ground == Ground::Floor && floor > 0.0).then_some(floor);
             let t = hit.or(floor).unwrap_or(0.0);
-            *depth = t * ray.direction.dot(camera.forward());
+            let error = noise * (2.0 * random.uniform() - 1.0);
+            *depth = (1.0 + error) * t * ray.direction.dot(camera.forward());
             mask.push([if hit.is_some() { 1.0 } else { 0.0 }; 3]);
         }
         write_pfm(&root.join(format!("{i:02}.pfm")), &depths);
@@ -80,14 +88,20 @@ fn write_pfm(path: &Path, depths: &[f32]) {
     .unwrap();
 }
 
-fn fused(ground: Ground, has_masks: bool) -> (Arc<Mesh>, MeshDifference) {
+fn made(
+    ground: Ground,
+    has_masks: bool,
+    noise: f32,
+    n_rounds: usize,
+) -> (Arc<Mesh>, MeshDifference) {
     let folder = tempfile::tempdir().unwrap();
-    write_capture(folder.path(), ground, has_masks);
+    write_capture(folder.path(), ground, has_masks, noise);
     let dataset = Dataset::load(folder.path(), &LoadOptions::default()).unwrap();
     assert!(is_needed(&dataset), "it makes its mesh itself");
     let options = StageOneOptions {
         n_cells: 64,
-        ..StageOneOptions::default()
+        n_rounds,
+        deadline: None,
     };
     let mesh = make_mesh(&dataset, &options, &AtomicBool::new(false), &|_| ()).unwrap();
     let seen = dataset.train.iter().step_by(4);
@@ -99,24 +113,43 @@ fn fused(ground: Ground, has_masks: bool) -> (Arc<Mesh>, MeshDifference) {
 
 #[test]
 fn depth_maps_of_an_object_give_its_surface() {
-    let (_, difference) = fused(Ground::None, false);
+    let (_, draft) = made(Ground::None, false, 0.0, 0);
     assert!(
-        difference.chamfer < 0.005 && difference.normal_median_deg < 3.0,
-        "{difference:?}"
+        draft.chamfer < 0.002 && draft.normal_median_deg < 1.0,
+        "{draft:?}"
+    );
+    let (_, faired) = made(Ground::None, false, 0.0, N_ROUNDS);
+    assert!(
+        faired.chamfer < 0.002 && faired.normal_median_deg < 0.3,
+        "{faired:?}"
     );
 }
 
 #[test]
+fn noise_of_depth_maps_is_evened_out() {
+    let (_, draft) = made(Ground::None, false, NOISE, 0);
+    let (_, faired) = made(Ground::None, false, NOISE, N_ROUNDS);
+    assert!(
+        faired.normal_median_deg < 0.5 * draft.normal_median_deg,
+        "{draft:?} {faired:?}"
+    );
+    assert!(faired.chamfer < 0.004, "{faired:?}");
+}
+
+#[test]
 fn masks_part_the_object_from_what_it_stands_on() {
-    let (mesh, difference) = fused(Ground::Floor, true);
-    assert!(difference.chamfer_visible < 0.006, "{difference:?}");
+    let (mesh, difference) = made(Ground::Floor, true, 0.0, N_ROUNDS);
+    assert!(
+        difference.chamfer_visible < 0.003 && difference.chamfer < 0.004,
+        "{difference:?}"
+    );
     let bounds = mesh.bounds();
     assert!(
         bounds.extent().max_element() < 1.1,
         "no floor: {:?}",
         bounds.extent()
     );
-    let (mesh, _) = fused(Ground::Floor, false);
+    let (mesh, _) = made(Ground::Floor, false, 0.0, 1);
     assert!(
         mesh.bounds().extent().x > 1.5,
         "without masks what it stands on belongs to it: {:?}",
@@ -168,7 +201,7 @@ fn cloud(dataset: &Dataset) -> PointCloud {
 #[test]
 fn points_alone_give_a_coarse_surface_without_the_floor() {
     let folder = tempfile::tempdir().unwrap();
-    write_capture(folder.path(), Ground::Floor, false);
+    write_capture(folder.path(), Ground::Floor, false, 0.0);
     let mut dataset = Dataset::load(folder.path(), &LoadOptions::default()).unwrap();
     dataset.origin.depths.clear();
     let options = StageOneOptions::default();

@@ -1,11 +1,10 @@
 //! Stage one: a mesh of the object where a capture has none, from its depth maps, its masks or its points.
 //!
-//! Depth maps are fused on a grid; so are, where there are neither maps nor masks, those that the reconstruction's points
-//! give.
+//! A draft comes first, as signed distances on a grid: depth maps fused within the visual hull of the masks, or the hull
+//! alone; then the fairest surface that is where the maps saw it and whose outlines are those of the masks, to a fraction of
+//! a pixel. Nothing is asked of the photos' colours, which on glossy surfaces tell of the surroundings.
 //!
-//! From masks, the visual hull comes first, as signed distances on a grid; then the fairest surface within it whose
-//! outlines are those of the masks, to a fraction of a pixel. Nothing is asked of the photos' colours, which on glossy
-//! surfaces tell of the surroundings.
+//! Where there are neither maps nor masks, the reconstruction's points give coarse maps, which are fused and left at that.
 
 mod band;
 mod compare;
@@ -27,8 +26,8 @@ use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
 
-use self::fairing::Fairing;
-use self::fusion::Depths;
+use self::fairing::{Evidence, Fairing};
+use self::fusion::{Depths, Seen};
 use self::silhouette::Silhouette;
 use crate::data::{Dataset, View};
 use crate::geometry::{Aabb, Mesh, MeshError, ScalarGrid, iso_surface};
@@ -152,8 +151,7 @@ pub enum StageOneError {
 pub enum Making<'a> {
     /// Share that is done, 0..1.
     Progress(f32),
-    /// Distances to the surface as it stands, scene units, negative inside; of a mesh made from masks: the hull, then after each
-    /// round.
+    /// Distances to the surface as it stands, scene units, negative inside: the draft, then after each round.
     Surface(&'a ScalarGrid),
 }
 
@@ -172,31 +170,18 @@ pub fn make_mesh(
 ) -> Result<Mesh, StageOneError> {
     let on_progress: &(dyn Fn(f32) + Sync) = &|fraction| on_news(Making::Progress(fraction));
     let go_on = || !cancel.load(Ordering::Relaxed);
-    let root = || dataset.root.clone();
     let maps = fusion::depth_views(dataset);
-    if let Some(mesh) = fused(dataset, &maps, options, &go_on, on_progress)? {
-        return Ok(mesh);
-    }
-    if !has_masks(dataset)
+    let draft = from_depths(dataset, &maps, options, &go_on, on_progress)?;
+    if draft.is_none()
+        && !has_masks(dataset)
         && let Some(mesh) = from_points(dataset, options, &go_on, on_progress)?
     {
         return Ok(mesh);
     }
-    let silhouettes = silhouettes(dataset)?;
-    on_progress(0.05);
-    let bounds = hull::bounds(&silhouettes, &go_on);
-    if !go_on() {
-        return Err(StageOneError::Cancelled);
-    }
-    let bounds = bounds.ok_or_else(|| StageOneError::NothingInCommon { dataset: root() })?;
-    on_progress(0.1);
-    let mut hull = grid_around(&bounds, options.n_cells);
-    if !hull::fill(&silhouettes, &mut hull, &go_on) {
-        return Err(StageOneError::Cancelled);
-    }
-    hull::cut(&mut hull, &bounds);
-    let mut phi = hull.clone();
-    phi.redistance(fairing::REACH);
+    let Draft { mut phi, evidence } = match draft {
+        Some(draft) => draft,
+        None => from_masks(dataset, options, &go_on, on_progress)?,
+    };
     on_news(Making::Surface(&phi));
     on_progress(0.2);
     for round in 0..options.n_rounds {
@@ -209,11 +194,98 @@ pub fn make_mesh(
         {
             break;
         }
-        fairing::round(&mut phi, &hull, &silhouettes, &Fairing::default());
+        fairing::round(&mut phi, &evidence, &Fairing::default());
         on_news(Making::Surface(&phi));
         on_progress(0.2 + 0.8 * (round + 1) as f32 / options.n_rounds as f32);
     }
     surface(dataset, &phi, SPECK)
+}
+
+/// A surface to be faired.
+struct Draft {
+    phi: ScalarGrid,
+    evidence: Evidence,
+}
+
+/// The hull of the silhouettes.
+fn from_masks(
+    dataset: &Dataset,
+    options: &StageOneOptions,
+    go_on: &(dyn Fn() -> bool + Sync),
+    on_progress: &(dyn Fn(f32) + Sync),
+) -> Result<Draft, StageOneError> {
+    let silhouettes = silhouettes(dataset)?;
+    on_progress(0.05);
+    let bounds = hull::bounds(&silhouettes, go_on);
+    if !go_on() {
+        return Err(StageOneError::Cancelled);
+    }
+    let bounds = bounds.ok_or_else(|| StageOneError::NothingInCommon {
+        dataset: dataset.root.clone(),
+    })?;
+    on_progress(0.1);
+    let mut hull = grid_around(&bounds, options.n_cells);
+    if !hull::fill(&silhouettes, &mut hull, go_on) {
+        return Err(StageOneError::Cancelled);
+    }
+    hull::cut(&mut hull, &bounds);
+    let mut phi = hull.clone();
+    phi.redistance(fairing::REACH);
+    Ok(Draft {
+        phi,
+        evidence: Evidence {
+            hull,
+            silhouettes,
+            seen: None,
+        },
+    })
+}
+
+/// What the depth maps show, within the hull of the silhouettes where there are masks too; `None` where there are too few
+/// maps, or too few that can be read.
+fn from_depths(
+    dataset: &Dataset,
+    views: &[Depths<'_>],
+    options: &StageOneOptions,
+    go_on: &(dyn Fn() -> bool + Sync),
+    on_progress: &(dyn Fn(f32) + Sync),
+) -> Result<Option<Draft>, StageOneError> {
+    let Some(Fused {
+        mut grid,
+        mut seen,
+        bounds,
+    }) = fused(dataset, views, options, go_on, &|share| {
+        on_progress(0.15 * share);
+    })?
+    else {
+        return Ok(None);
+    };
+    // Few masks or none: the maps alone are enough.
+    let silhouettes = silhouettes(dataset).unwrap_or_default();
+    let mut hull = grid.clone();
+    if silhouettes.is_empty() {
+        hull.values.fill(f32::NEG_INFINITY);
+    } else if !hull::fill(&silhouettes, &mut hull, go_on) {
+        return Err(StageOneError::Cancelled);
+    }
+    hull::cut(&mut hull, &bounds);
+    let nodes = grid.values.iter_mut().zip(&mut seen.weights);
+    for ((value, weight), hull) in nodes.zip(&hull.values) {
+        *value = value.max(*hull);
+        // What the maps show there is none of the object.
+        if *hull > grid.cell {
+            *weight = 0.0;
+        }
+    }
+    grid.redistance(fairing::REACH);
+    Ok(Some(Draft {
+        phi: grid,
+        evidence: Evidence {
+            hull,
+            silhouettes,
+            seen: Some(seen),
+        },
+    }))
 }
 
 /// The mesh of what the reconstruction's points show of the object, without the floor that it stands on, on a grid no finer
@@ -236,7 +308,7 @@ fn from_points(
         n_cells: options.n_cells.min(POINT_CELLS),
         ..*options
     };
-    let Some(mut grid) = fused_grid(dataset, &views, &coarse, go_on, on_progress)? else {
+    let Some(Fused { mut grid, .. }) = fused(dataset, &views, &coarse, go_on, on_progress)? else {
         return Ok(None);
     };
     if let Some((points, reach)) = point_maps::around_object(dataset)
@@ -248,18 +320,6 @@ fn from_points(
     surface(dataset, &grid, LONE_PART).map(Some)
 }
 
-/// The mesh that the depth maps show; `None` where there are too few, or too few that can be read.
-fn fused(
-    dataset: &Dataset,
-    views: &[Depths<'_>],
-    options: &StageOneOptions,
-    go_on: &(dyn Fn() -> bool + Sync),
-    on_progress: &(dyn Fn(f32) + Sync),
-) -> Result<Option<Mesh>, StageOneError> {
-    let grid = fused_grid(dataset, views, options, go_on, on_progress)?;
-    grid.map(|grid| surface(dataset, &grid, SPECK)).transpose()
-}
-
 /// The surface of a grid, without parts of less than `least_share` of the largest one's area.
 fn surface(dataset: &Dataset, grid: &ScalarGrid, least_share: f64) -> Result<Mesh, StageOneError> {
     let mesh = iso_surface(grid).and_then(|mesh| mesh.without_specks(least_share));
@@ -269,14 +329,22 @@ fn surface(dataset: &Dataset, grid: &ScalarGrid, least_share: f64) -> Result<Mes
     })
 }
 
+/// Distances to what depth maps show.
+struct Fused {
+    grid: ScalarGrid,
+    seen: Seen,
+    /// The box around it.
+    bounds: Aabb,
+}
+
 /// Distances to what the depth maps show; `None` where there are too few, or too few that can be read.
-fn fused_grid(
+fn fused(
     dataset: &Dataset,
     views: &[Depths<'_>],
     options: &StageOneOptions,
     go_on: &(dyn Fn() -> bool + Sync),
     on_progress: &(dyn Fn(f32) + Sync),
-) -> Result<Option<ScalarGrid>, StageOneError> {
+) -> Result<Option<Fused>, StageOneError> {
     if views.len() < fusion::MIN_MAPS {
         return Ok(None);
     }
@@ -284,16 +352,17 @@ fn fused_grid(
         return Ok(None);
     };
     on_progress(0.1);
-    let mut grid = ScalarGrid::over(&bounds, options.n_cells, 0.0);
+    let mut grid = grid_around(&bounds, options.n_cells);
     let is_late = || options.deadline.is_some_and(|end| Instant::now() >= end);
     let on_batch = |fraction: f32| on_progress(0.1 + 0.85 * fraction);
-    let n_read = fusion::fill(views, &mut grid, &is_late, go_on, &on_batch);
-    match n_read {
-        None => return Err(StageOneError::Cancelled),
-        Some(n) if n < fusion::MIN_MAPS => return Ok(None),
-        Some(_) => {}
+    match fusion::fill(views, &mut grid, &is_late, go_on, &on_batch) {
+        None => Err(StageOneError::Cancelled),
+        Some(seen) if seen.n_maps < fusion::MIN_MAPS => Ok(None),
+        Some(seen) => {
+            hull::cut(&mut grid, &bounds);
+            Ok(Some(Fused { grid, seen, bounds }))
+        }
     }
-    Ok(Some(grid))
 }
 
 /// A grid of `n_cells` along the longest side of `bounds`, with a margin on all sides.
