@@ -100,14 +100,31 @@ fn write_depths(folder: &Path) {
     std::fs::write(folder.join("0002.npy"), npy).unwrap();
 }
 
-/// One capture of each layout.
+/// A capture of nine photos in the folder `photos`, with what `write` adds.
+fn with(photos: &str, write: &dyn Fn(&Path)) -> TempDir {
+    let folder = folder();
+    write_photos(&folder.path().join(photos), 9);
+    write(folder.path());
+    folder
+}
+
+/// Captures of depth cameras.
+fn depth_camera_captures() -> Vec<TempDir> {
+    let trajectory =
+        |photos: &str, file: &str| with(photos, &|root| write_trajectory(root, file, &cameras()));
+    vec![
+        with("color", &|root| {
+            write_rgbd(root, &cameras());
+            write_depths(&root.join("depth"));
+        }),
+        trajectory("color", "trajectory.log"),
+        trajectory("results", "traj.txt"),
+        trajectory("rgb", "groundtruth.txt"),
+    ]
+}
+
+/// One capture of each other layout.
 fn captures() -> Vec<TempDir> {
-    let with = |photos: &str, write: &dyn Fn(&Path)| {
-        let folder = folder();
-        write_photos(&folder.path().join(photos), 9);
-        write(folder.path());
-        folder
-    };
     vec![
         with("images", &|root| {
             write_llff(root, &cameras());
@@ -132,19 +149,6 @@ fn captures() -> Vec<TempDir> {
         }),
         with("blended_images", &|root| {
             write_blended_mvs(root, &cameras());
-        }),
-        with("color", &|root| {
-            write_rgbd(root, &cameras());
-            write_depths(&root.join("depth"));
-        }),
-        with("color", &|root| {
-            write_trajectory(root, "trajectory.log", &cameras());
-        }),
-        with("results", &|root| {
-            write_trajectory(root, "traj.txt", &cameras());
-        }),
-        with("rgb", &|root| {
-            write_trajectory(root, "groundtruth.txt", &cameras());
         }),
         with("unused", &|root| {
             write_nero(root, &cameras()[..2]);
@@ -262,7 +266,8 @@ fn damaged_files_are_errors_or_captures_and_never_panics() {
         .and_then(|secs| secs.parse().ok());
     let end = Instant::now() + Duration::from_secs(secs.unwrap_or(0));
     let json = TestCapture::new(3);
-    let captures = captures();
+    let captures = captures().into_iter().chain(depth_camera_captures());
+    let captures: Vec<TempDir> = captures.collect();
     let roots: Vec<&Path> = captures
         .iter()
         .map(TempDir::path)

@@ -1,4 +1,4 @@
-//! The lens of a depth camera: a matrix as text, or the JSON files of Open3D and of the Replica renderings. Pixel centres
+//! The lens of a depth camera: a matrix as text, or the JSON files of `Open3D` and of the Replica renderings. Pixel centres
 //! lie at whole numbers in all of them.
 
 use std::path::{Path, PathBuf};
@@ -60,7 +60,7 @@ fn first_file(root: &Path, names: &[&str]) -> Option<PathBuf> {
     files.find(|file| file.is_file())
 }
 
-/// The lens that PrimeSense's cameras have from the factory, which captures without a lens are customarily read with.
+/// The lens that `PrimeSense`'s cameras have from the factory, which captures without a lens are customarily read with.
 pub(super) fn prime_sense() -> Intrinsics {
     Intrinsics {
         size: Some((640, 480)),
@@ -95,7 +95,7 @@ pub(super) fn read(path: &Path) -> Result<Lens, DataError> {
     })
 }
 
-/// Open3D's `width, height, intrinsic_matrix` (column by column), or `camera` with `w, h, fx, fy, cx, cy, scale`.
+/// `Open3D`'s `width, height, intrinsic_matrix` (column by column), or `camera` with `w, h, fx, fy, cx, cy, scale`.
 fn read_json(path: &Path) -> Result<Lens, DataError> {
     let text = read_text(path, MAX_BYTES)?;
     let value: Value = serde_json::from_str(&text).map_err(|source| DataError::Json {

@@ -1,6 +1,6 @@
 //! Captures of depth cameras with all poses in one file, camera to world, x right, y down, z forward.
 //!
-//! Open3D and Redwood: `trajectory.log`, for each photo in the order of names a line of three numbers and a 4 x 4 matrix,
+//! `Open3D` and Redwood: `trajectory.log`, for each photo in the order of names a line of three numbers and a 4 x 4 matrix,
 //! beside `color/` and `depth/` (millimetres). Replica as rendered for iMAP and NICE-SLAM: `traj.txt`, a matrix a line,
 //! beside `results/frame*.jpg` and `results/depth*.png`, the lens in `cam_params.json`. TUM and ETH3D: `groundtruth.txt`,
 //! `seconds x y z qx qy qz qw` a line, and `rgb.txt` and `depth.txt`, `seconds file` a line (5000 steps a metre).
@@ -84,7 +84,7 @@ pub(in crate::data) fn list(found: &Found) -> Result<Listed, DataError> {
     let shots = if root.join(PHOTO_TIMES).is_file() && matches!(poses, Poses::Timed(_)) {
         timed_shots(root)?
     } else {
-        ordered_shots(found, poses.len())?
+        ordered_shots(found, poses.len(), &mut problems)?
     };
     let n_shots = shots.len();
     let mut frames = Vec::new();
@@ -177,7 +177,11 @@ fn timed_files(root: &Path, list: &Path) -> Result<Vec<(f64, PathBuf)>, DataErro
 }
 
 /// The photos in the order of their names, and as many depth maps in theirs.
-fn ordered_shots(found: &Found, n_poses: usize) -> Result<Vec<Shot>, DataError> {
+fn ordered_shots(
+    found: &Found,
+    n_poses: usize,
+    problems: &mut Vec<Problem>,
+) -> Result<Vec<Shot>, DataError> {
     let root = &found.root;
     let folder = photo_folder(root).ok_or_else(|| DataError::NotADataset {
         path: root.clone(),
@@ -205,10 +209,20 @@ fn ordered_shots(found: &Found, n_poses: usize) -> Result<Vec<Shot>, DataError> 
     } else {
         beside
     };
-    let mut depths = Some(depths)
-        .filter(|depths| depths.len() == photos.len())
-        .unwrap_or_default()
-        .into_iter();
+    if !depths.is_empty() && depths.len() != photos.len() {
+        let what = format!(
+            "{} depth maps and {} photos: which belong together is not known",
+            depths.len(),
+            photos.len()
+        );
+        problems.push(Problem::new(
+            Severity::Warning,
+            what,
+            "depth maps are left out",
+        ));
+    }
+    let has_each = depths.len() == photos.len();
+    let mut depths = depths.into_iter().filter(|_| has_each);
     let shot = |photo| Shot {
         secs: None,
         photo,
@@ -219,7 +233,7 @@ fn ordered_shots(found: &Found, n_poses: usize) -> Result<Vec<Shot>, DataError> 
 
 /// 10.png comes after 9.png.
 fn by_length(mut pictures: Vec<PathBuf>) -> Vec<PathBuf> {
-    pictures.sort_by_key(|path| path.file_stem().map_or(0, |stem| stem.len()));
+    pictures.sort_by_key(|path| path.file_stem().map_or(0, std::ffi::OsStr::len));
     pictures
 }
 
@@ -309,7 +323,7 @@ mod tests {
         let capture = capture("trajectory.log");
         let root = capture.path();
         let whole = std::fs::read_to_string(root.join("trajectory.log")).unwrap();
-        let missing_photo = whole.clone() + "9 9 10\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n";
+        let missing_photo = whole + "9 9 10\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n";
         for (file, text, expected) in [
             ("trajectory.log", "", "poses: none is in it"),
             ("trajectory.log", "0 0 1\n1 0 0 0\n", "line 1: not a pose"),
@@ -353,7 +367,7 @@ mod tests {
     }
 
     #[test]
-    fn poses_that_are_lost_keep_their_place() {
+    fn lost_poses_keep_their_place_and_depths_need_one_a_photo() {
         let capture = capture("traj.txt");
         let file = capture.path().join("traj.txt");
         let text = std::fs::read_to_string(&file).unwrap();
@@ -362,9 +376,13 @@ mod tests {
         // The first line is a comment.
         lines[5] = &lost;
         std::fs::write(&file, lines.join("\n")).unwrap();
+        std::fs::remove_file(capture.path().join("results/depth0000.png")).unwrap();
         let listing = list_capture(capture.path()).unwrap();
         let names: Vec<&str> = listing.frames().map(|frame| frame.name.as_str()).collect();
         assert_eq!(names.len(), 8, "{names:?}");
         assert!(!names.contains(&"0004"), "{names:?}");
+        let said = &listing.problems[0].what;
+        assert!(said.contains("8 depth maps and 9 photos"), "{said}");
+        assert!(listing.frames().all(|frame| frame.depth.is_none()));
     }
 }
