@@ -239,6 +239,7 @@ fn evaluation_keeps_its_promised_form_and_finds_a_trained_scene() {
             "psnr_object",
             "psnr_background",
             "psnr_masked",
+            "psnr_near",
             "ssim",
             "flip",
         ] {

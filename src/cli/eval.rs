@@ -324,11 +324,12 @@ fn table(report: &EvalReport, lpips: Option<Backbone>) -> String {
         let cell = |value: Option<f64>| value.map_or("-".to_owned(), |v| format!("{v:.2}"));
         let share = |value: Option<f64>| value.map_or("-".to_owned(), |v| format!("{v:.4}"));
         format!(
-            "{name:<24} {:>7} {:>8} {:>11} {:>8} {:>8} {:>8} {:>8}",
+            "{name:<24} {:>7} {:>8} {:>11} {:>8} {:>8} {:>8} {:>8} {:>8}",
             cell(m.psnr),
             cell(m.psnr_object),
             cell(m.psnr_background),
             cell(m.psnr_masked),
+            cell(m.psnr_near),
             share(m.ssim),
             share(m.lpips),
             share(m.flip),
@@ -338,8 +339,8 @@ fn table(report: &EvalReport, lpips: Option<Backbone>) -> String {
         format!("LPIPS by {network}")
     });
     let mut lines = vec![format!(
-        "{:<24} {:>7} {:>8} {:>11} {:>8} {:>8} {:>8} {:>8}   (PSNR in dB; {network})",
-        report.split, "PSNR", "object", "background", "masked", "SSIM", "LPIPS", "FLIP"
+        "{:<24} {:>7} {:>8} {:>11} {:>8} {:>8} {:>8} {:>8} {:>8}   (PSNR in dB; {network})",
+        report.split, "PSNR", "object", "background", "masked", "near", "SSIM", "LPIPS", "FLIP"
     )];
     lines.extend(
         report

@@ -424,7 +424,7 @@ mod tests {
             roughness_mae: None,
             pano_psnr: Some(20.0),
         };
-        let keys = r#""psnr":null,"psnr_object":null,"psnr_background":null,"psnr_masked":null,"ssim":null,"lpips":null,"flip":null"#;
+        let keys = r#""psnr":null,"psnr_object":null,"psnr_background":null,"psnr_masked":null,"psnr_near":null,"ssim":null,"lpips":null,"flip":null"#;
         assert_eq!(
             serde_json::to_string(&report).unwrap(),
             format!(

@@ -1,4 +1,4 @@
-//! Image quality of a rendered view against its photo: PSNR in four scopes, SSIM, FLIP and LPIPS.
+//! Image quality of a rendered view against its photo: PSNR in five scopes, SSIM, FLIP and LPIPS.
 //!
 //! Images are display-referred sRGB in `[0, 1]`, row-major, three channels. Sums are `f64`.
 //! The object scope is the strict one and the headline: the masked scope, which much of the
@@ -37,6 +37,9 @@ pub struct ImageMetrics {
     pub psnr_background: Option<f64>,
     /// Over the whole image with everything outside the mask black in both, dB.
     pub psnr_masked: Option<f64>,
+    /// Over background pixels within one projected radius of the object ([`near_object`]), dB: its shadow and what it
+    /// hid.
+    pub psnr_near: Option<f64>,
     /// Structural similarity, mean over pixels and channels, at most 1.
     pub ssim: Option<f64>,
     /// LPIPS v0.1 over the whole image, 0 for equal images ([`crate::train::lpips`]); only where
@@ -71,8 +74,49 @@ pub fn compare(
         metrics.psnr_object = object.psnr_object;
         metrics.psnr_background = background.psnr();
         metrics.psnr_masked = object.psnr_masked;
+        let near = near_object(mask, width);
+        let is_near = |i: usize| near[i] && mask[i] < MASK_THRESHOLD;
+        metrics.psnr_near = squared_error(render, truth, is_near).psnr();
     }
     metrics
+}
+
+/// The pixels within one radius of the object's: that of the disc with as many pixels as the mask, which has to be a
+/// whole number of rows of `width`.
+fn near_object(mask: &[f32], width: usize) -> Vec<bool> {
+    let height = mask.len() / width;
+    let is_object: Vec<bool> = mask.iter().map(|share| *share > MASK_THRESHOLD).collect();
+    let area = is_object.iter().filter(|is_object| **is_object).count();
+    let radius = (area as f64 / std::f64::consts::PI).sqrt();
+    // Distance to the object's nearest pixel of the same row, then over the rows within reach.
+    let in_row: Vec<f64> = is_object
+        .chunks_exact(width)
+        .flat_map(row_distances)
+        .collect();
+    let reach = radius as usize;
+    let is_near = |x: usize, y: usize| {
+        let rows = y.saturating_sub(reach)..(y + reach + 1).min(height);
+        rows.into_iter()
+            .any(|row| in_row[row * width + x].hypot(row.abs_diff(y) as f64) <= radius)
+    };
+    (0..height * width)
+        .map(|i| is_near(i % width, i / width))
+        .collect()
+}
+
+/// Distance of each pixel of a row to the nearest that is set; infinite where none is.
+fn row_distances(row: &[bool]) -> Vec<f64> {
+    let mut distances = vec![f64::INFINITY; row.len()];
+    let mut sweep = |order: &mut dyn Iterator<Item = usize>| {
+        let mut distance = f64::INFINITY;
+        for x in order {
+            distance = if row[x] { 0.0 } else { distance + 1.0 };
+            distances[x] = distances[x].min(distance);
+        }
+    };
+    sweep(&mut (0..row.len()));
+    sweep(&mut (0..row.len()).rev());
+    distances
 }
 
 /// The part of [`compare`] that looks at the object alone: the object and masked scopes.
@@ -105,6 +149,7 @@ pub fn mean(views: &[ImageMetrics]) -> ImageMetrics {
         psnr_object: average(|m| m.psnr_object),
         psnr_background: average(|m| m.psnr_background),
         psnr_masked: average(|m| m.psnr_masked),
+        psnr_near: average(|m| m.psnr_near),
         ssim: average(|m| m.ssim),
         lpips: average(|m| m.lpips),
         flip: average(|m| m.flip),
@@ -285,6 +330,34 @@ mod tests {
             "psnr_background",
         );
         assert_close(metrics.psnr_masked, 19.957_505_188_891_368, "psnr_masked");
+    }
+
+    #[test]
+    fn near_the_object_is_within_the_radius_of_a_disc_as_large() {
+        let (width, radius) = (40_usize, 6.0_f64);
+        let from_center = |i: usize| (((i % width) as f64) - 20.0).hypot((i / width) as f64 - 20.0);
+        let mask: Vec<f32> = (0..width * width)
+            .map(|i| f32::from(u8::from(from_center(i) <= radius)))
+            .collect();
+        for (i, is_near) in near_object(&mask, width).into_iter().enumerate() {
+            let distance = from_center(i);
+            // Pixels are whole: the radius is known to about half of one.
+            let is_clear = (distance - 2.0 * radius).abs() > 0.8;
+            assert!(
+                !is_clear || is_near == (distance < 2.0 * radius),
+                "{distance}"
+            );
+        }
+        let truth = vec![[0.5; 3]; mask.len()];
+        let wrong_far = |i: usize| [if from_center(i) > 14.0 { 0.9 } else { 0.6 }; 3];
+        let render: Vec<[f32; 3]> = (0..mask.len()).map(wrong_far).collect();
+        let metrics = compare(&render, &truth, Some(&mask), width);
+        assert_close(metrics.psnr_near, 20.0, "psnr_near");
+        assert!(metrics.psnr_background < metrics.psnr_near, "{metrics:?}");
+        assert!(
+            near_object(&[0.0; 16], 4).iter().all(|near| !near),
+            "no object"
+        );
     }
 
     #[test]
