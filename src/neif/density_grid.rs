@@ -10,7 +10,7 @@ use super::kernels::math::{self, bf16_from_f32, f32_from_bf16};
 /// Cells per axis of the grid over all contracted space.
 pub(super) const OUTER_SIDE: usize = 96;
 /// Cells per axis of the grid over the inner box.
-pub(super) const INNER_SIDE: usize = 128;
+pub const INNER_SIDE: usize = 128;
 /// A cell that is empty for good: no running mean gets there.
 const VOID: u16 = 0;
 /// Cells of the inner grid, which come first.

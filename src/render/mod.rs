@@ -19,6 +19,7 @@ mod highlight;
 mod importance;
 pub mod inbox;
 pub mod irradiance;
+mod lamps;
 pub mod metallic_roughness;
 mod more_cones;
 mod named;

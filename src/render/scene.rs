@@ -9,8 +9,8 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use super::background::Background;
-use super::ground::{BakedGround, Ground};
-use super::irradiance::{DiffuseLights, KeyedLight, LightKey, Resolution};
+use super::ground::Ground;
+use super::irradiance::{DiffuseLights, KeyedLight, LightKey, Resolution, trained_light};
 use super::named::by_name;
 use super::shade::display_gain;
 use super::tone_map::ToneMap;
@@ -107,12 +107,10 @@ impl Scene {
 
     /// The surroundings alone, without the traces that the object left in its own; `None` when cancelled.
     pub fn emptied(&self, cancel: &AtomicBool) -> Option<Self> {
-        let own = self.trained_in.as_ref().filter(|_| self.has_own_light());
-        let baked = match (&self.object, own) {
-            (Some(object), Some(own)) => {
-                BakedGround::new(object, own, Resolution::FINE.ground, cancel).ok()?
-            }
-            _ => None,
+        let has_ground = self.object.is_some() && self.has_own_light() && self.trained_in.is_some();
+        let baked = match has_ground {
+            true => trained_light(self, cancel)?.baked_ground().cloned(),
+            false => None,
         };
         Some(Self {
             object: None,

@@ -17,6 +17,7 @@ use super::poses::PoseRow;
 use super::random::SlotRandom;
 use super::tilted_rays::TiltedRays;
 use super::unseen::{self, Triple};
+use super::unseen_light::{UnseenDirections, unevenness};
 use crate::geometry::orthonormal_basis;
 use crate::neif::EnvironmentTransform;
 use crate::neif::contraction::FieldFrame;
@@ -79,6 +80,8 @@ pub(super) struct StepContext<'a> {
     pub(super) gains: &'a [Vec3],
     /// Whether the photos' poses are refined.
     pub(super) finds_poses: bool,
+    /// Where no photo looks.
+    pub(super) unseen: &'a UnseenDirections,
     /// Corrections of the normals, where they are refined, and whether they are learned yet.
     pub(super) offsets: Option<&'a NormalOffsets>,
     pub(super) tilts: bool,
@@ -88,6 +91,12 @@ pub(super) struct StepContext<'a> {
 }
 
 impl StepContext<'_> {
+    /// Pairs of rays a step into directions in which no photo looks.
+    fn n_unseen_pairs(&self) -> usize {
+        let is_asked = self.material.is_some() && self.unseen.share() > 0.0;
+        usize::from(is_asked) * self.config.unseen_pairs
+    }
+
     /// The gain of a training view.
     fn gain(&self, view: usize) -> Vec3 {
         self.gains.get(view).copied().unwrap_or(Vec3::ONE)
@@ -148,6 +157,8 @@ pub(super) struct Chunk {
     triples: Vec<Triple>,
     /// The first ray of the groups of cones that should agree, and their number.
     agreement: (usize, usize),
+    /// The same of the pairs of rays that should bring the same light.
+    unseen: (usize, usize),
     pairs: Vec<SmoothPair>,
     tilted: TiltedRays,
     /// Corrections of the vertices' normals, and their gradients.
@@ -213,6 +224,9 @@ impl Chunk {
         unseen::draw(context, triples, &mut self.batch, &mut self.triples);
         self.agreement = (self.batch.rays.len(), groups.len());
         agreement::draw(context, groups, &mut self.batch);
+        let pairs = self.share(context.n_unseen_pairs());
+        self.unseen = (self.batch.rays.len(), pairs.len());
+        context.unseen.draw(context, pairs, &mut self.batch);
         self.tilt_normals(context);
         let tilted = &self.tilted;
         let (seed, step, first) = (context.config.seed, context.step, self.jitter_slot);
@@ -360,6 +374,7 @@ impl Chunk {
         self.planarity_losses(context);
         self.distortion_losses(context);
         self.agreement_losses(context);
+        self.evenness_losses(context);
         for index in 0..self.slots.len() {
             self.object_loss(context, index);
         }
@@ -457,6 +472,15 @@ impl Chunk {
         let n_groups = context.config.agreement_groups_alone.max(1);
         let scale = context.config.agreement_weight / n_groups as f32;
         let sum = agreement::disagreement(self.agreement, scale, &mut self.batch);
+        self.loss.priors += f64::from(scale) * sum;
+    }
+
+    /// What no photo shows is as even as the object allows.
+    fn evenness_losses(&mut self, context: &StepContext<'_>) {
+        let config = context.config;
+        let weight = config.evenness_weight * context.unseen.share();
+        let scale = weight / config.unseen_pairs.max(1) as f32;
+        let sum = unevenness(self.unseen, scale, &mut self.batch);
         self.loss.priors += f64::from(scale) * sum;
     }
 

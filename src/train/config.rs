@@ -92,6 +92,10 @@ pub struct TrainConfig {
     pub agreement_groups_alone: usize,
     /// Weight of their disagreement.
     pub agreement_weight: f32,
+    /// Pairs of neighbouring rays a step into directions in which no photo looks, with an object; 0 is none.
+    pub unseen_pairs: usize,
+    /// Weight of the difference of their light, times the share of all directions that these are.
+    pub evenness_weight: f32,
     /// Pull of the diffuse part of what reflects like a metal towards black: no real surface has both.
     pub metal_weight: f32,
     /// Radiance that clipped light is pulled to. A photo says no more of a lamp than that it
@@ -176,6 +180,8 @@ impl Default for TrainConfig {
             distortion_weight: 0.01,
             agreement_groups_alone: 16,
             agreement_weight: 0.001,
+            unseen_pairs: 32,
+            evenness_weight: 0.03,
             metal_weight: 0.01,
             clipped_radiance: 5.0,
             clipped_weight: 0.1,
@@ -215,6 +221,7 @@ impl TrainConfig {
             final_rate: 0.01,
             background_weight: 0.1,
             unseen_triples_alone: 0,
+            unseen_pairs: 0,
             distortion_weight: 0.0,
             agreement_groups_alone: 0,
             roughness_delay: 0,

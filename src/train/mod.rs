@@ -17,6 +17,7 @@ pub mod flip;
 mod ground;
 pub mod latest;
 mod learned;
+mod line_of_sight;
 mod loss;
 pub mod lpips;
 mod meter;
@@ -57,6 +58,7 @@ pub mod trainer;
 #[cfg(test)]
 mod trainer_tests;
 mod unseen;
+mod unseen_light;
 mod upkeep;
 mod validation;
 pub mod view_error;

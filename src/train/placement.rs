@@ -2,6 +2,7 @@
 
 use glam::Vec3;
 
+use super::line_of_sight::clear_lines_of_sight;
 use crate::data::Dataset;
 use crate::geometry::{Ray, SurfaceTracer};
 use crate::neif::contraction::FieldFrame;
@@ -36,11 +37,13 @@ pub(super) fn field_frame(dataset: &Dataset, scale: f32) -> FieldFrame {
     }
 }
 
-/// A fresh density cache that is void inside the mesh, and around it where the mesh is not `exact`.
+/// A fresh density cache that is void inside the mesh, around it where the mesh is not `exact`, and between the mesh and
+/// the cameras that see it.
 ///
 /// A mesh of outlines fills hollows. What the photos show in them is no mirror image of anything that the filled surface
 /// sees, and the surroundings would put a ghost right before it that is.
-pub(super) fn hollow_density(
+pub(super) fn clear_density(
+    dataset: &Dataset,
     tracer: Option<&SurfaceTracer>,
     frame: &FieldFrame,
     up: Vec3,
@@ -62,6 +65,7 @@ pub(super) fn hollow_density(
                 p_world.dot(up) > table
             });
         }
+        clear_lines_of_sight(&mut density, dataset, frame, tracer);
     }
     density
 }

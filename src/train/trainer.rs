@@ -14,13 +14,14 @@ use super::ground::SeenGround;
 use super::learned::Learned;
 use super::photo_exposures::PhotoExposures;
 use super::pixels::PixelStore;
-use super::placement::{field_frame, hollow_density, up_direction};
+use super::placement::{clear_density, field_frame, up_direction};
 use super::poses::Poses;
 use super::preparation::Prepared;
 use super::random::SlotRandom;
 use super::refinement::{self, Refinement};
 use super::skips::SkipShares;
 use super::snapshot::Snapshot;
+use super::unseen_light::UnseenDirections;
 use super::void::lay_floor;
 use crate::data::{Dataset, exposures_differ};
 use crate::geometry::SurfaceTracer;
@@ -65,6 +66,7 @@ pub struct Trainer {
     pub(super) poses: Option<Poses>,
     /// Where the mesh's normals are refined.
     pub(super) refinement: Option<Refinement>,
+    unseen: UnseenDirections,
     pub(super) step: u64,
     /// Optimiser updates done: steps less the skipped ones.
     pub(super) updates: u64,
@@ -152,7 +154,8 @@ impl Trainer {
             .map(Refinement::new);
         let has_haze = tracer.is_some() && exposures_differ(dataset);
         let up = up_direction(dataset);
-        let mut density = hollow_density(tracer.as_deref(), &frame, up, refinement.is_none());
+        let is_exact = refinement.is_none();
+        let mut density = clear_density(dataset, tracer.as_deref(), &frame, up, is_exact);
         let poses = config.refine_poses.then(|| Poses::of(dataset, &frame));
         let has_exposures = has_haze || config.exposure_rate > 0.0;
         let ground = has_exposures.then(|| SeenGround::of(dataset)).flatten();
@@ -186,6 +189,7 @@ impl Trainer {
             photos,
             poses,
             refinement,
+            unseen: UnseenDirections::of(dataset, &frame),
             step: 0,
             updates: 0,
             skipped: 0,
@@ -317,6 +321,7 @@ impl Trainer {
             display: Display { gamma: self.gamma },
             gains: self.gains().unwrap_or_default(),
             finds_poses: self.poses.is_some(),
+            unseen: &self.unseen,
             offsets: self.refinement.as_ref().map(|r| &r.offsets),
             tilts: self.step >= refinement::DELAY,
             step: self.step,

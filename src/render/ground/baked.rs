@@ -11,6 +11,7 @@ use super::square::Square;
 use super::{Cancelled, GroundResolution, Reach, meet, smoothstep};
 use crate::neif::radiance_field::FieldRay;
 use crate::neif::{Environment, EnvironmentTransform, ObjectModel};
+use crate::render::lamps::Lamps;
 
 /// Half the square's side: this many heights of the object beyond its radius.
 const MARGIN_HEIGHTS: f32 = 1.2;
@@ -22,9 +23,9 @@ const GHOST_HEIGHT: f32 = 0.5;
 /// Share of the cameras' directions from which a point counts as not seen, and as seen.
 const SEEN: [f32; 2] = [0.05, 0.25];
 /// Share of the light at which a point is too dark to tell its colour, and at which it is not.
-const LIT: [f32; 2] = [0.08, 0.2];
+const LIT: [f32; 2] = [0.04, 0.1];
 /// Least share that is divided by.
-const LEAST_SHARE: f32 = 0.05;
+const LEAST_SHARE: f32 = 0.03;
 
 /// The floor of surroundings without the shadow and the hidden part of the object that was captured in them.
 #[derive(Clone, Debug)]
@@ -42,7 +43,7 @@ impl BakedGround {
     /// Looks at the floor that the object stood on; `None` when there is none.
     pub(crate) fn new(
         object: &ObjectModel,
-        own: &Environment,
+        (own, lamps): (&Environment, &Lamps),
         resolution: GroundResolution,
         cancel: &AtomicBool,
     ) -> Result<Option<Arc<Self>>, Cancelled> {
@@ -50,6 +51,7 @@ impl BakedGround {
             object,
             environment: own,
             motion: EnvironmentTransform::default().environment_from_world(),
+            lamps,
         };
         let foot = stand.foot();
         let half_side = half_side(foot.radius, foot.height);

@@ -1,5 +1,6 @@
 //! The light that comes down on the floor around an object, and the share of it that the object leaves.
 
+use std::f32::consts::PI;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use glam::Vec3;
@@ -13,6 +14,7 @@ use crate::neif::environment::LightScratch;
 use crate::neif::material::MaterialBatch;
 use crate::neif::radiance_field::{FieldBatch, FieldRay};
 use crate::neif::{Environment, ObjectModel};
+use crate::render::lamps::Lamps;
 
 /// Sine of the elevations between which cameras look down on a floor.
 const CAMERA_BAND: std::ops::Range<f32> = 0.17..0.97;
@@ -28,6 +30,8 @@ pub(super) struct Stand<'a> {
     pub(super) object: &'a ObjectModel,
     pub(super) environment: &'a Environment,
     pub(super) motion: EnvironmentFromWorld,
+    /// Of the environment.
+    pub(super) lamps: &'a Lamps,
 }
 
 /// Where an object stands, field coordinates.
@@ -99,7 +103,11 @@ impl Stand<'_> {
         }
         self.environment
             .light(&mut batch, &mut LightScratch::default());
-        let radiance: Vec<Vec3> = batch.radiance.iter().map(|v| Vec3::from(*v)).collect();
+        let radiance = batch
+            .radiance
+            .iter()
+            .map(|v| self.lamps.below(Vec3::from(*v)));
+        let radiance: Vec<Vec3> = radiance.collect();
         let mean = radiance.iter().sum::<Vec3>() / n.max(1) as f32;
         Sky {
             directions,
@@ -135,9 +143,11 @@ impl Stand<'_> {
         cancel: &AtomicBool,
     ) -> Result<Vec<Share>, Cancelled> {
         let reflectance = self.reflectance(sky);
-        let (tracer, frame) = (&self.object.tracer, self.environment.frame());
+        let (tracer, frame) = (&*self.object.tracer, self.environment.frame());
         let start = tracer.self_distance();
         let up = square.up;
+        let up_world = self.motion.world_direction(up);
+        let lamps = self.lamps.points(&self.motion);
         let directions: Vec<Vec3> = sky
             .directions
             .iter()
@@ -162,11 +172,15 @@ impl Stand<'_> {
             }
             let n = directions.len().max(1) as f32;
             let free = n_free as f32 / n;
+            // As mean radiances from above: a lamp's irradiance over pi.
+            let by_lamps = |tracer| lamps.irradiance(tracer, origin, up_world) / PI;
+            let all = sky.mean + by_lamps(None);
             // What is blocked sends on light of the mean, less so the closer it is to the floor.
-            let sent = (1.0 - free) * free * reflectance * sky.mean;
-            let all = sky.mean.max(Vec3::splat(f32::MIN_POSITIVE));
+            let sent = (1.0 - free) * free * reflectance * all;
+            let light = light / n + by_lamps(Some(tracer)) + sent;
             Share {
-                light: ((light / n + sent) / all).clamp(Vec3::ZERO, Vec3::ONE),
+                light: (light / all.max(Vec3::splat(f32::MIN_POSITIVE)))
+                    .clamp(Vec3::ZERO, Vec3::ONE),
                 seen: n_seen as f32 / n_band.max(1) as f32,
             }
         };

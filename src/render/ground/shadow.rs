@@ -12,6 +12,7 @@ use super::{Cancelled, GroundResolution, Reach, meet};
 use crate::neif::environment::EnvironmentField;
 use crate::neif::radiance_field::FieldRay;
 use crate::neif::{Environment, EnvironmentTransform, ObjectModel};
+use crate::render::lamps::Lamps;
 
 /// The share of its light that an object leaves a floor.
 #[derive(Clone, Debug)]
@@ -26,7 +27,7 @@ impl Shadow {
     /// floor below the object.
     pub(crate) fn new(
         object: &ObjectModel,
-        environment: &Environment,
+        (environment, lamps): (&Environment, &Lamps),
         transform: &EnvironmentTransform,
         baked: Option<&BakedGround>,
         resolution: GroundResolution,
@@ -40,6 +41,7 @@ impl Shadow {
             object,
             environment,
             motion: transform.environment_from_world(),
+            lamps,
         };
         let foot = stand.foot();
         let up = environment.up();

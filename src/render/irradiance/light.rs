@@ -8,7 +8,9 @@ use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 
 use super::cache::LightKey;
+use super::probes::Probes;
 use super::transport::{Cone, Met, Transport};
+use crate::geometry::SurfaceTracer;
 use crate::neif::environment::LightScratch;
 use crate::neif::lobe::Lobe;
 use crate::neif::material::{MaterialBatch, Surface};
@@ -16,15 +18,18 @@ use crate::neif::radiance_field::{FieldBatch, FieldRay};
 use crate::neif::shading::fresnel;
 use crate::neif::{Environment, EnvironmentTransform, SurfaceField};
 use crate::render::ground::{BakedGround, Ground, Shadow};
+use crate::render::lamps::{Lamps, LitPlace, MovedLamps, lamp_gains};
 
 /// Largest ratio: a surface that was in the dark knows too little of its colour to show more.
-const MAX_RATIO: f32 = 16.0;
+const MAX_RATIO: f32 = 256.0;
 /// Largest ratio of one place's light to another's that is believed.
 const MAX_QUOTIENT: f32 = 4096.0;
 /// Share of the mean light that is added to both sides of the ratio: in the dark it approaches the ratio of the means.
-const FLOOR: f32 = 0.02;
+const FLOOR: f32 = 0.002;
 /// Weight of the mean light against a probe's: counts only where no probe is near.
 const FAR_WEIGHT: f32 = 1e-4;
+/// Places at which shading is looked at for what it tells of lamps.
+const N_SHADED: usize = 4096;
 /// Rounds of light sent from surface to surface: each is weaker by albedo times blocked share, seldom above 0.2.
 const BOUNCES: usize = 3;
 
@@ -67,15 +72,30 @@ pub(super) struct Gathered {
     radiance: Vec<Vec<[f32; 3]>>,
 }
 
+/// The light at an object's surface.
+#[derive(Debug, Default)]
+struct SurfaceLight {
+    /// Of all but the lamps, at the probes.
+    rest: Vec<Irradiance>,
+    /// Of the lamps, at the probes.
+    lamps_at_probes: Vec<Irradiance>,
+    /// The lamps for shadow rays from any other point; `None` without any, and where the probes have to do.
+    lamps: Option<MovedLamps>,
+    /// Mean over the probes.
+    mean: Vec3,
+}
+
 /// An object in the light that it was trained in.
 #[derive(Debug)]
 pub struct TrainedLight {
+    tracer: Arc<SurfaceTracer>,
     transport: Arc<Transport>,
     beams: Vec<Vec<Beam>>,
     /// Mean radiance along all rays.
     ray_mean: Vec3,
-    irradiance: Vec<Irradiance>,
-    mean: Vec3,
+    /// Lamps of the trained environment, as bright as the object's shading tells.
+    lamps: Lamps,
+    light: SurfaceLight,
     ground: Option<Arc<BakedGround>>,
 }
 
@@ -88,7 +108,7 @@ pub(super) struct TrainedWork {
 }
 
 impl TrainedWork {
-    /// Looks up the material that the cones meet.
+    /// Looks up the material at the probes and of what the cones meet.
     pub(super) fn new(transport: Arc<Transport>, material: &SurfaceField) -> Self {
         let probes = transport.probes.probes().par_iter().zip(&transport.cones);
         let beams = probes
@@ -107,37 +127,196 @@ impl TrainedWork {
     pub(super) fn run(&mut self, key: &LightKey, cancel: &AtomicBool) -> Option<TrainedLight> {
         let still = EnvironmentTransform::default();
         let own = &key.trained_in;
-        if !self.gathered.run(&self.beams, own, &still, cancel) {
+        let lamps = Lamps::of(own, cancel)?;
+        if !self
+            .gathered
+            .run(&self.beams, (own, &lamps), &still, cancel)
+        {
             return None;
         }
-        let resolution = self.transport.resolution.ground;
-        let ground = BakedGround::new(&key.object, own, resolution, cancel).ok()?;
+        let tracer = &key.object.tracer;
         let mut beams = std::mem::take(&mut self.beams);
         let (transport, radiance) = (Arc::clone(&self.transport), &self.gathered.radiance);
         let first = irradiance(&beams, radiance, |beam| beam.bounce);
-        let mean = mean_irradiance(&transport, &first);
+        let lamps = self.brightened(&lamps, &SurfaceLight::of_rest(first.clone()), key);
+        let resolution = self.transport.resolution.ground;
+        let ground = BakedGround::new(&key.object, (own, &lamps), resolution, cancel).ok()?;
+        let points = lamps.points(&still.environment_from_world());
+        let lit = |rest: Vec<Irradiance>| SurfaceLight::new(&transport, rest, &points, tracer);
+        let first = lit(first);
         beams.par_iter_mut().flatten().for_each(|beam| {
             // An enclosed mirror sees about what is around it.
             if let (Some((position, normal)), None) = (beam.met, beam.ray) {
-                let around = interpolate(&transport, &first, mean, position, normal);
+                let around = first.smooth(&transport, position, normal);
                 beam.bounce += beam.gain * around / PI;
             }
         });
-        let irradiance = irradiance(&beams, radiance, |beam| beam.bounce);
+        let light = lit(irradiance(&beams, radiance, |beam| beam.bounce));
         Some(TrainedLight {
-            mean: mean_irradiance(&transport, &irradiance),
+            tracer: Arc::clone(tracer),
             ray_mean: self.gathered.mean(),
+            light,
+            lamps,
             transport,
             beams,
-            irradiance,
             ground,
         })
     }
+
+    /// The lamps as bright as the object's shading tells, where `rest` is the light of everything else.
+    fn brightened(&self, lamps: &Lamps, rest: &SurfaceLight, key: &LightKey) -> Lamps {
+        let parts = lamps.parts();
+        let tracer = &key.object.tracer;
+        let still = EnvironmentTransform::default().environment_from_world();
+        let points = lamps.points_of(&parts, &still);
+        let places = Probes::on_mesh(tracer.mesh(), N_SHADED);
+        let positions: Vec<Vec3> = places.probes().iter().map(|p| p.position).collect();
+        let mut batch = MaterialBatch::default();
+        key.object
+            .material
+            .forward(&positions, &mut batch, &mut Vec::new());
+        let shaded: Vec<LitPlace> = places
+            .probes()
+            .par_iter()
+            .zip(&batch.surfaces)
+            .map(|(place, surface)| {
+                let at = (place.position, place.normal);
+                let mut arriving = vec![Vec3::ZERO; parts.len()];
+                points.arriving(Some(tracer), at, |part, toward, light| {
+                    arriving[part] += light * place.normal.dot(toward);
+                });
+                LitPlace {
+                    diffuse: surface.diffuse,
+                    rest: rest.smooth(&self.transport, place.position, place.normal),
+                    lamps: arriving,
+                }
+            })
+            .collect();
+        let gains = lamp_gains(&places, &shaded, parts.len());
+        if std::env::var_os("NEIF_DEBUG_LAMPS").is_some() {
+            let mut order: Vec<usize> = (0..gains.len()).collect();
+            let g = lamps.gained(&parts, &gains);
+            let b = points;
+            let a = g.points_of(&parts, &still);
+            order.sort_by(|x, y| {
+                a.points[*y]
+                    .strength
+                    .length_squared()
+                    .total_cmp(&a.points[*x].strength.length_squared())
+            });
+            for i in order.into_iter().take(24) {
+                let p = &a.points[i];
+                eprintln!(
+                    "  {:?} d {:.2} before {} after {}",
+                    p.place.normalize(),
+                    p.place.length(),
+                    b.points[i].strength / p.place.length_squared(),
+                    p.strength / p.place.length_squared()
+                );
+            }
+        }
+        lamps.gained(&parts, &gains)
+    }
+}
+
+impl SurfaceLight {
+    fn of_rest(rest: Vec<Irradiance>) -> Self {
+        Self {
+            lamps_at_probes: vec![Irradiance::ZERO; rest.len()],
+            rest,
+            ..Self::default()
+        }
+    }
+
+    /// The light of lamps and of the rest, which is given at the probes.
+    fn new(
+        transport: &Transport,
+        rest: Vec<Irradiance>,
+        lamps: &MovedLamps,
+        tracer: &SurfaceTracer,
+    ) -> Self {
+        let is_fine = transport.resolution.traces_lamps && !lamps.is_empty();
+        let mut light = Self {
+            rest,
+            lamps_at_probes: lamps_at_probes(transport, tracer, lamps),
+            lamps: is_fine.then(|| lamps.clone()),
+            mean: Vec3::ZERO,
+        };
+        let probes = transport.probes.probes().iter().enumerate();
+        let sum: Vec3 = probes
+            .map(|(i, probe)| light.at_probe(i, probe.normal, true))
+            .sum();
+        light.mean = sum / light.rest.len().max(1) as f32;
+        light
+    }
+
+    /// Irradiance for a normal at probe `i`, with or without the lamps.
+    fn at_probe(&self, i: usize, normal: Vec3, has_lamps: bool) -> Vec3 {
+        let rest = (self.rest[i] * normal).max(Vec3::ZERO);
+        if !has_lamps {
+            return rest;
+        }
+        rest + (self.lamps_at_probes[i] * normal).max(Vec3::ZERO)
+    }
+
+    /// Irradiance at a surface point, as far as the probes tell.
+    fn smooth(&self, transport: &Transport, position: Vec3, normal: Vec3) -> Vec3 {
+        self.interpolated(transport, (position, normal), true)
+    }
+
+    /// Irradiance at a surface point, lamps with the shadows that the object casts on itself.
+    fn at(
+        &self,
+        transport: &Transport,
+        tracer: &SurfaceTracer,
+        position: Vec3,
+        normal: Vec3,
+    ) -> Vec3 {
+        let Some(lamps) = &self.lamps else {
+            return self.smooth(transport, position, normal);
+        };
+        let rest = self.interpolated(transport, (position, normal), false);
+        rest + lamps.irradiance(Some(tracer), position, normal)
+    }
+
+    fn interpolated(
+        &self,
+        transport: &Transport,
+        (position, normal): (Vec3, Vec3),
+        has_lamps: bool,
+    ) -> Vec3 {
+        let (mut light, mut sum) = (FAR_WEIGHT * self.mean, FAR_WEIGHT);
+        transport.probes.near(position, normal, |i, weight| {
+            light += weight * self.at_probe(i, normal, has_lamps);
+            sum += weight;
+        });
+        light / sum
+    }
+}
+
+/// The light of lamps at each probe.
+fn lamps_at_probes(
+    transport: &Transport,
+    tracer: &SurfaceTracer,
+    lamps: &MovedLamps,
+) -> Vec<Irradiance> {
+    let probes = transport.probes.probes().par_iter();
+    probes
+        .map(|probe| {
+            let mut light = Irradiance::ZERO;
+            let at = (probe.position, probe.normal);
+            lamps.arriving(Some(tracer), at, |_, toward, arriving| {
+                let columns = toward.to_array().map(|share| arriving * share);
+                light += Mat3::from_cols(columns[0], columns[1], columns[2]);
+            });
+            light
+        })
+        .collect()
 }
 
 impl TrainedLight {
     /// What is done to the floor of the surroundings of `key`; `None` when cancelled.
-    fn ground_in(&self, key: &LightKey, cancel: &AtomicBool) -> Option<Arc<Ground>> {
+    fn ground_in(&self, key: &LightKey, lamps: &Lamps, cancel: &AtomicBool) -> Option<Arc<Ground>> {
         let is_own = Arc::ptr_eq(&key.trained_in, &key.environment);
         if is_own && self.ground.is_none() {
             // Its shadow lies where it lay.
@@ -146,7 +325,7 @@ impl TrainedLight {
         let baked = self.ground.as_ref().filter(|_| is_own);
         let shadow = Shadow::new(
             &key.object,
-            &key.environment,
+            (&key.environment, lamps),
             &key.transform,
             baked.map(|baked| &**baked),
             self.transport.resolution.ground,
@@ -161,22 +340,20 @@ impl TrainedLight {
 
     /// Diffuse reflectance of a surface point whose baked diffuse radiance is `diffuse`: `π C_d / E`, in `[0, 1]`.
     pub fn albedo(&self, position: Vec3, normal: Vec3, diffuse: Vec3) -> Vec3 {
-        let (transport, irradiance) = (&self.transport, &self.irradiance);
-        let floor = FLOOR * self.mean;
-        let light = interpolate(transport, irradiance, self.mean, position, normal) + floor;
+        let light = self.irradiance(position, normal) + FLOOR * self.light.mean;
         let albedo = PI * diffuse * (Vec3::ONE + FLOOR) / light.max(Vec3::splat(f32::MIN_POSITIVE));
         albedo.clamp(Vec3::ZERO, Vec3::ONE)
     }
 
     /// Irradiance at a surface point, linear, at least 0.
     pub fn irradiance(&self, position: Vec3, normal: Vec3) -> Vec3 {
-        interpolate(
-            &self.transport,
-            &self.irradiance,
-            self.mean,
-            position,
-            normal,
-        )
+        self.light
+            .at(&self.transport, &self.tracer, position, normal)
+    }
+
+    /// The floor that the object stood on, where there is one.
+    pub fn baked_ground(&self) -> Option<&Arc<BakedGround>> {
+        self.ground.as_ref()
     }
 
     /// Number of rays that the surroundings are asked with.
@@ -190,8 +367,7 @@ impl TrainedLight {
 #[derive(Debug)]
 pub struct DiffuseLight {
     trained: Arc<TrainedLight>,
-    irradiance: Vec<Irradiance>,
-    mean: Vec3,
+    light: SurfaceLight,
     ground: Option<Arc<Ground>>,
 }
 
@@ -204,50 +380,51 @@ impl DiffuseLight {
         gathered: &mut Gathered,
         cancel: &AtomicBool,
     ) -> Option<Self> {
+        let lamps = if Arc::ptr_eq(&key.trained_in, &key.environment) {
+            trained.lamps.clone()
+        } else {
+            Lamps::of(&key.environment, cancel)?
+        };
         if gathered.ground.is_none() {
-            gathered.ground = Some(trained.ground_in(key, cancel)?);
+            gathered.ground = Some(trained.ground_in(key, &lamps, cancel)?);
         }
-        if !gathered.run(&trained.beams, &key.environment, &key.transform, cancel) {
+        let environment = (&*key.environment, &lamps);
+        if !gathered.run(&trained.beams, environment, &key.transform, cancel) {
             return None;
         }
         let transport = &trained.transport;
-        let start = quotient(gathered.mean(), trained.ray_mean);
-        let mut light = Self {
-            irradiance: irradiance(&trained.beams, &gathered.radiance, |beam| {
-                beam.bounce * start
-            }),
-            trained: Arc::clone(trained),
-            mean: Vec3::ZERO,
-            ground: gathered.ground.clone().filter(|ground| !ground.is_empty()),
+        let points = lamps.points(&key.transform.environment_from_world());
+        let lit = |bounce: &(dyn Fn(&Beam) -> Vec3 + Sync)| {
+            let rest = irradiance(&trained.beams, &gathered.radiance, bounce);
+            SurfaceLight::new(transport, rest, &points, &trained.tracer)
         };
-        light.mean = mean_irradiance(transport, &light.irradiance);
+        let start = quotient(gathered.mean(), trained.ray_mean);
+        let mut light = lit(&|beam| beam.bounce * start);
         for _ in 0..BOUNCES {
-            light.irradiance = irradiance(&trained.beams, &gathered.radiance, |beam| {
+            light = lit(&|beam| {
                 beam.met.map_or(Vec3::ZERO, |(position, normal)| {
-                    beam.bounce * light.ratio(position, normal)
+                    let now = light.smooth(transport, position, normal);
+                    let then = trained.light.smooth(transport, position, normal);
+                    beam.bounce * ratio((now, light.mean), (then, trained.light.mean))
                 })
             });
-            light.mean = mean_irradiance(transport, &light.irradiance);
         }
-        Some(light)
+        Some(Self {
+            light,
+            trained: Arc::clone(trained),
+            ground: gathered.ground.clone().filter(|ground| !ground.is_empty()),
+        })
     }
 
-    /// Present over trained irradiance at a surface point, per colour: at least 0, at most 16 times that of the means over
+    /// Present over trained irradiance at a surface point, per colour: at least 0, at most 256 times that of the means over
     /// the object, and 4096; 1 where there never was light. Light that is twice as bright gives twice the ratio.
     pub fn ratio(&self, position: Vec3, normal: Vec3) -> Vec3 {
         let trained = &self.trained;
-        let (mut now, mut then, mut sum) = (Vec3::ZERO, Vec3::ZERO, FAR_WEIGHT);
-        trained
-            .transport
-            .probes
-            .near(position, normal, |i, weight| {
-                now += weight * (self.irradiance[i] * normal).max(Vec3::ZERO);
-                then += weight * (trained.irradiance[i] * normal).max(Vec3::ZERO);
-                sum += weight;
-            });
-        let rest = FAR_WEIGHT + FLOOR * sum;
-        let most = MAX_RATIO * quotient(self.mean, trained.mean);
-        quotient(now + rest * self.mean, then + rest * trained.mean).min(most)
+        let at = |light: &SurfaceLight| {
+            let value = light.at(&trained.transport, &trained.tracer, position, normal);
+            (value, light.mean)
+        };
+        ratio(at(&self.light), at(&trained.light))
     }
 
     /// What is done to the floor of the surroundings.
@@ -261,6 +438,12 @@ impl DiffuseLight {
     }
 }
 
+/// Present over trained irradiance, both with their means over the object.
+fn ratio((now, mean_now): (Vec3, Vec3), (then, mean_then): (Vec3, Vec3)) -> Vec3 {
+    let most = MAX_RATIO * quotient(mean_now, mean_then);
+    quotient(now + FLOOR * mean_now, then + FLOOR * mean_then).min(most)
+}
+
 /// `a / b` per colour, in `[0, 4096]`; 1 where `b` is no positive number.
 fn quotient(a: Vec3, b: Vec3) -> Vec3 {
     let one = |a: f32, b: f32| {
@@ -271,22 +454,6 @@ fn quotient(a: Vec3, b: Vec3) -> Vec3 {
         }
     };
     Vec3::new(one(a.x, b.x), one(a.y, b.y), one(a.z, b.z))
-}
-
-/// Irradiance at a surface point.
-fn interpolate(
-    transport: &Transport,
-    irradiance: &[Irradiance],
-    mean: Vec3,
-    position: Vec3,
-    normal: Vec3,
-) -> Vec3 {
-    let (mut light, mut sum) = (FAR_WEIGHT * mean, FAR_WEIGHT);
-    transport.probes.near(position, normal, |i, weight| {
-        light += weight * (irradiance[i] * normal).max(Vec3::ZERO);
-        sum += weight;
-    });
-    light / sum
 }
 
 /// Irradiance of every probe, from the radiance along its rays and what the object sends instead.
@@ -311,15 +478,6 @@ fn irradiance(
             Mat3::from_cols(columns[0], columns[1], columns[2])
         })
         .collect()
-}
-
-/// Mean over the probes, each at its own normal.
-fn mean_irradiance(transport: &Transport, irradiance: &[Irradiance]) -> Vec3 {
-    let probes = transport.probes.probes().iter().zip(irradiance);
-    let sum: Vec3 = probes
-        .map(|(probe, irradiance)| (*irradiance * probe.normal).max(Vec3::ZERO))
-        .sum();
-    sum / irradiance.len().max(1) as f32
 }
 
 /// The beams of one probe.
@@ -380,7 +538,7 @@ impl Gathered {
     fn run(
         &mut self,
         beams: &[Vec<Beam>],
-        environment: &Environment,
+        (environment, lamps): (&Environment, &Lamps),
         transform: &EnvironmentTransform,
         cancel: &AtomicBool,
     ) -> bool {
@@ -412,7 +570,14 @@ impl Gathered {
                 if let Some(ground) = &ground {
                     ground.apply(batch);
                 }
-                radiance.extend_from_slice(&batch.radiance);
+                let asking = beams.iter().filter(|beam| beam.ray.is_some());
+                radiance.extend(asking.zip(&batch.radiance).map(|(beam, seen)| {
+                    // What the object mirrors is no lamp that shadow rays look for.
+                    match beam.met {
+                        Some(_) => *seen,
+                        None => lamps.below(Vec3::from(*seen)).to_array(),
+                    }
+                }));
             },
         );
         self.radiance.iter().all(|radiance| !radiance.is_empty())

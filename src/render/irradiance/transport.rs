@@ -17,6 +17,8 @@ pub struct Resolution {
     pub n_probes: usize,
     /// Cones over the hemisphere of each.
     pub n_cones: usize,
+    /// Whether shadow rays go to the lamps from every point that is lit, not from the probes alone.
+    pub traces_lamps: bool,
     /// Of the floor.
     pub ground: GroundResolution,
 }
@@ -26,6 +28,7 @@ impl Resolution {
     pub const FINE: Self = Self {
         n_probes: 1024,
         n_cones: 64,
+        traces_lamps: true,
         ground: GroundResolution {
             side: 64,
             n_directions: 192,
@@ -35,6 +38,7 @@ impl Resolution {
     pub const COARSE: Self = Self {
         n_probes: 96,
         n_cones: 16,
+        traces_lamps: false,
         ground: GroundResolution {
             side: 24,
             n_directions: 32,

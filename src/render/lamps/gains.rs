@@ -1,0 +1,163 @@
+//! How bright lamps are that photos show as white: what shading tells of them.
+//!
+//! Over a stretch of surface of one colour the diffuse radiance varies as the irradiance does. Pairs of neighbouring
+//! probes therefore compare `ln C_d` with `ln E`, where `E` is the sum of the lamps, each times its unknown gain, and
+//! of everything else; a forgiving error lets the pairs across an edge of paint disagree (Retinex, Land and McCann
+//! 1971, with the light known up to a few gains). Where shading tells nothing a weak prior leaves the gains at 1.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use crate::render::irradiance::Probes;
+
+/// Scale of the differences of logarithms that are believed.
+const NOISE: f32 = 0.15;
+/// Diffuse radiance at which a photo tells half as much as a bright one.
+const DIM: f32 = 0.02;
+/// Share of the mean irradiance below which there is no light.
+const DARK: f32 = 0.005;
+/// Weight of the squared logarithm of a part's gain, in pairs.
+const PRIOR: f32 = 0.02;
+/// The same for the difference of a colour's gain from that of all.
+const COLOR_PRIOR: f32 = 1.0;
+/// Gains that are tried for all parts together, octaves.
+const OCTAVES: std::ops::RangeInclusive<i32> = -4..=10;
+/// Steps of gradient descent (Adam), and the logarithm of the gains that the first and the last one change at most.
+const STEPS: usize = 300;
+const FIRST_STEP: f32 = 0.2;
+const LAST_STEP: f32 = 0.01;
+
+/// What is known at a place of the surface.
+#[derive(Clone, Debug)]
+pub(in crate::render) struct LitPlace {
+    /// Diffuse radiance that the photos taught.
+    pub(in crate::render) diffuse: Vec3,
+    /// Irradiance without the lamps.
+    pub(in crate::render) rest: Vec3,
+    /// That of each part of the lamps as it was learned.
+    pub(in crate::render) lamps: Vec<Vec3>,
+}
+
+/// Gains of each part of the lamps, a colour.
+pub(in crate::render) fn lamp_gains(
+    probes: &Probes,
+    lit: &[LitPlace],
+    n_parts: usize,
+) -> Vec<Vec3> {
+    let pairs = pairs(probes, lit);
+    let problem = Problem { lit, pairs: &pairs };
+    if pairs.is_empty() || n_parts == 0 {
+        return vec![Vec3::ONE; n_parts];
+    }
+    let all = |octave: i32| vec![Vec3::splat(octave as f32 * std::f32::consts::LN_2); n_parts];
+    let errors = OCTAVES.map(|octave| (octave, problem.error(&all(octave)).0));
+    let best = errors.min_by(|a, b| a.1.total_cmp(&b.1));
+    let mut logs = all(best.map_or(0, |(octave, _)| octave));
+    let (mut mean, mut squares) = (vec![Vec3::ZERO; n_parts], vec![Vec3::ZERO; n_parts]);
+    for step in 0..STEPS {
+        let (_, slope) = problem.error(&logs);
+        let rate = FIRST_STEP * (LAST_STEP / FIRST_STEP).powf(step as f32 / STEPS as f32);
+        let [first, second] = [0.9_f32, 0.99].map(|b| 1.0 - b.powi(step as i32 + 1));
+        for k in 0..n_parts {
+            mean[k] = mean[k].lerp(slope[k], 0.1);
+            squares[k] = squares[k].lerp(slope[k] * slope[k], 0.01);
+            let size = (squares[k] / second).map(f32::sqrt) + 1e-8;
+            logs[k] -= rate * (mean[k] / first) / size;
+        }
+    }
+    logs.into_iter().map(|log| log.map(f32::exp)).collect()
+}
+
+/// Two neighbouring probes and how much they tell.
+struct Pair {
+    a: usize,
+    b: usize,
+    weight: f32,
+}
+
+fn pairs(probes: &Probes, lit: &[LitPlace]) -> Vec<Pair> {
+    let telling = |i: usize| {
+        let dim = lit[i].diffuse.element_sum() / 3.0;
+        dim / (dim + DIM)
+    };
+    let mut pairs = Vec::new();
+    for (a, probe) in probes.probes().iter().enumerate() {
+        probes.near(probe.position, probe.normal, |b, near| {
+            if b > a {
+                let weight = near * telling(a) * telling(b);
+                pairs.push(Pair { a, b, weight });
+            }
+        });
+    }
+    pairs
+}
+
+struct Problem<'a> {
+    lit: &'a [LitPlace],
+    pairs: &'a [Pair],
+}
+
+impl Problem<'_> {
+    /// Error of the logarithms of gains, and its slope.
+    fn error(&self, logs: &[Vec3]) -> (f32, Vec<Vec3>) {
+        let gains: Vec<Vec3> = logs.iter().map(|log| log.map(f32::exp)).collect();
+        let light: Vec<Vec3> = self
+            .lit
+            .par_iter()
+            .map(|probe| {
+                let lamps = probe.lamps.iter().zip(&gains);
+                probe.rest + lamps.map(|(light, gain)| *light * *gain).sum::<Vec3>()
+            })
+            .collect();
+        let dark = DARK * light.iter().sum::<Vec3>() / light.len().max(1) as f32;
+        let logarithm = |v: Vec3| v.max(Vec3::splat(1e-6)).map(f32::ln);
+        let albedo: Vec<Vec3> = light
+            .iter()
+            .zip(self.lit)
+            .map(|(light, probe)| logarithm(probe.diffuse) - logarithm(*light + dark))
+            .collect();
+        let mut sum = 0.0;
+        let mut by_albedo = vec![Vec3::ZERO; light.len()];
+        for pair in self.pairs {
+            let difference = (albedo[pair.a] - albedo[pair.b]) / NOISE;
+            let squared = difference * difference;
+            sum += pair.weight * squared.map(f32::ln_1p).element_sum();
+            let slope = 2.0 * pair.weight / NOISE * difference / (squared + 1.0);
+            by_albedo[pair.a] += slope;
+            by_albedo[pair.b] -= slope;
+        }
+        let mut slope = self.by_gain(&by_albedo, &light, dark);
+        for ((slope, log), gain) in slope.iter_mut().zip(logs).zip(&gains) {
+            let grey = log.element_sum() / 3.0;
+            let color = *log - grey;
+            sum += PRIOR * grey * grey + COLOR_PRIOR * color.length_squared();
+            *slope = *slope * *gain + 2.0 * PRIOR * grey / 3.0 + 2.0 * COLOR_PRIOR * color;
+        }
+        (sum, slope)
+    }
+
+    /// From the slope by the logarithms of the albedos to that by the gains; what is dark counts as given.
+    fn by_gain(&self, by_albedo: &[Vec3], light: &[Vec3], dark: Vec3) -> Vec<Vec3> {
+        let n_parts = self.lit.first().map_or(0, |probe| probe.lamps.len());
+        let pieces: Vec<Vec<Vec3>> = self
+            .lit
+            .par_chunks(256)
+            .zip(by_albedo.par_chunks(256).zip(light.par_chunks(256)))
+            .map(|(lit, (by_albedo, light))| {
+                let mut slope = vec![Vec3::ZERO; n_parts];
+                for ((probe, by_albedo), light) in lit.iter().zip(by_albedo).zip(light) {
+                    let by_light = -*by_albedo / (*light + dark);
+                    for (slope, lamp) in slope.iter_mut().zip(&probe.lamps) {
+                        *slope += by_light * *lamp;
+                    }
+                }
+                slope
+            })
+            .collect();
+        let mut slope = vec![Vec3::ZERO; n_parts];
+        for piece in pieces {
+            slope.iter_mut().zip(piece).for_each(|(sum, v)| *sum += v);
+        }
+        slope
+    }
+}
