@@ -391,6 +391,12 @@ pub const BINDINGS: &[Binding] = &[
         Command::ShowLayer(Layer::Samples)
     })
     .marked(|state| state.layer == Layer::Samples),
+    plain(LAYERS, "Albedo", |_| Command::ShowLayer(Layer::Albedo))
+        .marked(|state| state.layer == Layer::Albedo),
+    plain(LAYERS, "Irradiance", |_| {
+        Command::ShowLayer(Layer::Irradiance)
+    })
+    .marked(|state| state.layer == Layer::Irradiance),
     plain(TRAINING, "Start training, or train further", |_| {
         Command::Train(Train::Start)
     })

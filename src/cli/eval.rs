@@ -10,10 +10,10 @@ use std::{
 use anyhow::Context as _;
 use neif::data::{Dataset, View, read_exr_linear, write_atomically};
 use neif::neif::Environment;
-use neif::render::{Picture, Scene};
+use neif::render::{Layer, Picture, Scene};
 use neif::train::eval::{
-    EvalReport, NormalError, RoughnessError, ViewMetrics, after_one_gain, after_own_gain,
-    evaluate_views, mean_of_views, panorama_psnr, relit,
+    AlbedoError, EvalReport, NormalError, RoughnessError, ViewMetrics, after_one_gain,
+    after_own_gain, evaluate_views, mean_of_views, panorama_psnr, relit,
 };
 use neif::train::lpips::{Backbone, Lpips};
 use neif::train::metrics::{ImageMetrics, mean};
@@ -121,6 +121,7 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
         relight_gained: gained,
         normal_mae_deg: truth.normals.mean_deg(),
         roughness_mae: truth.roughness.mean(),
+        albedo_psnr: truth.albedo.psnr(),
         pano_psnr: panorama_psnr(&run.scene, &root, bench.cancel).or_unusable()?,
     };
     if interrupt::requested() {
@@ -255,6 +256,7 @@ struct Relit {
 struct SurfaceErrors {
     normals: NormalError,
     roughness: RoughnessError,
+    albedo: AlbedoError,
 }
 
 /// Says why views have no LPIPS when they are too small for its network.
@@ -288,7 +290,7 @@ fn save_pictures(
     Ok(())
 }
 
-/// Compares with `gt/normal`, `gt/roughness` and `gt/specular_f0`, where the capture has them.
+/// Compares with `gt/normal`, `gt/roughness`, `gt/specular_f0`, `gt/diffuse` and `gt/base_color`, where the capture has them.
 fn surface_errors(
     scene: &Scene,
     views: &[View],
@@ -296,6 +298,9 @@ fn surface_errors(
     cancel: &AtomicBool,
 ) -> Result<SurfaceErrors, Failure> {
     let mut errors = SurfaceErrors::default();
+    let scene = &scene
+        .lit_for(&[Layer::Albedo], cancel)
+        .ok_or(Failure::Interrupted)?;
     for view in views {
         let read = |layer: &str| -> Result<Option<Vec<[f32; 3]>>, Failure> {
             let file = root.join("gt").join(layer);
@@ -313,6 +318,10 @@ fn surface_errors(
         if let (Some(roughness), Some(f0)) = (read("roughness")?, read("specular_f0")?) {
             let error = &mut errors.roughness;
             error.add_view(scene, view, &roughness, &f0, cancel);
+        }
+        if let (Some(diffuse), Some(base_color)) = (read("diffuse")?, read("base_color")?) {
+            let error = &mut errors.albedo;
+            error.add_view(scene, view, (&diffuse, &base_color), cancel);
         }
     }
     Ok(errors)
@@ -369,6 +378,8 @@ fn table(report: &EvalReport, lpips: Option<Backbone>) -> String {
     lines.extend(normals.map(|deg| format!("normals: mean error {deg:.2} degrees")));
     let roughness = report.roughness_mae;
     lines.extend(roughness.map(|error| format!("roughness: mean error {error:.3}")));
+    let albedo = report.albedo_psnr;
+    lines.extend(albedo.map(|psnr| format!("albedo: PSNR {psnr:.2} dB after one gain a colour")));
     lines.extend(
         report
             .pano_psnr

@@ -57,7 +57,7 @@ pub(crate) struct RenderArgs {
     /// Leave the surroundings out of the picture: transparent around the object, where --background hidden is black
     #[arg(long)]
     no_background: bool,
-    /// What to render: final, diffuse, specular, roughness, tint, normal, environment, depth, visibility, samples
+    /// What to render: final, diffuse, specular, roughness, tint, normal, environment, depth, visibility, samples, albedo, irradiance
     #[arg(
         long,
         value_name = "LAYER,..",

@@ -265,7 +265,7 @@ impl Renderer<'_> {
             ..film.scene.clone()
         };
         if film.layers.iter().any(|layer| layer.is_lit()) {
-            scene = self.lights.fine(&scene, self.cancel)?;
+            scene = self.lights.fine(&scene, &film.layers, self.cancel)?;
         }
         let options = PartsOptions {
             backdrop: film.backdrop,

@@ -86,13 +86,7 @@ pub fn render_parts(
     cancel: &AtomicBool,
     on_progress: &(dyn Fn(f32) + Sync),
 ) -> Option<Parts> {
-    let lit;
-    let scene = if options.layers.iter().any(|layer| layer.is_lit()) {
-        lit = scene.lit(cancel)?;
-        &lit
-    } else {
-        scene
-    };
+    let scene = &scene.lit_for(options.layers, cancel)?;
     let reference = match options.reference {
         Some(options) => Some(Reference::new(scene, options, cancel)?),
         None => None,

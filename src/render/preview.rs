@@ -257,7 +257,9 @@ impl Worker {
         let is_lit = picture.layer.is_lit();
         // Motion is lit by few probes; those of the last picture take longer than a frame.
         if is_lit {
-            picture.scene = self.pool.install(|| self.lights.quick(&picture.scene));
+            picture.scene = self
+                .pool
+                .install(|| self.lights.quick(&picture.scene, picture.layer));
         }
         if self.accelerator.takes(&picture) {
             let steps = request.passes.card_steps();
@@ -338,7 +340,7 @@ impl Worker {
             Step::Sketch { scale, purpose } => sketch.picture(picture, scale, purpose, cancel),
             Step::Fine => {
                 if picture.layer.is_lit() {
-                    picture.scene = lights.fine(&picture.scene, cancel)?;
+                    picture.scene = lights.fine(&picture.scene, &[picture.layer], cancel)?;
                 }
                 progressive.pass(picture, PassKind::FINE, cancel)
             }

@@ -1,5 +1,6 @@
 //! What is rendered: a model, its edits, and which part of the result is shown.
 
+use std::f32::consts::PI;
 use std::fmt;
 use std::str::FromStr;
 use std::sync::Arc;
@@ -10,7 +11,9 @@ use serde::{Deserialize, Serialize};
 
 use super::background::Background;
 use super::ground::Ground;
-use super::irradiance::{DiffuseLights, KeyedLight, LightKey, Resolution, trained_light};
+use super::irradiance::{
+    DiffuseLights, KeyedLight, LightKey, Resolution, shows_light, trained_light,
+};
 use super::named::by_name;
 use super::shade::display_gain;
 use super::tone_map::ToneMap;
@@ -66,16 +69,24 @@ impl Scene {
         }
     }
 
-    /// The scene with the light at its surface; nothing is computed where that is known or the trained one. `None` when
-    /// cancelled.
+    /// The scene with the light at its surface that a lit picture needs; see [`Self::lit_for`].
     pub fn lit(&self, cancel: &AtomicBool) -> Option<Self> {
-        let key = LightKey::of(self);
+        self.lit_for(&[Layer::Final], cancel)
+    }
+
+    /// The scene with the light at its surface that `layers` need; nothing is computed where that is known, or is the
+    /// trained one and not shown itself. `None` when cancelled.
+    pub fn lit_for(&self, layers: &[Layer], cancel: &AtomicBool) -> Option<Self> {
+        if !layers.iter().any(|layer| layer.is_lit()) {
+            return Some(self.clone());
+        }
+        let key = LightKey::of(self, shows_light(layers));
         if let (Some(key), Some(light)) = (&key, &self.diffuse_light)
             && light.is_for(key, Resolution::FINE)
         {
             return Some(self.clone());
         }
-        DiffuseLights::default().fine(self, cancel)
+        DiffuseLights::default().fine(self, layers, cancel)
     }
 
     /// The same in a photo of another exposure and white balance: all light times `gain` a colour.
@@ -95,7 +106,7 @@ impl Scene {
             gamma: self.environment.gamma(),
         };
         let (gain, tone_map) = match layer {
-            Layer::Roughness | Layer::Normal | Layer::Tint => (1.0, ToneMap::Photo),
+            Layer::Roughness | Layer::Normal | Layer::Tint | Layer::Albedo => (1.0, ToneMap::Photo),
             _ => (display_gain(self.display_ev), self.tone_map),
         };
         Shown {
@@ -132,6 +143,23 @@ impl Scene {
             (Some(_), None) => gain,
             (Some(_), Some(lit)) => gain * lit.light.ratio(position, normal),
         }
+    }
+
+    /// Irradiance of a surface point over pi, the radiance of a white one, and the albedo of one of the given present
+    /// diffuse radiance; black where nothing is known of the light ([`Self::lit_for`]).
+    pub(super) fn surface_light(&self, at: (Vec3, Vec3), diffuse: Vec3) -> [Vec3; 2] {
+        let gain = self.transform.environment_from_world().gain;
+        let Some(lit) = &self.diffuse_light else {
+            return [Vec3::ZERO; 2];
+        };
+        let (position, normal) = at;
+        let light = gain * lit.light.irradiance(position, normal) / PI;
+        let least = Vec3::splat(f32::MIN_POSITIVE);
+        [
+            light,
+            lit.light
+                .albedo(position, normal, diffuse / gain.max(least)),
+        ]
     }
 
     /// Puts the object under other surroundings. Its own, read from a file again, stay its own: what was learned of them holds.
@@ -208,11 +236,15 @@ pub enum Layer {
     Visibility,
     /// Field samples that the pixel costs ([`super::diagnostic::SAMPLES_RANGE`]).
     Samples,
+    /// Diffuse reflectance.
+    Albedo,
+    /// Irradiance over pi: the radiance of a white, matt surface.
+    Irradiance,
 }
 
 impl Layer {
     /// All layers, in the order of the window's keys.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 12] = [
         Self::Final,
         Self::Diffuse,
         Self::Specular,
@@ -223,6 +255,8 @@ impl Layer {
         Self::Depth,
         Self::Visibility,
         Self::Samples,
+        Self::Albedo,
+        Self::Irradiance,
     ];
 
     /// Lower-case name, as on the command line.
@@ -238,6 +272,8 @@ impl Layer {
             Self::Depth => "depth",
             Self::Visibility => "visibility",
             Self::Samples => "samples",
+            Self::Albedo => "albedo",
+            Self::Irradiance => "irradiance",
         }
     }
 
@@ -248,7 +284,10 @@ impl Layer {
 
     /// Whether the picture depends on the light that the object receives.
     pub fn is_lit(self) -> bool {
-        matches!(self, Self::Final | Self::Diffuse | Self::Specular)
+        matches!(
+            self,
+            Self::Final | Self::Diffuse | Self::Specular | Self::Albedo | Self::Irradiance
+        )
     }
 
     /// Whether the object is part of the picture.

@@ -257,7 +257,7 @@ pub(super) fn shade_paths(
         start += path.len();
     }
     let edited = &scratch.edited;
-    if let Some(values) = unlit(object, (paths, &starts), edited, view) {
+    if let Some(values) = unlit(scene, object, (paths, &starts), edited, view) {
         return values.into_iter().map(PathLight::from).collect();
     }
     if view.layer == Layer::Samples {
@@ -364,6 +364,7 @@ fn lobe_light(
 
 /// Layers that need no light along lobes.
 fn unlit(
+    scene: &Scene,
     object: &ObjectModel,
     (paths, starts): (&[&[PathVertex]], &[usize]),
     edited: &EditedSurfaces,
@@ -374,6 +375,15 @@ fn unlit(
         Layer::Diffuse => {
             let (cos, gain) = (path[0].point.n_dot_v(), edited.specular_gain()[i]);
             Some(outgoing(&surfaces[i], cos, gain, Vec3::ZERO))
+        }
+        Layer::Albedo | Layer::Irradiance => {
+            let point = &path[0].point;
+            let at = (point.position, point.normal);
+            let [light, albedo] = scene.surface_light(at, surfaces[i].diffuse);
+            Some(match view.layer {
+                Layer::Albedo => albedo,
+                _ => light,
+            })
         }
         Layer::Roughness => Some(Vec3::splat(surfaces[i].roughness)),
         Layer::Tint => Some(fresnel(surfaces[i].tint, 1.0) * edited.specular_gain()[i]),

@@ -17,7 +17,7 @@ use super::poses::PoseRow;
 use super::random::SlotRandom;
 use super::tilted_rays::TiltedRays;
 use super::unseen::{self, Triple};
-use super::unseen_light::{UnseenDirections, unevenness};
+use super::unseen_light::{UnseenDirections, trust_in_evenness, unevenness};
 use crate::geometry::orthonormal_basis;
 use crate::neif::EnvironmentTransform;
 use crate::neif::contraction::FieldFrame;
@@ -478,8 +478,8 @@ impl Chunk {
     /// What no photo shows is as even as the object allows.
     fn evenness_losses(&mut self, context: &StepContext<'_>) {
         let config = context.config;
-        let weight = config.evenness_weight * context.unseen.share();
-        let scale = weight / config.unseen_pairs.max(1) as f32;
+        let weight = config.evenness_weight * trust_in_evenness(&self.material.surfaces);
+        let scale = weight * context.unseen.share() / config.unseen_pairs.max(1) as f32;
         let sum = unevenness(self.unseen, scale, &mut self.batch);
         self.loss.priors += f64::from(scale) * sum;
     }

@@ -94,7 +94,7 @@ pub struct TrainConfig {
     pub agreement_weight: f32,
     /// Pairs of neighbouring rays a step into directions in which no photo looks, with an object; 0 is none.
     pub unseen_pairs: usize,
-    /// Weight of the difference of their light, times the share of all directions that these are.
+    /// Weight of the difference of their light, times the share of all directions that these are; falls with what the object mirrors.
     pub evenness_weight: f32,
     /// Pull of the diffuse part of what reflects like a metal towards black: no real surface has both.
     pub metal_weight: f32,
@@ -181,7 +181,7 @@ impl Default for TrainConfig {
             agreement_groups_alone: 16,
             agreement_weight: 0.001,
             unseen_pairs: 32,
-            evenness_weight: 0.03,
+            evenness_weight: 0.3,
             metal_weight: 0.01,
             clipped_radiance: 5.0,
             clipped_weight: 0.1,

@@ -17,7 +17,8 @@ use crate::geometry::Camera;
 use crate::neif::neilf::NeilfModel;
 use crate::neif::{Environment, EnvironmentTransform, MaterialEdit, RoughnessEdit};
 use crate::render::{
-    Layer, PathOptions, Picture, Scene, compose, panorama, render, render_neilf, render_with,
+    Layer, PartsOptions, PathOptions, Picture, Scene, compose, panorama, render, render_neilf,
+    render_parts, render_with,
 };
 use crate::train::lpips::Lpips;
 use crate::train::metrics::{ImageMetrics, SquaredError, compare, compare_object, mean};
@@ -64,6 +65,8 @@ pub struct EvalReport {
     pub normal_mae_deg: Option<f64>,
     /// Mean absolute error of roughness where the surface reflects, where there is truth.
     pub roughness_mae: Option<f64>,
+    /// PSNR of the albedo in dB, where there is truth.
+    pub albedo_psnr: Option<f64>,
     /// Mean PSNR of panoramas in dB, where there is truth.
     pub pano_psnr: Option<f64>,
 }
@@ -332,6 +335,66 @@ impl RoughnessError {
     }
 }
 
+/// Pixels of the albedo with their truth, linear.
+#[derive(Clone, Debug, Default)]
+pub struct AlbedoError(Vec<[[f32; 3]; 2]>);
+
+impl AlbedoError {
+    /// Adds the pixels of a view that are all object and whose true diffuse reflectance is given, `[height * width]`: where
+    /// that is 0, the true reflectance at normal incidence `base_color` is compared with the tint.
+    pub fn add_view(
+        &mut self,
+        scene: &Scene,
+        view: &View,
+        (diffuse, base_color): (&[[f32; 3]], &[[f32; 3]]),
+        cancel: &AtomicBool,
+    ) {
+        let layers = [Layer::Albedo, Layer::Tint];
+        let options = PartsOptions::new(&layers);
+        let Some(parts) = render_parts(scene, &view.camera, &options, cancel, &|_| {}) else {
+            return;
+        };
+        let [albedo, tint] = [0, 1].map(|layer: usize| &parts.objects[layer].1);
+        for (i, diffuse) in diffuse.iter().enumerate() {
+            let is_whole = view.mask.as_ref().is_none_or(|mask| mask.share(i) > 0.99);
+            if !is_whole || parts.coverage[i] < 0.99 {
+                continue;
+            }
+            let is_metal = diffuse.iter().all(|v| *v <= 0.0);
+            self.0.push(match is_metal {
+                true => [tint[i], base_color[i]],
+                false => [albedo[i], *diffuse],
+            });
+        }
+    }
+
+    /// PSNR in sRGB after the gain a colour that brings all pixels nearest to the truth; none without pixels.
+    pub fn psnr(&self) -> Option<f64> {
+        let gain: [f32; 3] = std::array::from_fn(|c| {
+            let sum = |of: fn([f32; 2]) -> f32| -> f64 {
+                let pixels = self.0.iter();
+                pixels
+                    .map(|[shown, truth]| f64::from(of([shown[c], truth[c]])))
+                    .sum()
+            };
+            let squares = sum(|[shown, _]| shown * shown);
+            // Black stays black whatever the gain.
+            if squares > 0.0 {
+                (sum(|[shown, truth]| shown * truth) / squares) as f32
+            } else {
+                1.0
+            }
+        });
+        let mut error = SquaredError::default();
+        for [shown, truth] in &self.0 {
+            let srgb = |v: f32| srgb_from_linear(v.clamp(0.0, 1.0));
+            let gained = std::array::from_fn(|c| srgb(shown[c] * gain[c]));
+            error.add(gained, truth.map(srgb));
+        }
+        error.psnr()
+    }
+}
+
 /// A sum of angles between normals.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct NormalError {
@@ -370,6 +433,18 @@ impl NormalError {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_albedo_is_compared_after_one_gain_a_colour() {
+        let truth = [[0.1, 0.2, 0.3], [0.4, 0.1, 0.2], [0.05, 0.3, 0.6]];
+        let gained = |v: [f32; 3]| [2.0 * v[0], 0.5 * v[1], v[2]];
+        let same = AlbedoError(truth.iter().map(|v| [gained(*v), *v]).collect());
+        assert!(same.psnr().expect("pixels") > 80.0, "{:?}", same.psnr());
+        let mut other = same.clone();
+        other.0[1][0][0] = 0.0;
+        assert!(other.psnr().expect("pixels") < 20.0, "{:?}", other.psnr());
+        assert_eq!(AlbedoError::default().psnr(), None);
+    }
 
     #[test]
     fn one_gain_undoes_a_darker_exposure_and_nothing_else() {
@@ -422,13 +497,14 @@ mod tests {
             relight_gained: BTreeMap::new(),
             normal_mae_deg: None,
             roughness_mae: None,
+            albedo_psnr: None,
             pano_psnr: Some(20.0),
         };
         let keys = r#""psnr":null,"psnr_object":null,"psnr_background":null,"psnr_masked":null,"psnr_near":null,"ssim":null,"lpips":null,"flip":null"#;
         assert_eq!(
             serde_json::to_string(&report).unwrap(),
             format!(
-                r#"{{"split":"test","train_seconds":1.5,"steps":null,"views":[{{"name":"r_000",{keys}}}],"mean":{{{keys}}},"relight":{{"rough_02":{{{keys}}}}},"relight_gained":{{}},"normal_mae_deg":null,"roughness_mae":null,"pano_psnr":20.0}}"#
+                r#"{{"split":"test","train_seconds":1.5,"steps":null,"views":[{{"name":"r_000",{keys}}}],"mean":{{{keys}}},"relight":{{"rough_02":{{{keys}}}}},"relight_gained":{{}},"normal_mae_deg":null,"roughness_mae":null,"albedo_psnr":null,"pano_psnr":20.0}}"#
             )
         );
     }

@@ -24,3 +24,12 @@ impl<F, T: Default> Learned<F, T> {
         }
     }
 }
+
+/// Adds the parts to the total, one after the other: floats depend on the order.
+pub(super) fn sum_in_order<'a>(total: &mut [f32], parts: impl Iterator<Item = &'a [f32]>) {
+    for part in parts {
+        for (sum, value) in total.iter_mut().zip(part) {
+            *sum += value;
+        }
+    }
+}

@@ -11,7 +11,7 @@ use super::chunk::{BatchSize, Chunk, N_CHUNKS, StepContext};
 use super::config::TrainConfig;
 use super::exposures::Exposures;
 use super::ground::SeenGround;
-use super::learned::Learned;
+use super::learned::{Learned, sum_in_order};
 use super::photo_exposures::PhotoExposures;
 use super::pixels::PixelStore;
 use super::placement::{clear_density, field_frame, up_direction};
@@ -148,15 +148,12 @@ impl Trainer {
                 let side = 1.05 * bounds.extent().max_element();
                 Material::new(config.material, bounds.center(), side, || random.uniform())
             });
-        let refinement = tracer
-            .as_deref()
-            .filter(|_| refinement::is_wanted(config, dataset))
-            .map(Refinement::new);
+        let traced = tracer.as_deref();
+        let refined = traced.filter(|_| refinement::is_wanted(config, dataset));
+        let refinement = refined.map(Refinement::new);
         let has_haze = tracer.is_some() && exposures_differ(dataset);
         let up = up_direction(dataset);
-        let is_exact = refinement.is_none();
-        let mut density = clear_density(dataset, tracer.as_deref(), &frame, up, is_exact);
-        let poses = config.refine_poses.then(|| Poses::of(dataset, &frame));
+        let mut density = clear_density(dataset, traced, &frame, up, refinement.is_none());
         let has_exposures = has_haze || config.exposure_rate > 0.0;
         let ground = has_exposures.then(|| SeenGround::of(dataset)).flatten();
         if let Some(ground) = ground.as_ref().filter(|_| has_haze) {
@@ -166,8 +163,9 @@ impl Trainer {
             Some(ground) => Some(Exposures::held(ground.log_gains())),
             None => (config.exposure_rate > 0.0).then(|| Exposures::new(pixels.n_views())),
         };
-        let gains = exposures.as_ref().map(Exposures::gains);
-        let photos = gains.map(|gains| PhotoExposures::of(dataset, gains));
+        let photos = exposures
+            .as_ref()
+            .map(|e| PhotoExposures::of(dataset, e.gains()));
         let mut trainer = Self {
             config: TrainConfig {
                 distortion_weight: config.distortion_weight * if has_haze { 1.0 } else { 0.0 },
@@ -187,7 +185,7 @@ impl Trainer {
             gamma_adam: Adam::new(1),
             exposures,
             photos,
-            poses,
+            poses: config.refine_poses.then(|| Poses::of(dataset, &frame)),
             refinement,
             unseen: UnseenDirections::of(dataset, &frame),
             step: 0,
@@ -594,11 +592,3 @@ impl Trainer {
 }
 
 static EMPTY: Transposed = Transposed::EMPTY;
-
-fn sum_in_order<'a>(total: &mut [f32], parts: impl Iterator<Item = &'a [f32]>) {
-    for part in parts {
-        for (sum, value) in total.iter_mut().zip(part) {
-            *sum += value;
-        }
-    }
-}

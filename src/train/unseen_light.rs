@@ -2,8 +2,8 @@
 //!
 //! A surface that mirrors a twentieth of the light says little of where it comes from, and the field fills the ceiling
 //! that no photo shows with whatever explains the last noise of the pixels. Neighbouring rays into such directions are
-//! asked to bring the same light. The error is that of a logarithm and grows in proportion to it: edges that a mirror
-//! shows cost no more than the same change in steps, so they stay.
+//! asked to bring the same light. The error is that of a logarithm and grows in proportion to it: an edge costs no more
+//! than the same change in steps. How much is asked falls with what the object mirrors: a mirror shows its ceiling.
 
 use std::f32::consts::{PI, TAU};
 use std::ops::Range;
@@ -15,12 +15,13 @@ use super::random::SlotRandom;
 use crate::data::Dataset;
 use crate::geometry::{Projector, fibonacci_sphere, orthonormal_basis};
 use crate::neif::contraction::FieldFrame;
+use crate::neif::material::Surface;
 use crate::neif::radiance_field::{FieldBatch, FieldRay};
 
 /// Directions that are told apart.
 const N_DIRECTIONS: usize = 2048;
 /// Distances at which a photo may show what lies in a direction, in half sides of the inner box.
-const DISTANCES: [f32; 3] = [1.4, 2.8, 5.6];
+const DISTANCES: [f32; 3] = [0.7, 1.4, 2.8];
 /// Most photos that are asked.
 const MOST_PHOTOS: usize = 256;
 /// Angle between the two rays of a pair at most, radians.
@@ -33,6 +34,8 @@ const AROUND: f32 = 0.25;
 const DARK: f32 = 0.02;
 /// Share below which the error is a square.
 const KNEE: f32 = 0.05;
+/// Mean reflectance at which a quarter is asked of what is without any.
+const DULL: f32 = 0.05;
 /// Slots of the random numbers: beyond those of the pixels, the unseen rays and the cones.
 const FIRST_SLOT: u64 = 1 << 35;
 
@@ -41,7 +44,7 @@ const FIRST_SLOT: u64 = 1 << 35;
 pub(super) struct UnseenDirections(Vec<Vec3>);
 
 impl UnseenDirections {
-    /// Those that no training photo has in its frame at one of the [`DISTANCES`].
+    /// Those that no training photo has in its frame at any of the [`DISTANCES`].
     pub(super) fn of(dataset: &Dataset, frame: &FieldFrame) -> Self {
         let stride = dataset.train.len().div_ceil(MOST_PHOTOS).max(1);
         let views = dataset.train.iter().step_by(stride);
@@ -49,7 +52,7 @@ impl UnseenDirections {
             .map(|view| view.camera.projector(Affine3A::IDENTITY))
             .collect();
         let is_unseen = |direction: &Vec3| {
-            DISTANCES.iter().any(|distance| {
+            DISTANCES.iter().all(|distance| {
                 let p_world = frame.world_from_field(*direction * *distance);
                 photos.iter().all(|photo| photo.pixel(p_world).is_none())
             })
@@ -96,6 +99,13 @@ impl UnseenDirections {
             }
         }
     }
+}
+
+/// How much is asked where these are the object's surfaces: less the more of the light they mirror in the mean.
+pub(super) fn trust_in_evenness(surfaces: &[Surface]) -> f32 {
+    let tints: Vec3 = surfaces.iter().map(|surface| surface.tint).sum();
+    let reflectance = tints.element_sum() / (3 * surfaces.len().max(1)) as f32;
+    (DULL / (DULL + reflectance)).powi(2)
 }
 
 /// Sum over `n_pairs` pairs from ray `first` on of how much their light differs; adds `scale` times its gradient to
@@ -147,11 +157,9 @@ mod tests {
 
     #[test]
     fn gradients_agree_with_finite_differences() {
-        let mut batch = FieldBatch {
-            radiance: vec![[9.0; 3], [0.5, 0.1, 2.0], [0.6, 0.3, 2.01]],
-            d_radiance: vec![[0.0; 3]; 3],
-            ..FieldBatch::default()
-        };
+        let mut batch = FieldBatch::default();
+        batch.radiance = vec![[9.0; 3], [0.5, 0.1, 2.0], [0.6, 0.3, 2.01]];
+        batch.d_radiance = vec![[0.0; 3]; 3];
         unevenness((1, 1), 0.7, &mut batch);
         let d = batch.d_radiance.clone();
         assert_eq!(d[0], [0.0; 3], "no ray of a pair");

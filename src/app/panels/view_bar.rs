@@ -37,6 +37,8 @@ pub fn layer_name(layer: Layer) -> &'static str {
         Layer::Depth => "Depth",
         Layer::Visibility => "Visibility",
         Layer::Samples => "Samples",
+        Layer::Albedo => "Albedo",
+        Layer::Irradiance => "Irradiance",
     }
 }
 
@@ -45,8 +47,11 @@ fn layers_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     let row = |ui: &mut Ui, i: usize| {
         let layer = Layer::ALL[i];
         let button = ui.selectable_label(state.layer == layer, layer_name(layer));
-        let hint = format!("Key {}", (i + 1) % 10);
-        button.on_hover_text(hint).clicked().then_some(layer)
+        let button = match i {
+            0..10 => button.on_hover_text(format!("Key {}", (i + 1) % 10)),
+            _ => button,
+        };
+        button.clicked().then_some(layer)
     };
     let mut chosen = (0..n_buttons).fold(None, |chosen, i| row(ui, i).or(chosen));
     let in_menu = n_buttons..Layer::ALL.len();
@@ -59,7 +64,9 @@ fn layers_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
         let (menu, inside) = MenuButton::from_button(title).ui(ui, |ui| {
             in_menu.fold(None, |chosen, i| row(ui, i).or(chosen))
         });
-        menu.on_hover_text("What is shown: also depth (8), visibility (9), samples (0)");
+        menu.on_hover_text(
+            "What is shown: also depth (8), visibility (9), samples (0), albedo, irradiance",
+        );
         chosen = inside.and_then(|inside| inside.inner).or(chosen);
     }
     commands.extend(chosen.map(Command::ShowLayer));

@@ -11,6 +11,7 @@ use crate::geometry::test_mesh::ellipsoid;
 use crate::neif::environment::LightScratch;
 use crate::neif::{Environment, EnvironmentTransform, ObjectModel};
 use crate::render::Scene;
+use crate::render::lamps::Lamps;
 use crate::render::test_scene::{fog_above, object_of};
 
 static NEVER: AtomicBool = AtomicBool::new(false);
@@ -29,8 +30,12 @@ fn room() -> Arc<Environment> {
     fog_above(FLOOR)
 }
 
+fn lamps() -> Lamps {
+    Lamps::of(&room(), &NEVER).expect("not cancelled")
+}
+
 fn baked() -> Arc<BakedGround> {
-    let ground = BakedGround::new(&ball(), &room(), RESOLUTION, &NEVER);
+    let ground = BakedGround::new(&ball(), (&room(), &lamps()), RESOLUTION, &NEVER);
     ground.expect("not cancelled").expect("a floor")
 }
 
@@ -57,7 +62,7 @@ fn a_shadow_is_taken_away_and_put_where_the_object_went() {
     let shadow = |transform: &EnvironmentTransform| {
         Shadow::new(
             &ball(),
-            &room(),
+            (&room(), &lamps()),
             transform,
             Some(&baked),
             RESOLUTION,
@@ -126,10 +131,10 @@ fn walls_and_sky_and_what_lies_far_off_stay() {
 #[test]
 fn an_object_that_hovers_has_no_floor() {
     let high = object_of(ellipsoid(Vec3::new(0.0, 0.0, 1.0), Vec3::splat(0.2), 16), 3);
-    let ground = BakedGround::new(&high, &room(), RESOLUTION, &NEVER);
+    let ground = BakedGround::new(&high, (&room(), &lamps()), RESOLUTION, &NEVER);
     assert!(ground.expect("not cancelled").is_none());
     let cancelled = AtomicBool::new(true);
-    assert!(BakedGround::new(&ball(), &room(), RESOLUTION, &cancelled).is_err());
+    assert!(BakedGround::new(&ball(), (&room(), &lamps()), RESOLUTION, &cancelled).is_err());
 }
 
 #[test]

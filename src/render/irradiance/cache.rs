@@ -9,7 +9,8 @@ use super::light::{DiffuseLight, Gathered, TrainedLight, TrainedWork};
 use super::transport::{Resolution, Transport};
 use crate::geometry::SurfaceTracer;
 use crate::neif::{Environment, EnvironmentTransform, ObjectModel};
-use crate::render::Scene;
+use crate::render::lamps::Lamps;
+use crate::render::{Layer, Scene};
 
 /// What a [`DiffuseLight`] depends on; an `Arc` stands for its address.
 #[derive(Clone, Debug)]
@@ -22,8 +23,9 @@ pub struct LightKey {
 }
 
 impl LightKey {
-    /// What the scene's light depends on; `None` where the diffuse part is shown as trained, but for a gain.
-    pub fn of(scene: &Scene) -> Option<Self> {
+    /// What the scene's light depends on; `None` where the diffuse part is shown as trained, but for a gain, and the
+    /// light itself is not `shown`.
+    pub fn of(scene: &Scene, is_shown: bool) -> Option<Self> {
         let still = EnvironmentTransform::default();
         let transform = EnvironmentTransform {
             exposure_ev: 0.0,
@@ -32,7 +34,7 @@ impl LightKey {
         };
         let trained_in = scene.trained_in.as_ref()?;
         let is_own = Arc::ptr_eq(trained_in, &scene.environment);
-        if is_own && transform == still {
+        if is_own && transform == still && !is_shown {
             return None;
         }
         Some(Self {
@@ -72,9 +74,46 @@ impl KeyedLight {
     }
 }
 
+/// Lamps that were looked for last: of the trained environment of an object, and of another one.
+#[derive(Debug, Default)]
+struct KnownLamps {
+    own: Option<(Arc<SurfaceTracer>, Arc<Lamps>)>,
+    other: Option<(Arc<Environment>, Arc<Lamps>)>,
+}
+
+impl KnownLamps {
+    /// Lamps of the trained environment as an earlier model of the same object had them: a model that is still trained
+    /// changes every second, its lamps hardly.
+    fn own(&self, key: &LightKey) -> Option<Arc<Lamps>> {
+        let (tracer, lamps) = self.own.as_ref()?;
+        Arc::ptr_eq(tracer, &key.object.tracer).then(|| Arc::clone(lamps))
+    }
+
+    /// Lamps of the environment of `key`; `None` when cancelled.
+    fn of(
+        &mut self,
+        key: &LightKey,
+        trained: &TrainedLight,
+        cancel: &AtomicBool,
+    ) -> Option<Arc<Lamps>> {
+        if Arc::ptr_eq(&key.trained_in, &key.environment) {
+            return Some(Arc::clone(trained.lamps()));
+        }
+        if let Some((environment, lamps)) = &self.other
+            && Arc::ptr_eq(environment, &key.environment)
+        {
+            return Some(Arc::clone(lamps));
+        }
+        let lamps = Arc::new(Lamps::of(&key.environment, cancel)?);
+        self.other = Some((Arc::clone(&key.environment), Arc::clone(&lamps)));
+        Some(lamps)
+    }
+}
+
 /// Makes diffuse lights, coarse or fine; keeps the last of each, and what an interrupted one had done.
 #[derive(Debug)]
 pub struct DiffuseLights {
+    lamps: KnownLamps,
     coarse: Level,
     fine: Level,
 }
@@ -82,6 +121,7 @@ pub struct DiffuseLights {
 impl Default for DiffuseLights {
     fn default() -> Self {
         Self {
+            lamps: KnownLamps::default(),
             coarse: Level::new(Resolution::COARSE),
             fine: Level::new(Resolution::FINE),
         }
@@ -89,14 +129,16 @@ impl Default for DiffuseLights {
 }
 
 impl DiffuseLights {
-    /// The scene with its fine light; `None` when cancelled, to be taken up again with the same scene.
-    pub fn fine(&mut self, scene: &Scene, cancel: &AtomicBool) -> Option<Scene> {
-        lit(&mut self.fine, scene, cancel)
+    /// The scene with the fine light that `layers` need; `None` when cancelled, to be taken up again with the same scene.
+    pub fn fine(&mut self, scene: &Scene, layers: &[Layer], cancel: &AtomicBool) -> Option<Scene> {
+        let level = (&mut self.fine, &mut self.lamps);
+        lit(level, (scene, shows_light(layers)), cancel)
     }
 
     /// The scene with its fine light where that is known, else with the coarse one, which is quick.
-    pub fn quick(&mut self, scene: &Scene) -> Scene {
-        let key = LightKey::of(scene);
+    pub fn quick(&mut self, scene: &Scene, layer: Layer) -> Scene {
+        let is_shown = shows_light(&[layer]);
+        let key = LightKey::of(scene, is_shown);
         let is_known = |light: &KeyedLight| {
             key.as_ref()
                 .is_some_and(|key| light.is_for(key, Resolution::FINE))
@@ -106,7 +148,9 @@ impl DiffuseLights {
         } else {
             &mut self.coarse
         };
-        lit(level, scene, &AtomicBool::new(false)).unwrap_or_else(|| scene.clone())
+        let level = (level, &mut self.lamps);
+        let scene_lit = lit(level, (scene, is_shown), &AtomicBool::new(false));
+        scene_lit.unwrap_or_else(|| scene.clone())
     }
 
     /// Forgets everything.
@@ -115,9 +159,19 @@ impl DiffuseLights {
     }
 }
 
-fn lit(level: &mut Level, scene: &Scene, cancel: &AtomicBool) -> Option<Scene> {
-    let diffuse_light = match LightKey::of(scene) {
-        Some(key) => Some(level.light(&key, cancel)?),
+/// Whether one of the layers shows the light at the surface even where it is the trained one.
+pub(crate) fn shows_light(layers: &[Layer]) -> bool {
+    let is_light = |layer: &Layer| matches!(layer, Layer::Albedo | Layer::Irradiance);
+    layers.iter().any(is_light)
+}
+
+fn lit(
+    (level, lamps): (&mut Level, &mut KnownLamps),
+    (scene, is_shown): (&Scene, bool),
+    cancel: &AtomicBool,
+) -> Option<Scene> {
+    let diffuse_light = match LightKey::of(scene, is_shown) {
+        Some(key) => Some(level.light(&key, lamps, cancel)?),
         None => None,
     };
     let ground = diffuse_light.as_ref().and_then(|lit| lit.light.ground());
@@ -151,18 +205,26 @@ impl Level {
         }
     }
 
-    fn light(&mut self, key: &LightKey, cancel: &AtomicBool) -> Option<KeyedLight> {
+    fn light(
+        &mut self,
+        key: &LightKey,
+        lamps: &mut KnownLamps,
+        cancel: &AtomicBool,
+    ) -> Option<KeyedLight> {
         if let Some(light) = &self.light
             && light.is_for(key, self.resolution)
         {
             return Some(light.clone());
         }
-        let trained = self.trained(key, cancel)?;
+        let trained = self.trained(key, lamps, cancel)?;
+        let environment_lamps = lamps.of(key, &trained, cancel)?;
         let mut gathered = match self.gathered.take() {
             Some((old, gathered)) if old.is_same(key) => gathered,
             _ => Gathered::default(),
         };
-        let Some(light) = DiffuseLight::gather(&trained, key, &mut gathered, cancel) else {
+        let Some(light) =
+            DiffuseLight::gather(&trained, (key, &environment_lamps), &mut gathered, cancel)
+        else {
             self.gathered = Some((key.clone(), gathered));
             return None;
         };
@@ -175,7 +237,12 @@ impl Level {
         Some(light)
     }
 
-    fn trained(&mut self, key: &LightKey, cancel: &AtomicBool) -> Option<Arc<TrainedLight>> {
+    fn trained(
+        &mut self,
+        key: &LightKey,
+        lamps: &mut KnownLamps,
+        cancel: &AtomicBool,
+    ) -> Option<Arc<TrainedLight>> {
         if let Some((old, trained)) = &self.trained
             && old.is_same_model(key)
         {
@@ -188,11 +255,15 @@ impl Level {
                 &key.object.material,
             ),
         };
-        let Some(trained) = work.run(key, cancel) else {
+        let known = lamps
+            .own(key)
+            .filter(|_| self.resolution == Resolution::COARSE);
+        let Some(trained) = work.run(key, known, cancel) else {
             self.work = Some((key.clone(), work));
             return None;
         };
         let trained = Arc::new(trained);
+        lamps.own = Some((Arc::clone(&key.object.tracer), Arc::clone(trained.lamps())));
         self.trained = Some((key.clone(), Arc::clone(&trained)));
         Some(trained)
     }
@@ -222,5 +293,5 @@ pub fn trained_light(scene: &Scene, cancel: &AtomicBool) -> Option<Arc<TrainedLi
         environment: Arc::clone(&scene.environment),
         transform: EnvironmentTransform::default(),
     };
-    Level::new(Resolution::FINE).trained(&key, cancel)
+    Level::new(Resolution::FINE).trained(&key, &mut KnownLamps::default(), cancel)
 }

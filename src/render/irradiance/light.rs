@@ -9,6 +9,7 @@ use rayon::prelude::*;
 
 use super::cache::LightKey;
 use super::probes::Probes;
+use super::surface_light::{Irradiance, LampLight, SurfaceLight, albedo, quotient, ratio};
 use super::transport::{Cone, Met, Transport};
 use crate::geometry::SurfaceTracer;
 use crate::neif::environment::LightScratch;
@@ -18,25 +19,12 @@ use crate::neif::radiance_field::{FieldBatch, FieldRay};
 use crate::neif::shading::fresnel;
 use crate::neif::{Environment, EnvironmentTransform, SurfaceField};
 use crate::render::ground::{BakedGround, Ground, Shadow};
-use crate::render::lamps::{Lamps, LitPlace, MovedLamps, lamp_gains};
+use crate::render::lamps::{Lamps, LitPlace, lamp_gains};
 
-/// Largest ratio: a surface that was in the dark knows too little of its colour to show more.
-const MAX_RATIO: f32 = 256.0;
-/// Largest ratio of one place's light to another's that is believed.
-const MAX_QUOTIENT: f32 = 4096.0;
-/// Share of the mean light that is added to both sides of the ratio: in the dark it approaches the ratio of the means.
-const FLOOR: f32 = 0.002;
-/// Weight of the mean light against a probe's: counts only where no probe is near.
-const FAR_WEIGHT: f32 = 1e-4;
 /// Places at which shading is looked at for what it tells of lamps.
 const N_SHADED: usize = 4096;
 /// Rounds of light sent from surface to surface: each is weaker by albedo times blocked share, seldom above 0.2.
 const BOUNCES: usize = 3;
-
-/// Linear irradiance as a function of the normal: one row a colour, `E(n) = max(0, M n)`.
-///
-/// The vector irradiance (Arvo 1994): exact at the probe's normal, and right to first order about it.
-type Irradiance = Mat3;
 
 /// A cone with the material that it meets.
 #[derive(Clone, Copy, Debug)]
@@ -72,19 +60,6 @@ pub(super) struct Gathered {
     radiance: Vec<Vec<[f32; 3]>>,
 }
 
-/// The light at an object's surface.
-#[derive(Debug, Default)]
-struct SurfaceLight {
-    /// Of all but the lamps, at the probes.
-    rest: Vec<Irradiance>,
-    /// Of the lamps, at the probes.
-    lamps_at_probes: Vec<Irradiance>,
-    /// The lamps for shadow rays from any other point; `None` without any, and where the probes have to do.
-    lamps: Option<MovedLamps>,
-    /// Mean over the probes.
-    mean: Vec3,
-}
-
 /// An object in the light that it was trained in.
 #[derive(Debug)]
 pub struct TrainedLight {
@@ -94,7 +69,7 @@ pub struct TrainedLight {
     /// Mean radiance along all rays.
     ray_mean: Vec3,
     /// Lamps of the trained environment, as bright as the object's shading tells.
-    lamps: Lamps,
+    lamps: Arc<Lamps>,
     light: SurfaceLight,
     ground: Option<Arc<BakedGround>>,
 }
@@ -123,27 +98,34 @@ impl TrainedWork {
         }
     }
 
-    /// Gathers the light of the surroundings where they were trained; `None` when cancelled, to be taken up again.
-    pub(super) fn run(&mut self, key: &LightKey, cancel: &AtomicBool) -> Option<TrainedLight> {
+    /// Gathers the light of the surroundings where they were trained, whose lamps are `known` or are looked for; `None` when
+    /// cancelled, to be taken up again.
+    pub(super) fn run(
+        &mut self,
+        key: &LightKey,
+        known: Option<Arc<Lamps>>,
+        cancel: &AtomicBool,
+    ) -> Option<TrainedLight> {
         let still = EnvironmentTransform::default();
         let own = &key.trained_in;
-        let lamps = Lamps::of(own, cancel)?;
-        if !self
-            .gathered
-            .run(&self.beams, (own, &lamps), &still, cancel)
-        {
+        let seen = match &known {
+            Some(known) => Arc::clone(known),
+            None => Arc::new(Lamps::of(own, cancel)?),
+        };
+        if !self.gathered.run(&self.beams, (own, &seen), &still, cancel) {
             return None;
         }
-        let tracer = &key.object.tracer;
-        let mut beams = std::mem::take(&mut self.beams);
-        let (transport, radiance) = (Arc::clone(&self.transport), &self.gathered.radiance);
-        let first = irradiance(&beams, radiance, |beam| beam.bounce);
-        let lamps = self.brightened(&lamps, &SurfaceLight::of_rest(first.clone()), key);
+        let radiance = &self.gathered.radiance;
+        let first = irradiance(&self.beams, radiance, |beam| beam.bounce);
+        let rest = SurfaceLight::new(&self.transport, first.clone(), LampLight::none(&first));
+        let lamps = known.unwrap_or_else(|| Arc::new(self.brightened(&seen, &rest, key)));
         let resolution = self.transport.resolution.ground;
         let ground = BakedGround::new(&key.object, (own, &lamps), resolution, cancel).ok()?;
+        let (transport, tracer) = (Arc::clone(&self.transport), &key.object.tracer);
         let points = lamps.points(&still.environment_from_world());
-        let lit = |rest: Vec<Irradiance>| SurfaceLight::new(&transport, rest, &points, tracer);
-        let first = lit(first);
+        let by_lamps = LampLight::new(&transport, tracer, points);
+        let first = SurfaceLight::new(&transport, first, by_lamps.clone());
+        let mut beams = std::mem::take(&mut self.beams);
         beams.par_iter_mut().flatten().for_each(|beam| {
             // An enclosed mirror sees about what is around it.
             if let (Some((position, normal)), None) = (beam.met, beam.ray) {
@@ -151,11 +133,11 @@ impl TrainedWork {
                 beam.bounce += beam.gain * around / PI;
             }
         });
-        let light = lit(irradiance(&beams, radiance, |beam| beam.bounce));
+        let rest = irradiance(&beams, radiance, |beam| beam.bounce);
         Some(TrainedLight {
             tracer: Arc::clone(tracer),
             ray_mean: self.gathered.mean(),
-            light,
+            light: SurfaceLight::new(&transport, rest, by_lamps),
             lamps,
             transport,
             beams,
@@ -193,125 +175,8 @@ impl TrainedWork {
             })
             .collect();
         let gains = lamp_gains(&places, &shaded, parts.len());
-        if std::env::var_os("NEIF_DEBUG_LAMPS").is_some() {
-            let mut order: Vec<usize> = (0..gains.len()).collect();
-            let g = lamps.gained(&parts, &gains);
-            let b = points;
-            let a = g.points_of(&parts, &still);
-            order.sort_by(|x, y| {
-                a.points[*y]
-                    .strength
-                    .length_squared()
-                    .total_cmp(&a.points[*x].strength.length_squared())
-            });
-            for i in order.into_iter().take(24) {
-                let p = &a.points[i];
-                eprintln!(
-                    "  {:?} d {:.2} before {} after {}",
-                    p.place.normalize(),
-                    p.place.length(),
-                    b.points[i].strength / p.place.length_squared(),
-                    p.strength / p.place.length_squared()
-                );
-            }
-        }
         lamps.gained(&parts, &gains)
     }
-}
-
-impl SurfaceLight {
-    fn of_rest(rest: Vec<Irradiance>) -> Self {
-        Self {
-            lamps_at_probes: vec![Irradiance::ZERO; rest.len()],
-            rest,
-            ..Self::default()
-        }
-    }
-
-    /// The light of lamps and of the rest, which is given at the probes.
-    fn new(
-        transport: &Transport,
-        rest: Vec<Irradiance>,
-        lamps: &MovedLamps,
-        tracer: &SurfaceTracer,
-    ) -> Self {
-        let is_fine = transport.resolution.traces_lamps && !lamps.is_empty();
-        let mut light = Self {
-            rest,
-            lamps_at_probes: lamps_at_probes(transport, tracer, lamps),
-            lamps: is_fine.then(|| lamps.clone()),
-            mean: Vec3::ZERO,
-        };
-        let probes = transport.probes.probes().iter().enumerate();
-        let sum: Vec3 = probes
-            .map(|(i, probe)| light.at_probe(i, probe.normal, true))
-            .sum();
-        light.mean = sum / light.rest.len().max(1) as f32;
-        light
-    }
-
-    /// Irradiance for a normal at probe `i`, with or without the lamps.
-    fn at_probe(&self, i: usize, normal: Vec3, has_lamps: bool) -> Vec3 {
-        let rest = (self.rest[i] * normal).max(Vec3::ZERO);
-        if !has_lamps {
-            return rest;
-        }
-        rest + (self.lamps_at_probes[i] * normal).max(Vec3::ZERO)
-    }
-
-    /// Irradiance at a surface point, as far as the probes tell.
-    fn smooth(&self, transport: &Transport, position: Vec3, normal: Vec3) -> Vec3 {
-        self.interpolated(transport, (position, normal), true)
-    }
-
-    /// Irradiance at a surface point, lamps with the shadows that the object casts on itself.
-    fn at(
-        &self,
-        transport: &Transport,
-        tracer: &SurfaceTracer,
-        position: Vec3,
-        normal: Vec3,
-    ) -> Vec3 {
-        let Some(lamps) = &self.lamps else {
-            return self.smooth(transport, position, normal);
-        };
-        let rest = self.interpolated(transport, (position, normal), false);
-        rest + lamps.irradiance(Some(tracer), position, normal)
-    }
-
-    fn interpolated(
-        &self,
-        transport: &Transport,
-        (position, normal): (Vec3, Vec3),
-        has_lamps: bool,
-    ) -> Vec3 {
-        let (mut light, mut sum) = (FAR_WEIGHT * self.mean, FAR_WEIGHT);
-        transport.probes.near(position, normal, |i, weight| {
-            light += weight * self.at_probe(i, normal, has_lamps);
-            sum += weight;
-        });
-        light / sum
-    }
-}
-
-/// The light of lamps at each probe.
-fn lamps_at_probes(
-    transport: &Transport,
-    tracer: &SurfaceTracer,
-    lamps: &MovedLamps,
-) -> Vec<Irradiance> {
-    let probes = transport.probes.probes().par_iter();
-    probes
-        .map(|probe| {
-            let mut light = Irradiance::ZERO;
-            let at = (probe.position, probe.normal);
-            lamps.arriving(Some(tracer), at, |_, toward, arriving| {
-                let columns = toward.to_array().map(|share| arriving * share);
-                light += Mat3::from_cols(columns[0], columns[1], columns[2]);
-            });
-            light
-        })
-        .collect()
 }
 
 impl TrainedLight {
@@ -340,15 +205,18 @@ impl TrainedLight {
 
     /// Diffuse reflectance of a surface point whose baked diffuse radiance is `diffuse`: `π C_d / E`, in `[0, 1]`.
     pub fn albedo(&self, position: Vec3, normal: Vec3, diffuse: Vec3) -> Vec3 {
-        let light = self.irradiance(position, normal) + FLOOR * self.light.mean;
-        let albedo = PI * diffuse * (Vec3::ONE + FLOOR) / light.max(Vec3::splat(f32::MIN_POSITIVE));
-        albedo.clamp(Vec3::ZERO, Vec3::ONE)
+        albedo(self.irradiance(position, normal), self.light.mean, diffuse)
     }
 
     /// Irradiance at a surface point, linear, at least 0.
     pub fn irradiance(&self, position: Vec3, normal: Vec3) -> Vec3 {
         self.light
             .at(&self.transport, &self.tracer, position, normal)
+    }
+
+    /// The lamps of the trained environment, as bright as the object's shading tells.
+    pub(super) fn lamps(&self) -> &Arc<Lamps> {
+        &self.lamps
     }
 
     /// The floor that the object stood on, where there is one.
@@ -376,27 +244,23 @@ impl DiffuseLight {
     /// when cancelled; `gathered` then keeps what was done, for the same arguments.
     pub(super) fn gather(
         trained: &Arc<TrainedLight>,
-        key: &LightKey,
+        (key, lamps): (&LightKey, &Lamps),
         gathered: &mut Gathered,
         cancel: &AtomicBool,
     ) -> Option<Self> {
-        let lamps = if Arc::ptr_eq(&key.trained_in, &key.environment) {
-            trained.lamps.clone()
-        } else {
-            Lamps::of(&key.environment, cancel)?
-        };
         if gathered.ground.is_none() {
-            gathered.ground = Some(trained.ground_in(key, &lamps, cancel)?);
+            gathered.ground = Some(trained.ground_in(key, lamps, cancel)?);
         }
-        let environment = (&*key.environment, &lamps);
+        let environment = (&*key.environment, lamps);
         if !gathered.run(&trained.beams, environment, &key.transform, cancel) {
             return None;
         }
         let transport = &trained.transport;
         let points = lamps.points(&key.transform.environment_from_world());
+        let by_lamps = LampLight::new(transport, &trained.tracer, points);
         let lit = |bounce: &(dyn Fn(&Beam) -> Vec3 + Sync)| {
             let rest = irradiance(&trained.beams, &gathered.radiance, bounce);
-            SurfaceLight::new(transport, rest, &points, &trained.tracer)
+            SurfaceLight::new(transport, rest, by_lamps.clone())
         };
         let start = quotient(gathered.mean(), trained.ray_mean);
         let mut light = lit(&|beam| beam.bounce * start);
@@ -427,6 +291,18 @@ impl DiffuseLight {
         ratio(at(&self.light), at(&trained.light))
     }
 
+    /// Present irradiance at a surface point before the transform's gain, linear, at least 0.
+    pub fn irradiance(&self, position: Vec3, normal: Vec3) -> Vec3 {
+        let trained = &self.trained;
+        self.light
+            .at(&trained.transport, &trained.tracer, position, normal)
+    }
+
+    /// Diffuse reflectance of a surface point whose present diffuse radiance is `diffuse`: `π C_d / E`, in `[0, 1]`.
+    pub fn albedo(&self, position: Vec3, normal: Vec3, diffuse: Vec3) -> Vec3 {
+        albedo(self.irradiance(position, normal), self.light.mean, diffuse)
+    }
+
     /// What is done to the floor of the surroundings.
     pub fn ground(&self) -> Option<&Arc<Ground>> {
         self.ground.as_ref()
@@ -436,24 +312,6 @@ impl DiffuseLight {
     pub fn trained(&self) -> &Arc<TrainedLight> {
         &self.trained
     }
-}
-
-/// Present over trained irradiance, both with their means over the object.
-fn ratio((now, mean_now): (Vec3, Vec3), (then, mean_then): (Vec3, Vec3)) -> Vec3 {
-    let most = MAX_RATIO * quotient(mean_now, mean_then);
-    quotient(now + FLOOR * mean_now, then + FLOOR * mean_then).min(most)
-}
-
-/// `a / b` per colour, in `[0, 4096]`; 1 where `b` is no positive number.
-fn quotient(a: Vec3, b: Vec3) -> Vec3 {
-    let one = |a: f32, b: f32| {
-        if b > f32::MIN_POSITIVE && a.is_finite() && b.is_finite() {
-            (a / b).clamp(0.0, MAX_QUOTIENT)
-        } else {
-            1.0
-        }
-    };
-    Vec3::new(one(a.x, b.x), one(a.y, b.y), one(a.z, b.z))
 }
 
 /// Irradiance of every probe, from the radiance along its rays and what the object sends instead.

@@ -9,10 +9,12 @@
 mod cache;
 mod light;
 mod probes;
+mod surface_light;
 #[cfg(test)]
 mod tests;
 mod transport;
 
+pub(super) use cache::shows_light;
 pub use cache::{DiffuseLights, KeyedLight, LightKey, trained_light};
 pub use light::{DiffuseLight, TrainedLight};
 pub use probes::{Probe, Probes};

@@ -11,8 +11,8 @@ use super::*;
 use crate::geometry::Mesh;
 use crate::geometry::test_mesh::{ellipsoid, together};
 use crate::neif::{Environment, EnvironmentTransform, ObjectModel};
-use crate::render::Scene;
 use crate::render::test_scene::{environment, fog, object_of, scene};
+use crate::render::{Layer, Scene};
 
 static NEVER: AtomicBool = AtomicBool::new(false);
 
@@ -218,12 +218,16 @@ fn what_was_interrupted_goes_on_to_the_same_light() {
     };
     let mut lights = DiffuseLights::default();
     assert!(
-        lights.fine(&scene, &AtomicBool::new(true)).is_none(),
+        lights
+            .fine(&scene, &[Layer::Final], &AtomicBool::new(true))
+            .is_none(),
         "cancelled"
     );
-    let fine = lights.fine(&scene, &NEVER).expect("not cancelled");
+    let fine = lights
+        .fine(&scene, &[Layer::Final], &NEVER)
+        .expect("not cancelled");
     let whole = scene.lit(&NEVER).expect("not cancelled");
-    let quick = lights.quick(&scene);
+    let quick = lights.quick(&scene, Layer::Final);
     for n in normals() {
         assert_eq!(response(&fine, n, n), response(&whole, n, n));
         assert_eq!(
@@ -241,7 +245,7 @@ fn the_coarse_light_is_near_the_fine_one() {
         transform: turned(90.0),
         ..Scene::new(Some(ball()), room)
     };
-    let quick = DiffuseLights::default().quick(&scene);
+    let quick = DiffuseLights::default().quick(&scene, Layer::Final);
     let fine = scene.lit(&NEVER).expect("not cancelled");
     for n in normals() {
         let [quick, fine] = [&quick, &fine].map(|scene| response(scene, 0.5 * n, n));

@@ -5,6 +5,8 @@
 //! it (the median cut of Debevec 2005); below that the cones gather it as before, so that the two add up.
 
 mod gains;
+#[cfg(test)]
+mod tests;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 

@@ -19,6 +19,7 @@ use crate::neif::neilf::{IncidentLight, NeilfModel, brdf::hemisphere};
 use crate::train::adam::{Adam, Rates};
 use crate::train::chunk::N_CHUNKS;
 use crate::train::config::TrainConfig;
+use crate::train::learned::sum_in_order;
 use crate::train::pixels::PixelStore;
 use crate::train::preparation::Prepared;
 use crate::train::random::SlotRandom;
@@ -217,10 +218,13 @@ impl NeilfTrainer {
                     }
                 });
             }
-            sum_in_order(light_network, chunks.iter().map(|c| &c.d_light_network));
+            sum_in_order(
+                light_network,
+                chunks.iter().map(|c| c.d_light_network.as_slice()),
+            );
             sum_in_order(
                 material_network,
-                chunks.iter().map(|c| &c.d_material_network),
+                chunks.iter().map(|c| c.d_material_network.as_slice()),
             );
         });
     }
@@ -281,13 +285,5 @@ impl NeilfTrainer {
             take(&mut self.material.gradient),
         ];
         (loss, gradients)
-    }
-}
-
-fn sum_in_order<'a>(total: &mut [f32], parts: impl Iterator<Item = &'a Vec<f32>>) {
-    for part in parts {
-        for (sum, value) in total.iter_mut().zip(part) {
-            *sum += value;
-        }
     }
 }

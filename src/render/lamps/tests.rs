@@ -1,0 +1,139 @@
+//! What lamps must do, under skies with a known one.
+
+use std::f32::consts::PI;
+use std::sync::atomic::AtomicBool;
+
+use glam::{Quat, Vec3};
+
+use super::*;
+use crate::geometry::test_mesh::ellipsoid;
+use crate::neif::EnvironmentTransform;
+use crate::neif::distant::{DistantConfig, DistantLight};
+use crate::render::irradiance::Probes;
+
+static NEVER: AtomicBool = AtomicBool::new(false);
+/// Radiance of the lamp, and the cosine of its half angle: a disc of 0.0195 steradians.
+const LAMP: f32 = 400.0;
+const RIM: f32 = 0.996_9;
+
+/// A grey sky with a disc of a lamp about `toward`.
+fn sky(toward: Vec3) -> Environment {
+    let width = 512;
+    let config = DistantConfig {
+        width,
+        height: width / 2,
+        world_from_picture: Quat::IDENTITY,
+    };
+    let pixels: Vec<f32> = (0..width * width / 2)
+        .flat_map(|i| {
+            let azimuth = 2.0 * PI * (0.5 - (i % width) as f32 / width as f32 - 0.5 / width as f32);
+            let elevation =
+                PI * (0.5 - (i / width) as f32 / (width / 2) as f32 - 1.0 / width as f32);
+            let (sin, cos) = elevation.sin_cos();
+            let d = Vec3::new(cos * azimuth.cos(), cos * azimuth.sin(), sin);
+            [if d.dot(toward) > RIM { LAMP } else { 0.1 }; 3]
+        })
+        .collect();
+    let light = DistantLight::new(config, &pixels).expect("a sane picture");
+    Environment::of_distant("sky".to_owned(), Vec3::Z, light)
+}
+
+fn still() -> EnvironmentFromWorld {
+    EnvironmentTransform::default().environment_from_world()
+}
+
+#[test]
+fn a_lamp_lights_what_faces_it_by_its_radiance_times_its_solid_angle() {
+    let toward = Vec3::new(1.0, 2.0, 2.0) / 3.0;
+    let lamps = Lamps::of(&sky(toward), &NEVER).expect("not cancelled");
+    let points = lamps.points(&still());
+    let expected = LAMP * 2.0 * PI * (1.0 - RIM);
+    let facing = points.irradiance(None, Vec3::ZERO, toward);
+    assert!(
+        (facing / expected - 1.0).abs().max_element() < 0.1,
+        "{facing}, not {expected}"
+    );
+    let slanted = (toward + 2.0 * toward.any_orthonormal_vector()).normalize();
+    let light = points.irradiance(None, Vec3::ZERO, slanted);
+    let share = light / facing / slanted.dot(toward);
+    assert!((share - 1.0).abs().max_element() < 0.02, "{share}");
+    assert_eq!(
+        points.irradiance(None, Vec3::ZERO, -toward),
+        Vec3::ZERO,
+        "behind"
+    );
+}
+
+#[test]
+fn cones_and_lamps_add_up_to_all_light() {
+    let lamps = Lamps::of(&sky(Vec3::Z), &NEVER).expect("not cancelled");
+    let seen = Vec3::new(LAMP, 0.5 * LAMP, 0.0);
+    let left = lamps.below(seen);
+    assert!(
+        left.max_element() < 1.0 && (left.y / left.x - 0.5).abs() < 1e-6,
+        "{left}"
+    );
+    assert_eq!(lamps.below(Vec3::splat(0.1)), Vec3::splat(0.1), "no lamp");
+}
+
+#[test]
+fn an_object_shades_itself_and_a_turned_environment_turns_its_lamps() {
+    let mesh = ellipsoid(Vec3::ZERO, Vec3::splat(0.5), 24);
+    let tracer = SurfaceTracer::new(mesh.into());
+    let lamps = Lamps::of(&sky(Vec3::X), &NEVER).expect("not cancelled");
+    let turn = EnvironmentTransform {
+        rotate_deg: Vec3::new(0.0, 0.0, 90.0),
+        ..EnvironmentTransform::default()
+    };
+    let light = |motion: &EnvironmentFromWorld, at: Vec3, normal: Vec3| {
+        lamps
+            .points(motion)
+            .irradiance(Some(&tracer), at, normal.normalize())
+            .x
+    };
+    let behind = Vec3::new(-1.0, 0.0, 0.0);
+    let normal = Vec3::new(1.0, 1.0, 1.0);
+    assert_eq!(light(&still(), behind, normal), 0.0, "in the shadow");
+    assert!(
+        light(&turn.environment_from_world(), behind, normal) > 1.0,
+        "lit from +y now"
+    );
+}
+
+/// A ball of two paints under a lamp that shines `gain` times as bright as it was learned.
+fn shaded(probes: &Probes, toward: Vec3, gain: Vec3) -> Vec<LitPlace> {
+    let place = |probe: &crate::render::irradiance::Probe| {
+        let lamp = Vec3::splat(0.2 * probe.normal.dot(toward).max(0.0));
+        let rest = Vec3::splat(0.3 + 0.1 * probe.normal.z);
+        let paint = if probe.position.y > 0.1 { 0.7 } else { 0.2 };
+        LitPlace {
+            diffuse: paint / PI * (rest + gain * lamp),
+            rest,
+            lamps: vec![lamp],
+        }
+    };
+    probes.probes().iter().map(place).collect()
+}
+
+#[test]
+fn shading_tells_how_bright_a_lamp_is_whatever_is_painted_on_the_object() {
+    let mesh = ellipsoid(Vec3::ZERO, Vec3::splat(0.5), 32);
+    let probes = Probes::on_mesh(&mesh, 1000);
+    for gain in [Vec3::ONE, Vec3::new(60.0, 50.0, 40.0), Vec3::splat(0.3)] {
+        let lit = shaded(&probes, Vec3::new(0.6, 0.0, 0.8), gain);
+        let found = lamp_gains(&probes, &lit, 1)[0];
+        let off = (found / gain - 1.0).abs().max_element();
+        assert!(off < 0.1, "{found}, not {gain}");
+    }
+}
+
+#[test]
+fn what_has_no_diffuse_part_leaves_lamps_as_they_were_learned() {
+    let mesh = ellipsoid(Vec3::ZERO, Vec3::splat(0.5), 16);
+    let probes = Probes::on_mesh(&mesh, 200);
+    let mut lit = shaded(&probes, Vec3::X, Vec3::splat(30.0));
+    lit.iter_mut().for_each(|place| place.diffuse = Vec3::ZERO);
+    let found = lamp_gains(&probes, &lit, 1)[0];
+    assert!((found - 1.0).abs().max_element() < 0.05, "{found}");
+    assert!(lamp_gains(&probes, &lit, 0).is_empty(), "no lamp");
+}
