@@ -119,9 +119,10 @@ impl Scene {
     /// The surroundings alone, without the traces that the object left in its own; `None` when cancelled.
     pub fn emptied(&self, cancel: &AtomicBool) -> Option<Self> {
         let has_ground = self.object.is_some() && self.has_own_light() && self.trained_in.is_some();
-        let baked = match has_ground {
-            true => trained_light(self, cancel)?.baked_ground().cloned(),
-            false => None,
+        let baked = if has_ground {
+            trained_light(self, cancel)?.baked_ground().cloned()
+        } else {
+            None
         };
         Some(Self {
             object: None,

@@ -93,7 +93,9 @@ pub(super) struct StepContext<'a> {
 impl StepContext<'_> {
     /// Pairs of rays a step into directions in which no photo looks.
     fn n_unseen_pairs(&self) -> usize {
-        let is_asked = self.material.is_some() && self.unseen.share() > 0.0;
+        let is_asked = self.material.is_some()
+            && self.unseen.share() > 0.0
+            && self.step >= u64::from(self.config.evenness_delay);
         usize::from(is_asked) * self.config.unseen_pairs
     }
 

@@ -96,6 +96,8 @@ pub struct TrainConfig {
     pub unseen_pairs: usize,
     /// Weight of the difference of their light, times the share of all directions that these are; falls with what the object mirrors.
     pub evenness_weight: f32,
+    /// Steps before that is asked: while the roughness is still being found, even light makes every surface a mirror.
+    pub evenness_delay: u32,
     /// Pull of the diffuse part of what reflects like a metal towards black: no real surface has both.
     pub metal_weight: f32,
     /// Radiance that clipped light is pulled to. A photo says no more of a lamp than that it
@@ -181,7 +183,8 @@ impl Default for TrainConfig {
             agreement_groups_alone: 16,
             agreement_weight: 0.001,
             unseen_pairs: 32,
-            evenness_weight: 0.3,
+            evenness_weight: 0.1,
+            evenness_delay: 3000,
             metal_weight: 0.01,
             clipped_radiance: 5.0,
             clipped_weight: 0.1,

@@ -361,9 +361,10 @@ impl AlbedoError {
                 continue;
             }
             let is_metal = diffuse.iter().all(|v| *v <= 0.0);
-            self.0.push(match is_metal {
-                true => [tint[i], base_color[i]],
-                false => [albedo[i], *diffuse],
+            self.0.push(if is_metal {
+                [tint[i], base_color[i]]
+            } else {
+                [albedo[i], *diffuse]
             });
         }
     }
@@ -440,7 +441,7 @@ mod tests {
         let gained = |v: [f32; 3]| [2.0 * v[0], 0.5 * v[1], v[2]];
         let same = AlbedoError(truth.iter().map(|v| [gained(*v), *v]).collect());
         assert!(same.psnr().expect("pixels") > 80.0, "{:?}", same.psnr());
-        let mut other = same.clone();
+        let mut other = same;
         other.0[1][0][0] = 0.0;
         assert!(other.psnr().expect("pixels") < 20.0, "{:?}", other.psnr());
         assert_eq!(AlbedoError::default().psnr(), None);

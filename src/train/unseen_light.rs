@@ -120,7 +120,7 @@ pub(super) fn unevenness(
         for c in 0..3 {
             let light = [a, a + 1].map(|ray| batch.radiance[ray][c] + DARK);
             let log = (light[0] / light[1]).ln();
-            let size = (log * log + KNEE * KNEE).sqrt();
+            let size = log.hypot(KNEE);
             sum += f64::from(size - KNEE);
             let d_log = scale * log / size;
             batch.d_radiance[a][c] += d_log / light[0];

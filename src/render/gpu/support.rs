@@ -71,7 +71,7 @@ pub fn carries(picture: &PreviewScene) -> Result<(), NotCarried> {
         refuse(has_parts, NotCarried::Regions)?;
         let is_edited = scene.edit.roughness != RoughnessEdit::default();
         refuse(is_edited, NotCarried::Roughness)?;
-        refuse(LightKey::of(scene).is_some(), NotCarried::Light)?;
+        refuse(LightKey::of(scene, false).is_some(), NotCarried::Light)?;
         refuse(!scene.has_own_light(), NotCarried::Light)?;
     }
     Ok(())

@@ -2,8 +2,8 @@
 //!
 //! Over a stretch of surface of one colour the diffuse radiance varies as the irradiance does. Pairs of neighbouring
 //! probes therefore compare `ln C_d` with `ln E`, where `E` is the sum of the lamps, each times its unknown gain, and
-//! of everything else; a forgiving error lets the pairs across an edge of paint disagree (Retinex, Land and McCann
-//! 1971, with the light known up to a few gains). Where shading tells nothing a weak prior leaves the gains at 1.
+//! of everything else; a forgiving error lets the pairs across an edge of paint disagree (Retinex, Land and
+//! `McCann` 1971, with the light known up to a few gains). Where shading tells nothing a weak prior leaves the gains at 1.
 
 use glam::Vec3;
 use rayon::prelude::*;

@@ -137,16 +137,18 @@ impl Lamps {
         motion: &EnvironmentFromWorld,
     ) -> MovedLamps {
         let scale = 1.0 / motion.length(1.0);
-        let moved = |point: LampPoint| match self.is_far {
-            true => LampPoint {
-                place: motion.world_direction(point.place),
-                ..point
-            },
-            false => LampPoint {
+        let moved = |point: LampPoint| {
+            if self.is_far {
+                return LampPoint {
+                    place: motion.world_direction(point.place),
+                    ..point
+                };
+            }
+            LampPoint {
                 place: motion.world_point(point.place),
                 strength: point.strength * (scale * scale),
                 extent2: point.extent2 * scale * scale,
-            },
+            }
         };
         let points = parts
             .iter()
@@ -256,11 +258,8 @@ fn look_around(
                     }
                 }));
                 environment.light(batch, scratch);
-                let has_distance = batch.weights().len() >= batch.rays.len();
-                let distance = |ray| match has_distance && !is_picture {
-                    true => batch.end(ray).0,
-                    false => 1.0,
-                };
+                let has_distance = matches!(environment.field(), EnvironmentField::Grid { .. });
+                let distance = |ray| if has_distance { batch.end(ray).0 } else { 1.0 };
                 let seen = batch.radiance.iter().enumerate();
                 Some(seen.map(|(i, v)| (Vec3::from(*v), distance(i))).collect())
             },

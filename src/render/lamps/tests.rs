@@ -53,7 +53,7 @@ fn a_lamp_lights_what_faces_it_by_its_radiance_times_its_solid_angle() {
         (facing / expected - 1.0).abs().max_element() < 0.1,
         "{facing}, not {expected}"
     );
-    let slanted = (toward + 2.0 * toward.any_orthonormal_vector()).normalize();
+    let slanted = (toward + 2.0 * toward.any_orthonormal_vector()).normalize_or_zero();
     let light = points.irradiance(None, Vec3::ZERO, slanted);
     let share = light / facing / slanted.dot(toward);
     assert!((share - 1.0).abs().max_element() < 0.02, "{share}");
@@ -88,7 +88,7 @@ fn an_object_shades_itself_and_a_turned_environment_turns_its_lamps() {
     let light = |motion: &EnvironmentFromWorld, at: Vec3, normal: Vec3| {
         lamps
             .points(motion)
-            .irradiance(Some(&tracer), at, normal.normalize())
+            .irradiance(Some(&tracer), at, normal.normalize_or_zero())
             .x
     };
     let behind = Vec3::new(-1.0, 0.0, 0.0);
@@ -132,7 +132,9 @@ fn what_has_no_diffuse_part_leaves_lamps_as_they_were_learned() {
     let mesh = ellipsoid(Vec3::ZERO, Vec3::splat(0.5), 16);
     let probes = Probes::on_mesh(&mesh, 200);
     let mut lit = shaded(&probes, Vec3::X, Vec3::splat(30.0));
-    lit.iter_mut().for_each(|place| place.diffuse = Vec3::ZERO);
+    for place in &mut lit {
+        place.diffuse = Vec3::ZERO;
+    }
     let found = lamp_gains(&probes, &lit, 1)[0];
     assert!((found - 1.0).abs().max_element() < 0.05, "{found}");
     assert!(lamp_gains(&probes, &lit, 0).is_empty(), "no lamp");

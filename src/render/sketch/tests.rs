@@ -143,6 +143,7 @@ fn every_layer_is_like_its_full_picture() {
     for layer in Layer::ALL.into_iter().filter(|l| *l != Layer::Samples) {
         let mut request = request(80, 64);
         request.layer = layer;
+        request.scene = request.scene.lit_for(&[layer], &NEVER).expect("lit");
         let output = sketch(&mut Sketch::default(), &request, 1, Purpose::Rest);
         let error = error(&output, &request);
         assert!(error < 4.0, "{layer}: off by {error} codes");
