@@ -83,7 +83,7 @@ pub(super) fn follow(scene: &Scene, object: &ObjectModel, scratch: &mut ShadeScr
         let points = cones
             .iter()
             .map(|cone| (cone.point.position, cone.point.normal));
-        light_surfaces(&mut beyond, scene, object, points);
+        light_surfaces(&mut beyond, scene, object, points, |_| false);
         let surfaces = beyond.surfaces().iter().zip(beyond.specular_gain());
         let is_last = bounce as usize + 1 == MAX_VERTICES;
         let mut next = Vec::new();

@@ -99,7 +99,7 @@ pub fn point_values(
         trained_in: None,
         ..scene.clone()
     };
-    let learned = scratch.surfaces(&plain, object, at).surfaces()[0];
+    let learned = scratch.surfaces(&plain, object, at, |_| true).surfaces()[0];
     let mut path = [PathVertex::default(); MAX_VERTICES];
     let path = trace_path(&object.tracer, &first, 0.0, &mut path, MAX_VERTICES);
     let (outgoing, light) = settled_path(scene, object, path, scratch);

@@ -196,7 +196,7 @@ impl Paths<'_> {
     /// What the walkers' diffuse parts bring together, and their lobes.
     fn emitted(&self, walkers: &[Walker], scratch: &mut ShadeScratch) -> (Vec3, Vec<WalkerLobe>) {
         let points = walkers.iter().map(|w| (w.point.position, w.point.normal));
-        let edited = scratch.surfaces(self.scene, self.object, points);
+        let edited = scratch.surfaces(self.scene, self.object, points, |_| true);
         let surfaces = edited.surfaces().iter().zip(edited.specular_gain());
         let surfaces = surfaces.zip(edited.learned_roughness());
         let sharpest = self.scene.environment.sharpest_variance();

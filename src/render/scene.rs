@@ -137,12 +137,18 @@ impl Scene {
         })
     }
 
-    /// Factor of the diffuse part at a surface point with the given unit normal; at least 0.
-    pub fn diffuse_response(&self, position: Vec3, normal: Vec3, gain: Vec3) -> Vec3 {
+    /// Factor of the diffuse part at a surface point with its unit normal, with the edges of shadows where it `is_seen`
+    /// directly; at least 0.
+    pub fn diffuse_response(
+        &self,
+        (position, normal): (Vec3, Vec3),
+        gain: Vec3,
+        is_seen: bool,
+    ) -> Vec3 {
         match (&self.trained_in, &self.diffuse_light) {
             (None, _) => Vec3::ONE,
             (Some(_), None) => gain,
-            (Some(_), Some(lit)) => gain * lit.light.ratio(position, normal),
+            (Some(_), Some(lit)) => gain * lit.light.ratio(position, normal, is_seen),
         }
     }
 

@@ -249,13 +249,14 @@ pub(super) fn shade_paths(
 ) -> Vec<PathLight> {
     let vertices = paths.iter().flat_map(|path| path.iter());
     let points = vertices.map(|vertex| (vertex.point.position, vertex.point.normal));
-    scratch.surfaces(scene, object, points);
     let mut starts = Vec::with_capacity(paths.len());
     let mut start = 0;
     for path in paths {
         starts.push(start);
         start += path.len();
     }
+    let is_first = |i: usize| starts.binary_search(&i).is_ok();
+    scratch.surfaces(scene, object, points, is_first);
     let edited = &scratch.edited;
     if let Some(values) = unlit(scene, object, (paths, &starts), edited, view) {
         return values.into_iter().map(PathLight::from).collect();
@@ -306,7 +307,7 @@ pub(super) fn settled_path(
 ) -> (Vec3, Vec3) {
     let points = path.iter();
     let points = points.map(|vertex| (vertex.point.position, vertex.point.normal));
-    scratch.surfaces(scene, object, points);
+    scratch.surfaces(scene, object, points, |i| i == 0);
     let mut seen = |times: u32| {
         let alone = |_| PathOfPixel {
             times,
@@ -456,14 +457,15 @@ impl ShadeScratch {
         }
     }
 
-    /// The edited surfaces at world points with unit normals, their diffuse part in the light of the scene.
+    /// [`light_surfaces`] of a path's vertices or others.
     pub(super) fn surfaces(
         &mut self,
         scene: &Scene,
         object: &ObjectModel,
         points: impl Iterator<Item = (Vec3, Vec3)> + Clone,
+        is_seen: impl Fn(usize) -> bool,
     ) -> &EditedSurfaces {
-        light_surfaces(&mut self.edited, scene, object, points);
+        light_surfaces(&mut self.edited, scene, object, points, is_seen);
         &self.edited
     }
 
@@ -483,18 +485,20 @@ impl ShadeScratch {
     }
 }
 
-/// Evaluates the edited surfaces at world points with unit normals, their diffuse part in the light of the scene.
+/// Evaluates the edited surfaces at world points with unit normals, their diffuse part in the light of the scene: with
+/// the edges of shadows where the point of that number `is_seen` directly, as far as the probes tell elsewhere.
 pub(super) fn light_surfaces(
     edited: &mut EditedSurfaces,
     scene: &Scene,
     object: &ObjectModel,
     points: impl Iterator<Item = (Vec3, Vec3)> + Clone,
+    is_seen: impl Fn(usize) -> bool,
 ) {
     edited.evaluate(object, &scene.edit, &scene.regions, points.clone());
     let gain = scene.transform.environment_from_world().gain;
     let surfaces = edited.surfaces_mut().iter_mut();
-    for (surface, (position, normal)) in surfaces.zip(points) {
-        surface.diffuse *= scene.diffuse_response(position, normal, gain);
+    for (i, (surface, at)) in surfaces.zip(points).enumerate() {
+        surface.diffuse *= scene.diffuse_response(at, gain, is_seen(i));
     }
 }
 

@@ -282,10 +282,17 @@ impl DiffuseLight {
 
     /// Present over trained irradiance at a surface point, per colour: at least 0, at most 256 times that of the means over
     /// the object, and 4096; 1 where there never was light. Light that is twice as bright gives twice the ratio.
-    pub fn ratio(&self, position: Vec3, normal: Vec3) -> Vec3 {
+    ///
+    /// Shadows have edges where the point `is_seen` directly; elsewhere the probes have to do, for shadow rays from each
+    /// of the places that many cones meet take longer than all the rest.
+    pub fn ratio(&self, position: Vec3, normal: Vec3, is_seen: bool) -> Vec3 {
         let trained = &self.trained;
         let at = |light: &SurfaceLight| {
-            let value = light.at(&trained.transport, &trained.tracer, position, normal);
+            let value = if is_seen {
+                light.at(&trained.transport, &trained.tracer, position, normal)
+            } else {
+                light.smooth(&trained.transport, position, normal)
+            };
             (value, light.mean)
         };
         ratio(at(&self.light), at(&trained.light))

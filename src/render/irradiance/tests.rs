@@ -44,7 +44,7 @@ fn moved(
 
 fn response(scene: &Scene, position: Vec3, normal: Vec3) -> Vec3 {
     let gain = scene.transform.environment_from_world().gain;
-    scene.diffuse_response(position, normal, gain)
+    scene.diffuse_response((position, normal), gain, true)
 }
 
 fn light_of(object: Arc<ObjectModel>, environment: &Arc<Environment>) -> Arc<TrainedLight> {
