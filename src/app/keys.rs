@@ -397,6 +397,10 @@ pub const BINDINGS: &[Binding] = &[
         Command::ShowLayer(Layer::Irradiance)
     })
     .marked(|state| state.layer == Layer::Irradiance),
+    plain(LAYERS, "Seen by photos", |_| {
+        Command::ShowLayer(Layer::Seen)
+    })
+    .marked(|state| state.layer == Layer::Seen),
     plain(TRAINING, "Start training, or train further", |_| {
         Command::Train(Train::Start)
     })

@@ -1,11 +1,12 @@
-//! A running mean of the density on two coarse grids: one finer, over the inner box, and one over all contracted space; and
-//! the floor under them.
+//! A running mean of the density on two coarse grids: one finer, over the inner box, and one over all contracted space; the
+//! floor under them, and what of all that photos showed.
 
 use glam::IVec3;
 
 use super::contraction::{expand, unit_cube};
 use super::floor::Floor;
 use super::kernels::math::{self, bf16_from_f32, f32_from_bf16};
+use super::seen_grid::SeenGrid;
 
 /// Cells per axis of the grid over all contracted space.
 pub(super) const OUTER_SIDE: usize = 96;
@@ -26,6 +27,8 @@ pub struct DensityGrid {
     cells: Vec<u16>,
     /// What rays end on.
     pub floor: Option<Floor>,
+    /// What photos showed; `None` where nobody knows.
+    pub seen: Option<SeenGrid>,
 }
 
 impl Default for DensityGrid {
@@ -33,6 +36,7 @@ impl Default for DensityGrid {
         Self {
             cells: vec![bf16_from_f32(INITIAL_DENSITY); INNER_SIDE.pow(3) + OUTER_SIDE.pow(3)],
             floor: None,
+            seen: None,
         }
     }
 }
@@ -45,8 +49,11 @@ impl DensityGrid {
 
     /// The grid of stored cells; `None` when the count is wrong.
     pub fn from_cells(cells: Vec<u16>) -> Option<Self> {
-        (cells.len() == INNER_SIDE.pow(3) + OUTER_SIDE.pow(3))
-            .then_some(Self { cells, floor: None })
+        (cells.len() == INNER_SIDE.pow(3) + OUTER_SIDE.pow(3)).then_some(Self {
+            cells,
+            floor: None,
+            seen: None,
+        })
     }
 
     /// Declares every inner cell whose centre `is_void` (field coordinates) empty for good: the object's inside.

@@ -17,6 +17,7 @@ use super::lobe::SHARPEST_VARIANCE;
 use super::paper::ray_pass::{PaperPlacement, RayLight};
 use super::paper::{PaperField, PaperFieldConfig};
 use super::radiance_field::{FieldBatch, FieldConfig, RadianceField};
+use super::seen_grid::SeenGrid;
 use super::storage::{ParamNames, Storage, read_params};
 use crate::data::tensor_file::TensorFile;
 use crate::geometry::Aabb;
@@ -215,6 +216,16 @@ impl Environment {
         self.place.up
     }
 
+    /// How surely photos showed where the light of a ray of an evaluated batch comes from, `[0, 1]`; 1 where nobody knows.
+    pub fn seen_share(&self, batch: &FieldBatch, ray: usize) -> f32 {
+        let EnvironmentField::Grid { density, .. } = &self.field else {
+            return 1.0;
+        };
+        density.seen.as_ref().map_or(1.0, |seen| {
+            batch.mean_over_light(ray, |cell| seen.share(cell))
+        })
+    }
+
     /// Linear radiance along `batch.rays`, into `batch.radiance`.
     pub fn light(&self, batch: &mut FieldBatch, scratch: &mut LightScratch) {
         self.light_by(self.n_samples(), batch, scratch);
@@ -299,6 +310,7 @@ impl Environment {
                 found: n_codes,
             })?;
         density.floor = Floor::stored(file)?;
+        density.seen = SeenGrid::stored(file)?;
         Ok(Self::new(place, field, density))
     }
 
@@ -342,6 +354,7 @@ impl Environment {
                 let codes = density.codes();
                 file.insert_u16("density.codes", &[codes.len()], codes);
                 density.floor.iter().for_each(|f| f.store(&mut file));
+                density.seen.iter().for_each(|s| s.store(&mut file));
                 (GRID, self.header(*field.config()), field.n_network_params())
             }
             EnvironmentField::Paper(field) => {

@@ -1,5 +1,7 @@
 //! The working memory of a batch of field rays, and which of its samples are worth a backward pass.
 
+use std::ops::Range;
+
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
@@ -9,6 +11,10 @@ use super::lobe::mean_length;
 use super::mlp::{Mlp, MlpBuffers, keep_rows};
 use super::proposal::{ConeRay, OPAQUE_LENGTH};
 use super::samples::RaySamples;
+
+/// Share of a ray's light behind which everything is hidden from it: at a half, specks of plain walls count as unseen, as a
+/// surface is a few cells thick.
+const REACHED: f32 = 0.9;
 
 /// One ray to evaluate.
 #[derive(Clone, Copy, Debug)]
@@ -163,10 +169,41 @@ impl FieldBatch {
         self.samples.distances()
     }
 
+    /// Calls `visit(cell)` for the samples of a ray up to where nearly all of its light comes from, in the last forward pass.
+    pub fn reached(&self, ray: usize, mut visit: impl FnMut(u32)) {
+        let samples = self.samples_of(ray);
+        let mut absorbed = 0.0;
+        for (cell, weight) in self.samples.cells()[samples.clone()]
+            .iter()
+            .zip(&self.weights()[samples])
+        {
+            visit(*cell);
+            absorbed += weight;
+            if absorbed > REACHED {
+                return;
+            }
+        }
+    }
+
+    /// Mean of a value of cells over the light of a ray, in the last forward pass; 0 where it meets nothing.
+    pub(super) fn mean_over_light(&self, ray: usize, value: impl Fn(u32) -> f32) -> f32 {
+        let samples = self.samples_of(ray);
+        let cells = self.samples.cells()[samples.clone()].iter();
+        let weighted = cells.zip(&self.weights()[samples]);
+        let (mean, sum) = weighted.fold((0.0, 0.0), |(mean, sum), (cell, weight)| {
+            (mean + weight * value(*cell), sum + weight)
+        });
+        mean / sum.max(f32::MIN_POSITIVE)
+    }
+
+    fn samples_of(&self, ray: usize) -> Range<usize> {
+        let n = self.samples.n_per_ray();
+        ray * n..(ray + 1) * n
+    }
+
     /// Mean distance at which the light of a ray begins, field units, and the ray's opacity, in the last forward pass.
     pub fn end(&self, ray: usize) -> (f32, f32) {
-        let n = self.samples.n_per_ray();
-        let samples = ray * n..(ray + 1) * n;
+        let samples = self.samples_of(ray);
         let weighted = self.weights()[samples.clone()].iter();
         let (moment, opacity) = weighted
             .zip(&self.distances()[samples])

@@ -27,6 +27,7 @@ pub mod proposal;
 pub mod radiance_field;
 pub mod region;
 pub mod samples;
+pub mod seen_grid;
 pub mod shading;
 pub mod skip_counts;
 pub mod spherical_harmonics;

@@ -19,6 +19,7 @@ pub(super) struct Causes {
     transform: EnvironmentTransform,
     ground: Option<Arc<Ground>>,
     is_blurred: bool,
+    marks_unseen: bool,
     trained_in: Option<Arc<Environment>>,
     diffuse_light: Option<Arc<DiffuseLight>>,
     material: Option<Arc<SurfaceField>>,
@@ -43,6 +44,7 @@ impl Causes {
             transform: scene.transform,
             ground: scene.ground.clone(),
             is_blurred: scene.background == Background::Blurred,
+            marks_unseen: scene.marks_unseen,
             trained_in: scene.trained_in.clone(),
             diffuse_light: scene
                 .diffuse_light
@@ -72,6 +74,7 @@ impl Causes {
 
     fn same_light(&self, other: &Self) -> bool {
         Arc::ptr_eq(&self.environment, &other.environment)
+            && self.marks_unseen == other.marks_unseen
             && self.transform == other.transform
             && same(self.ground.as_ref(), other.ground.as_ref())
     }

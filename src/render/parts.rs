@@ -74,6 +74,8 @@ pub struct Parts {
     pub background: Vec<[f32; 3]>,
     /// Each layer's value over the covered share of a pixel.
     pub objects: Vec<(Layer, Vec<[f32; 3]>)>,
+    /// [`Layer::Seen`] where it was rendered along with others: its surroundings are marked, theirs are not.
+    marked: Option<Box<Self>>,
 }
 
 /// Renders a picture in parts; `None` when cancelled. `on_progress` gets 0..1.
@@ -86,6 +88,9 @@ pub fn render_parts(
     cancel: &AtomicBool,
     on_progress: &(dyn Fn(f32) + Sync),
 ) -> Option<Parts> {
+    if options.layers.len() > 1 && options.layers.contains(&Layer::Seen) {
+        return render_with_seen(scene, camera, options, cancel, on_progress);
+    }
     let scene = &scene.lit_for(options.layers, cancel)?;
     let reference = match options.reference {
         Some(options) => Some(Reference::new(scene, options, cancel)?),
@@ -121,6 +126,28 @@ pub fn render_parts(
         whole.append(band?);
     }
     (!cancel.load(Ordering::Relaxed)).then_some(whole)
+}
+
+/// [`render_parts`] of several layers with [`Layer::Seen`] among them.
+fn render_with_seen(
+    scene: &Scene,
+    camera: &Camera,
+    options: &PartsOptions<'_>,
+    cancel: &AtomicBool,
+    on_progress: &(dyn Fn(f32) + Sync),
+) -> Option<Parts> {
+    let layers = options.layers.iter().copied();
+    let others: Vec<Layer> = layers.filter(|layer| *layer != Layer::Seen).collect();
+    let part = |layers: &[Layer], share: [f32; 2]| {
+        let options = PartsOptions { layers, ..*options };
+        let on_progress = |done: f32| on_progress(share[0] + done * (share[1] - share[0]));
+        render_parts(scene, camera, &options, cancel, &on_progress)
+    };
+    let mut parts = part(&others, [0.0, 0.5])?;
+    let seen = part(&[Layer::Seen], [0.5, 1.0])?;
+    parts.objects.extend(seen.objects.clone());
+    parts.marked = Some(Box::new(seen));
+    Some(parts)
 }
 
 fn render_rows(
@@ -221,10 +248,10 @@ impl Parts {
     /// A rendered layer as shown on a screen, `[0, 1]`, over the surroundings where it has them. Panics if it was not
     /// rendered.
     pub fn composed(&self, scene: &Scene, layer: Layer) -> impl Iterator<Item = [f32; 3]> {
-        let object = self.object(layer);
+        let (object, behind) = (self.object(layer), self.background_of(layer));
         (0..object.len()).map(move |i| {
             let coverage = self.coverage_of(layer, i);
-            compose(scene, layer, coverage, object[i], self.background[i])
+            compose(scene, layer, coverage, object[i], behind[i])
         })
     }
 
@@ -304,12 +331,12 @@ impl Parts {
         let value = |(i, object): (usize, &[f32; 3])| -> [f32; 3] {
             let coverage = self.coverage[i];
             let behind = if scene.shows_background(layer) {
-                self.background[i]
+                self.background_of(layer)[i]
             } else {
                 [0.0; 3]
             };
             std::array::from_fn(|c| match layer {
-                Layer::Final => object[c] * coverage + behind[c] * (1.0 - coverage),
+                Layer::Final | Layer::Seen => object[c] * coverage + behind[c] * (1.0 - coverage),
                 Layer::Diffuse | Layer::Specular => object[c] * coverage,
                 Layer::Normal if coverage > 0.0 => 2.0 * object[c] - 1.0,
                 Layer::Environment => behind[c],
@@ -317,6 +344,11 @@ impl Parts {
             })
         };
         self.object(layer).iter().enumerate().map(value).collect()
+    }
+
+    fn background_of(&self, layer: Layer) -> &[[f32; 3]] {
+        let marked = self.marked.as_ref().filter(|_| layer == Layer::Seen);
+        marked.map_or(&self.background, |marked| &marked.background)
     }
 
     fn object(&self, layer: Layer) -> &[[f32; 3]] {
@@ -336,7 +368,8 @@ impl Parts {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::test_scene::{camera, scene};
+    use crate::neif::seen_grid::SeenGrid;
+    use crate::render::test_scene::{camera, environment_seen, scene};
 
     const AOVS: [Layer; 5] = [
         Layer::Final,
@@ -436,6 +469,27 @@ mod tests {
                 assert_eq!((depth[i], length), (FAR, 0.0), "no object at {i}");
             }
         }
+    }
+
+    #[test]
+    fn light_that_no_photo_showed_is_marked_in_its_own_layer_alone() {
+        let seen_by = |seen: Option<SeenGrid>| {
+            let scene = Scene::new(scene().object, environment_seen(2, seen));
+            let layers = [Layer::Final, Layer::Seen];
+            let options = PartsOptions::new(&layers);
+            let cancel = AtomicBool::new(false);
+            let parts = render_parts(&scene, &camera(40, 30), &options, &cancel, &|_| {});
+            let parts = parts.expect("not cancelled");
+            layers.map(|layer| parts.composed(&scene, layer).collect::<Vec<_>>())
+        };
+        let [plain, unknown] = seen_by(None);
+        assert_eq!(plain, unknown, "nothing is known of what was seen");
+        let [not_marked, marked] = seen_by(Some(SeenGrid::default()));
+        assert_eq!(plain, not_marked, "the final picture has no marks");
+        let corner = marked[0];
+        assert!(corner[0] > 0.5 && corner[1] < 0.4, "signal: {corner:?}");
+        let (centre, was) = (marked[15 * 40 + 20], plain[15 * 40 + 20]);
+        assert_ne!(centre, was, "what the object mirrors is marked too");
     }
 
     #[test]

@@ -41,6 +41,8 @@ pub struct Scene {
     pub display_ev: f32,
     /// How light brighter than white is shown.
     pub tone_map: ToneMap,
+    /// Whether light that no photo showed has a signal colour: [`Layer::Seen`].
+    pub marks_unseen: bool,
     /// The surroundings that the object was trained in: its diffuse part follows the light. `None` leaves it as it was
     /// learned, whatever the light, as the paper does.
     pub trained_in: Option<Arc<Environment>>,
@@ -64,6 +66,7 @@ impl Scene {
             background: Background::default(),
             display_ev: 0.0,
             tone_map: ToneMap::default(),
+            marks_unseen: false,
             ground: None,
             diffuse_light: None,
         }
@@ -78,15 +81,21 @@ impl Scene {
     /// trained one and not shown itself. `None` when cancelled.
     pub fn lit_for(&self, layers: &[Layer], cancel: &AtomicBool) -> Option<Self> {
         if !layers.iter().any(|layer| layer.is_lit()) {
-            return Some(self.clone());
+            return Some(self.clone().marked_for(layers));
         }
         let key = LightKey::of(self, shows_light(layers));
         if let (Some(key), Some(light)) = (&key, &self.diffuse_light)
             && light.is_for(key, Resolution::FINE)
         {
-            return Some(self.clone());
+            return Some(self.clone().marked_for(layers));
         }
         DiffuseLights::default().fine(self, layers, cancel)
+    }
+
+    /// The same with unseen light marked where [`Layer::Seen`] alone is shown, unmarked elsewhere.
+    pub(super) fn marked_for(mut self, layers: &[Layer]) -> Self {
+        self.marks_unseen = layers == [Layer::Seen];
+        self
     }
 
     /// The same in a photo of another exposure and white balance: all light times `gain` a colour.
@@ -247,11 +256,13 @@ pub enum Layer {
     Albedo,
     /// Irradiance over pi: the radiance of a white, matt surface.
     Irradiance,
+    /// The picture with light that no photo showed in a signal colour, seen directly or mirrored: it is guessed.
+    Seen,
 }
 
 impl Layer {
     /// All layers, in the order of the window's keys.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 13] = [
         Self::Final,
         Self::Diffuse,
         Self::Specular,
@@ -264,6 +275,7 @@ impl Layer {
         Self::Samples,
         Self::Albedo,
         Self::Irradiance,
+        Self::Seen,
     ];
 
     /// Lower-case name, as on the command line.
@@ -281,19 +293,25 @@ impl Layer {
             Self::Samples => "samples",
             Self::Albedo => "albedo",
             Self::Irradiance => "irradiance",
+            Self::Seen => "seen",
         }
     }
 
     /// Whether the surroundings are part of the picture.
     pub fn shows_background(self) -> bool {
-        matches!(self, Self::Final | Self::Environment)
+        matches!(self, Self::Final | Self::Environment | Self::Seen)
     }
 
     /// Whether the picture depends on the light that the object receives.
     pub fn is_lit(self) -> bool {
         matches!(
             self,
-            Self::Final | Self::Diffuse | Self::Specular | Self::Albedo | Self::Irradiance
+            Self::Final
+                | Self::Diffuse
+                | Self::Specular
+                | Self::Albedo
+                | Self::Irradiance
+                | Self::Seen
         )
     }
 

@@ -11,7 +11,6 @@ use super::more_cones;
 use super::scene::{Layer, Scene};
 use super::trace::PIXEL_STD;
 use crate::geometry::Camera;
-use crate::neif::EditedSurfaces;
 use crate::neif::environment::{EnvironmentField, LightScratch};
 use crate::neif::light_path::{self, LitVertex, PathVertex};
 use crate::neif::lobe_cones::PathOfPixel;
@@ -19,6 +18,7 @@ use crate::neif::material::Surface;
 use crate::neif::object::ObjectModel;
 use crate::neif::radiance_field::{FieldBatch, FieldRay};
 use crate::neif::shading::{fresnel, outgoing};
+use crate::neif::{EditedSurfaces, Environment};
 
 /// Pixels shaded together: their samples stay in the core's cache.
 pub(super) const TILE: usize = 64;
@@ -59,6 +59,8 @@ pub(super) struct SeenLight {
     pub(super) radiance: [f32; 3],
 }
 
+/// What light that no photo showed looks like where that is marked, linear: rare in photos of things.
+const UNSEEN: Vec3 = Vec3::new(0.6, 0.05, 0.5);
 /// Where light comes from that has no place, in half sides of the inner box.
 const FAR: f32 = 1e5;
 
@@ -400,7 +402,7 @@ fn unlit(
             &path[0].point,
             number as f32,
         ))),
-        Layer::Final | Layer::Specular | Layer::Samples => None,
+        Layer::Final | Layer::Specular | Layer::Samples | Layer::Seen => None,
     };
     paths
         .iter()
@@ -453,6 +455,9 @@ impl ShadeScratch {
             if let Some(ground) = &scene.ground {
                 ground.apply(&mut self.batch);
             }
+            if scene.marks_unseen {
+                mark_unseen(environment, &mut self.batch);
+            }
             self.radiance.extend_from_slice(&self.batch.radiance);
         }
     }
@@ -499,6 +504,15 @@ pub(super) fn light_surfaces(
     let surfaces = edited.surfaces_mut().iter_mut();
     for (i, (surface, at)) in surfaces.zip(points).enumerate() {
         surface.diffuse *= scene.diffuse_response(at, gain, is_seen(i));
+    }
+}
+
+/// Gives the signal colour to light of an evaluated batch that no photo showed.
+fn mark_unseen(environment: &Environment, batch: &mut FieldBatch) {
+    for ray in 0..batch.rays.len() {
+        let share = environment.seen_share(batch, ray);
+        let seen = Vec3::from(batch.radiance[ray]);
+        batch.radiance[ray] = UNSEEN.lerp(seen, share).to_array();
     }
 }
 

@@ -13,6 +13,7 @@ use crate::neif::floor::Floor;
 use crate::neif::hash_grid::{GridConfig, LEAST_WEIGHT};
 use crate::neif::material::MaterialConfig;
 use crate::neif::radiance_field::{FieldConfig, RadianceField};
+use crate::neif::seen_grid::SeenGrid;
 use crate::neif::{Material, ObjectModel, SurfaceField};
 
 const GRID: GridConfig = GridConfig {
@@ -96,6 +97,17 @@ pub(crate) fn environment_over_a_floor(seed: u32) -> Arc<Environment> {
     let up = Vec3::new(0.36, 0.48, 0.8);
     let mut density = density.clone();
     density.floor = Some(Floor::new(-0.4 * up, up));
+    with_density(field.clone(), density)
+}
+
+/// The room of [`environment`], of which photos showed this much.
+pub(crate) fn environment_seen(seed: u32, seen: Option<SeenGrid>) -> Arc<Environment> {
+    let room = environment(seed);
+    let EnvironmentField::Grid { field, density } = room.field() else {
+        unreachable!("it is a grid");
+    };
+    let mut density = density.clone();
+    density.seen = seen;
     with_density(field.clone(), density)
 }
 

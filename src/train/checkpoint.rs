@@ -6,6 +6,7 @@ use super::trainer::Trainer;
 use crate::data::tensor_file::{TensorFile, TensorFileError};
 use crate::neif::density_grid::DensityGrid;
 use crate::neif::floor::Floor;
+use crate::neif::seen_grid::SeenGrid;
 
 /// Marks the metadata of a checkpoint.
 const FORMAT: &str = "neif-checkpoint-1";
@@ -54,6 +55,10 @@ impl Trainer {
         if let Some(floor) = self.density.floor {
             floor.store(&mut file);
         }
+        self.density
+            .seen
+            .iter()
+            .for_each(|s| s.store_both(&mut file));
         file.insert_u64(
             "counters",
             &[3],
@@ -104,13 +109,7 @@ impl Trainer {
         let poses = poses.transpose()?;
         let gamma = vector("gamma", 3)?;
         let counters = file.u64("counters", &[3])?.to_vec();
-        let mut density =
-            DensityGrid::from_cells(file.u16("density.cells", &[self.density.len()])?.to_vec())
-                .ok_or_else(|| TrainError::Checkpoint {
-                    file: file.origin().to_owned(),
-                    what: "has another density grid",
-                })?;
-        density.floor = Floor::stored(file)?;
+        let density = stored_density(file, self.density.len())?;
         let optional = material.iter().chain(&exposures).flatten();
         let optional = optional.chain(normals.iter().flatten()).chain(&poses);
         let all = field.iter().chain(optional).flatten();
@@ -149,6 +148,18 @@ impl Trainer {
         self.derive();
         Ok(())
     }
+}
+
+/// The density cache of a checkpoint with `n` cells.
+fn stored_density(file: &TensorFile, n: usize) -> Result<DensityGrid, TrainError> {
+    let cells = file.u16("density.cells", &[n])?.to_vec();
+    let mut density = DensityGrid::from_cells(cells).ok_or_else(|| TrainError::Checkpoint {
+        file: file.origin().to_owned(),
+        what: "has another density grid",
+    })?;
+    density.floor = Floor::stored(file)?;
+    density.seen = Some(SeenGrid::stored(file)?.unwrap_or_default());
+    Ok(density)
 }
 
 fn insert(file: &mut TensorFile, name: &str, values: &[f32]) {

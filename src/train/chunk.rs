@@ -8,6 +8,7 @@ use std::ops::Range;
 use glam::Vec3;
 
 use super::agreement;
+use super::batch_size::BatchSize;
 use super::config::TrainConfig;
 use super::distortion::distortion;
 use super::loss::{clipped_pull, pixel_loss};
@@ -43,25 +44,6 @@ const DIELECTRIC: f32 = 0.08;
 /// roughness settle on sharper ones than coming from blurred lobes: 0.2 dB more of the object than from 0.3.
 const INITIAL_ROUGHNESS: f32 = 0.1;
 const HOLD_STRENGTH: f32 = 1.0;
-
-/// Pixels of a step with an object.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct BatchSize {
-    pub(super) objects: usize,
-    pub(super) backgrounds: usize,
-}
-
-impl BatchSize {
-    /// At `progress` of the plan, 0 to 1.
-    pub(super) fn of(config: &TrainConfig, progress: f32) -> Self {
-        let grown = 1.0 + config.batch_growth * progress.clamp(0.0, 1.0);
-        let size = |n: usize| (n as f32 * grown).round() as usize;
-        Self {
-            objects: size(config.object_pixels),
-            backgrounds: size(config.background_pixels),
-        }
-    }
-}
 
 /// What all chunks of a step read.
 #[derive(Clone, Copy)]
@@ -439,6 +421,18 @@ impl Chunk {
                 let row = PoseRow::new(sample.view, sample.direction, slope, grey, end);
                 self.pose_rows.extend(row);
             }
+        }
+    }
+
+    /// Refreshes the density cache and notes what the background pixels show, after [`Self::run`].
+    pub(super) fn observe(&self, density: &mut DensityGrid) {
+        self.batch
+            .observe_densities(|cell, value| density.observe(cell, value));
+        let Some(seen) = &mut density.seen else {
+            return;
+        };
+        for (sample, ray) in self.backgrounds.iter().zip(self.first_background_ray..) {
+            self.batch.reached(ray, |cell| seen.see(cell, sample.view));
         }
     }
 

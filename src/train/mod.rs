@@ -3,6 +3,7 @@
 mod adam;
 mod agreement;
 pub mod any_trainer;
+mod batch_size;
 mod checkpoint;
 mod chunk;
 pub mod config;

@@ -7,7 +7,8 @@ use rayon::prelude::*;
 
 use super::TrainError;
 use super::adam::{Adam, Rates, store_bf16};
-use super::chunk::{BatchSize, Chunk, N_CHUNKS, StepContext};
+use super::batch_size::BatchSize;
+use super::chunk::{Chunk, N_CHUNKS, StepContext};
 use super::config::TrainConfig;
 use super::exposures::Exposures;
 use super::ground::SeenGround;
@@ -33,6 +34,7 @@ use crate::neif::hash_grid::FEATURES;
 use crate::neif::mlp::Transposed;
 use crate::neif::object::{Material, ObjectModel, SurfaceField};
 use crate::neif::radiance_field::{FieldBatch, FieldTransposed, RadianceField};
+use crate::neif::seen_grid::SeenGrid;
 use crate::neif::skip_counts::SkipCounts;
 
 /// Steps between two rounds of random looks into the density cache's cells.
@@ -154,6 +156,7 @@ impl Trainer {
         let has_haze = tracer.is_some() && exposures_differ(dataset);
         let up = up_direction(dataset);
         let mut density = clear_density(dataset, traced, &frame, up, refinement.is_none());
+        density.seen = Some(SeenGrid::default());
         let has_exposures = has_haze || config.exposure_rate > 0.0;
         let ground = has_exposures.then(|| SeenGround::of(dataset)).flatten();
         if let Some(ground) = ground.as_ref().filter(|_| has_haze) {
@@ -448,7 +451,7 @@ impl Trainer {
         let (networks, mut grids) = self.field.gradient.split_at_mut(n_networks);
         let (field, density) = (&self.field.value, &mut self.density);
         let material = self.material.as_mut();
-        let parity = (self.step % 2) as usize;
+        let (step, parity) = (self.step, (self.step % 2) as usize);
         rayon::scope(|scope| {
             for (level, shape) in field.levels().iter().enumerate() {
                 let (table, rest) = grids.split_at_mut(shape.n_entries * FEATURES);
@@ -468,10 +471,9 @@ impl Trainer {
             scope.spawn(move |_| {
                 // Every second chunk, in turn: the running means need no more, and each look is a cache miss.
                 for chunk in chunks.iter().skip(parity).step_by(2) {
-                    chunk
-                        .batch
-                        .observe_densities(|cell, value| density.observe(cell, value));
+                    chunk.observe(density);
                 }
+                density.seen.iter_mut().for_each(|seen| seen.forget(step));
             });
             if let Some(learned) = material {
                 let material = &learned.value;

@@ -74,6 +74,35 @@ fn validation_psnr(trainer: &Trainer, dataset: &Dataset) -> [f64; 2] {
 }
 
 #[test]
+fn what_photos_show_is_known_as_seen_and_what_none_shows_is_not() {
+    let mut dataset = sphere_in_a_box(30, 48);
+    dataset.train.truncate(3);
+    let mut trainer = trainer(&small_fields(), &dataset);
+    train(&mut trainer, 120);
+    let environment = trainer.snapshot().environment;
+    let share = |origin: Vec3, direction: Vec3| {
+        let origin = environment.frame().field_from_world(origin).to_array();
+        let direction = direction.normalize_or_zero().to_array();
+        let mut batch = FieldBatch::default();
+        batch
+            .rays
+            .push(FieldRay::of_pixel(origin, direction, 0.0, 0.01));
+        environment.light(&mut batch, &mut LightScratch::default());
+        environment.seen_share(&batch, 0)
+    };
+    for view in &dataset.train {
+        let camera = &view.camera;
+        let corner = camera.ray(2.0, 2.0);
+        let ahead = share(corner.origin, corner.direction);
+        assert!(ahead > 0.25, "{}: {ahead} in its corner", view.name);
+    }
+    // Away from where all three cameras look.
+    let looks: Vec3 = dataset.train.iter().map(|v| v.camera.forward()).sum();
+    let behind = share(dataset.train[0].camera.position(), -looks);
+    assert!(behind < 0.1, "{behind} behind the cameras");
+}
+
+#[test]
 fn a_glossy_sphere_in_a_box_is_learned() {
     let dataset = sphere_in_a_box(30, 48);
     let mut trainer = trainer(&small_fields(), &dataset);

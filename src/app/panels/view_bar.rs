@@ -39,6 +39,7 @@ pub fn layer_name(layer: Layer) -> &'static str {
         Layer::Samples => "Samples",
         Layer::Albedo => "Albedo",
         Layer::Irradiance => "Irradiance",
+        Layer::Seen => "Seen",
     }
 }
 

@@ -132,7 +132,8 @@ impl DiffuseLights {
     /// The scene with the fine light that `layers` need; `None` when cancelled, to be taken up again with the same scene.
     pub fn fine(&mut self, scene: &Scene, layers: &[Layer], cancel: &AtomicBool) -> Option<Scene> {
         let level = (&mut self.fine, &mut self.lamps);
-        lit(level, (scene, shows_light(layers)), cancel)
+        let scene_lit = lit(level, (scene, shows_light(layers)), cancel)?;
+        Some(scene_lit.marked_for(layers))
     }
 
     /// The scene with its fine light where that is known, else with the coarse one, which is quick.
@@ -150,7 +151,8 @@ impl DiffuseLights {
         };
         let level = (level, &mut self.lamps);
         let scene_lit = lit(level, (scene, is_shown), &AtomicBool::new(false));
-        scene_lit.unwrap_or_else(|| scene.clone())
+        let scene_lit = scene_lit.unwrap_or_else(|| scene.clone());
+        scene_lit.marked_for(&[layer])
     }
 
     /// Forgets everything.

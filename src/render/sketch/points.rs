@@ -57,6 +57,7 @@ struct Source {
     camera: Camera,
     transform: EnvironmentTransform,
     is_blurred: bool,
+    marks_unseen: bool,
     /// Whether some are of an earlier state.
     is_mixed: bool,
 }
@@ -70,6 +71,7 @@ impl Source {
             camera: job.camera,
             transform: scene.transform,
             is_blurred: scene.background == Background::Blurred,
+            marks_unseen: scene.marks_unseen,
             is_mixed,
         }
     }
@@ -100,7 +102,8 @@ impl Source {
         let has_places = !matches!(new.field(), EnvironmentField::Paper(_));
         // What was seen sharp is not blurred, and the other way round.
         let is_as_sharp = self.is_blurred == (job.request.scene.background == Background::Blurred);
-        is_as_sharp && is_one_place && (has_places || self.is_same_view(job))
+        let is_as_marked = self.marks_unseen == job.request.scene.marks_unseen;
+        is_as_sharp && is_as_marked && is_one_place && (has_places || self.is_same_view(job))
     }
 }
 
