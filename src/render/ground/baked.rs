@@ -5,12 +5,14 @@ use std::sync::atomic::AtomicBool;
 
 use glam::{Vec3, Vec4};
 
+use super::bounce::Bounce;
 use super::light::{Stand, is_floor, lightness, look_down};
 use super::map::Map;
 use super::square::Square;
 use super::{Cancelled, GroundResolution, Reach, meet, smoothstep};
 use crate::neif::radiance_field::FieldRay;
 use crate::neif::{Environment, EnvironmentTransform, ObjectModel};
+use crate::render::irradiance::Probes;
 use crate::render::lamps::Lamps;
 
 /// Half the square's side: this many heights of the object beyond its radius.
@@ -24,6 +26,8 @@ const GHOST_HEIGHT: f32 = 0.5;
 const SEEN: [f32; 2] = [0.05, 0.25];
 /// Share of the light at which a point is too dark to tell its colour, and at which it is not.
 const LIT: [f32; 2] = [0.04, 0.1];
+/// Share of the light from which a point does not, and does, tell the colour of places that no camera saw.
+const TELLING: [f32; 2] = [0.2, 0.7];
 /// Least share that is divided by.
 const LEAST_SHARE: f32 = 0.03;
 
@@ -44,6 +48,7 @@ impl BakedGround {
     pub(crate) fn new(
         object: &ObjectModel,
         (own, lamps): (&Environment, &Lamps),
+        probes: &Probes,
         resolution: GroundResolution,
         cancel: &AtomicBool,
     ) -> Result<Option<Arc<Self>>, Cancelled> {
@@ -56,34 +61,39 @@ impl BakedGround {
         let foot = stand.foot();
         let half_side = half_side(foot.radius, foot.height);
         let square = Square::new(foot.center, own.up(), half_side, resolution.side);
-        let sky = stand.sky(foot.middle, resolution);
-        let shares = stand.shares(&square, &sky, cancel)?;
+        let bounce = Bounce::new(&stand, None, probes, resolution);
+        let shares = stand.shares(&square, &bounce, resolution.n_directions, cancel)?;
         let looks = look_down(own, &square, FLOOR_LOOK * half_side, FLOOR_SLAB * half_side);
         let known: Vec<f32> = shares
             .iter()
-            .map(|share| {
-                smoothstep(SEEN[0], SEEN[1], share.seen)
+            .zip(&looks)
+            .map(|(share, look)| {
+                look.seen
+                    * smoothstep(SEEN[0], SEEN[1], share.seen)
                     * smoothstep(LIT[0], LIT[1], lightness(share.light))
             })
             .collect();
-        let floor: Vec<f32> = looks.iter().map(|look| look.1).collect();
+        let floor: Vec<f32> = looks.iter().map(|look| look.floor).collect();
         if !is_floor(&shares, &floor, &known) {
             return Ok(None);
         }
-        let floors: Vec<Vec4> = looks.iter().map(|look| Vec4::splat(look.1)).collect();
+        let floors: Vec<Vec4> = looks.iter().map(|look| Vec4::splat(look.floor)).collect();
         let floors = Map::filled(square.side, &floors, &known);
         let clean: Vec<Vec4> = looks
             .iter()
             .zip(&shares)
-            .map(|((radiance, _), share)| {
+            .map(|(look, share)| {
                 let share = share.light.max(Vec3::splat(LEAST_SHARE));
-                (*radiance / share).extend(0.0)
+                (look.radiance / share).extend(0.0)
             })
             .collect();
         let sure: Vec<f32> = looks
             .iter()
-            .zip(&known)
-            .map(|(look, k)| look.1 * k)
+            .zip(known.iter().zip(&shares))
+            .map(|(look, (known, share))| {
+                let lit = smoothstep(TELLING[0], TELLING[1], lightness(share.light));
+                look.floor * known * (lit + 1e-3)
+            })
             .collect();
         let clean = Map::filled(square.side, &clean, &sure);
         let place = |i: usize| square.place_of(square.point(i));

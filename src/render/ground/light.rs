@@ -6,22 +6,20 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::Cancelled;
+use super::bounce::Bounce;
 use super::square::Square;
-use super::{Cancelled, GroundResolution};
 use crate::geometry::{Ray, irradiance_directions};
 use crate::neif::edit::EnvironmentFromWorld;
 use crate::neif::environment::LightScratch;
-use crate::neif::material::MaterialBatch;
 use crate::neif::radiance_field::{FieldBatch, FieldRay};
 use crate::neif::{Environment, ObjectModel};
-use crate::render::lamps::Lamps;
+use crate::render::lamps::{Lamps, MovedLamps};
 
 /// Sine of the elevations between which cameras look down on a floor.
 const CAMERA_BAND: std::ops::Range<f32> = 0.17..0.97;
-/// Vertices whose material stands for the object's.
-const N_MATERIAL_POINTS: usize = 512;
-/// Most of the light that an object sends on.
-const MAX_REFLECTANCE: f32 = 0.9;
+/// Most light that is left of a unit: an object may mirror light onto a floor.
+const MOST_SHARE: f32 = 2.0;
 /// Height above the floor from which shadow rays start, half sides of the square.
 const LIFT: f32 = 1e-3;
 
@@ -45,18 +43,19 @@ pub(super) struct Foot {
     pub(super) height: f32,
 }
 
-/// Light from above in directions of equal share.
-pub(super) struct Sky {
-    /// Unit, in axes of the surroundings.
-    directions: Vec<Vec3>,
-    radiance: Vec<Vec3>,
-    mean: Vec3,
+/// A direction that light comes from, all of equal share.
+struct FromAbove {
+    /// Unit.
+    world: Vec3,
+    radiance: Vec3,
+    /// Whether cameras look along it.
+    is_in_band: bool,
 }
 
 /// What the object does to a point of the floor.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Share {
-    /// Share of the light that arrives, a colour.
+    /// Light that arrives with the object over that without it, a colour.
     pub(super) light: Vec3,
     /// Share of the directions that cameras look from that is free.
     pub(super) seen: f32,
@@ -89,114 +88,74 @@ impl Stand<'_> {
         }
     }
 
-    /// The light from above where the object is.
-    pub(super) fn sky(&self, middle: Vec3, resolution: GroundResolution) -> Sky {
-        let up = self.environment.up();
-        let n = resolution.n_directions;
-        let (mut batch, mut directions) = (FieldBatch::default(), Vec::with_capacity(n));
-        for (direction, height) in irradiance_directions(up, n, 0.0) {
-            let variance = 1.0 / (4.0 * n as f32 * height);
-            directions.push(direction);
-            batch
-                .rays
-                .push(FieldRay::of_cone(middle, direction, variance, 0.0));
-        }
-        self.environment
-            .light(&mut batch, &mut LightScratch::default());
-        let radiance = batch
-            .radiance
-            .iter()
-            .map(|v| self.lamps.below(Vec3::from(*v)));
-        let radiance: Vec<Vec3> = radiance.collect();
-        let mean = radiance.iter().sum::<Vec3>() / n.max(1) as f32;
-        Sky {
-            directions,
-            radiance,
-            mean,
-        }
-    }
-
-    /// Light that the object sends on, of what falls on it: mean over its surface, a colour.
-    fn reflectance(&self, sky: &Sky) -> Vec3 {
-        let points = &self.object.tracer.mesh().positions;
-        let some: Vec<Vec3> = points
-            .iter()
-            .step_by(points.len().div_ceil(N_MATERIAL_POINTS).max(1))
-            .copied()
-            .collect();
-        let mut batch = MaterialBatch::default();
-        self.object
-            .material
-            .forward(&some, &mut batch, &mut Vec::new());
-        let n = batch.surfaces.len().max(1) as f32;
-        let tint = batch.surfaces.iter().map(|s| s.tint).sum::<Vec3>() / n;
-        let diffuse = batch.surfaces.iter().map(|s| s.diffuse).sum::<Vec3>() / n;
-        let albedo = diffuse / sky.mean.max(Vec3::splat(1e-3));
-        (tint + albedo).clamp(Vec3::ZERO, Vec3::splat(MAX_REFLECTANCE))
-    }
-
     /// What the object does to each point of a square.
     pub(super) fn shares(
         &self,
         square: &Square,
-        sky: &Sky,
+        bounce: &Bounce<'_>,
+        n_directions: usize,
         cancel: &AtomicBool,
     ) -> Result<Vec<Share>, Cancelled> {
-        let reflectance = self.reflectance(sky);
-        let (tracer, frame) = (&*self.object.tracer, self.environment.frame());
-        let start = tracer.self_distance();
-        let up = square.up;
-        let up_world = self.motion.world_direction(up);
         let lamps = self.lamps.points(&self.motion);
-        let directions: Vec<Vec3> = sky
-            .directions
-            .iter()
-            .map(|d| self.motion.world_direction(*d))
+        let from_above: Vec<FromAbove> = irradiance_directions(square.up, n_directions, 0.0)
+            .map(|(direction, _)| FromAbove {
+                world: self.motion.world_direction(direction),
+                radiance: bounce.around().radiance(direction),
+                is_in_band: CAMERA_BAND.contains(&direction.dot(square.up)),
+            })
             .collect();
-        let free = |point: Vec3| -> Share {
-            let lifted = point + up * (LIFT * square.half_side);
-            let origin = self.motion.world_point(frame.world_from_field(lifted));
-            let (mut light, mut n_free) = (Vec3::ZERO, 0_usize);
-            let (mut n_seen, mut n_band) = (0_usize, 0_usize);
-            for ((&direction, own), radiance) in
-                directions.iter().zip(&sky.directions).zip(&sky.radiance)
-            {
-                let is_free = !tracer.occluded(&Ray { origin, direction }, start, f32::INFINITY);
-                let is_in_band = CAMERA_BAND.contains(&own.dot(up));
-                n_band += usize::from(is_in_band);
-                if is_free {
-                    light += *radiance;
-                    n_free += 1;
-                    n_seen += usize::from(is_in_band);
-                }
-            }
-            let n = directions.len().max(1) as f32;
-            let free = n_free as f32 / n;
-            // As mean radiances from above: a lamp's irradiance over pi.
-            let by_lamps = |tracer| lamps.irradiance(tracer, origin, up_world) / PI;
-            let all = sky.mean + by_lamps(None);
-            // What is blocked sends on light of the mean, less so the closer it is to the floor.
-            let sent = (1.0 - free) * free * reflectance * all;
-            let light = light / n + by_lamps(Some(tracer)) + sent;
-            Share {
-                light: (light / all.max(Vec3::splat(f32::MIN_POSITIVE)))
-                    .clamp(Vec3::ZERO, Vec3::ONE),
-                seen: n_seen as f32 / n_band.max(1) as f32,
-            }
-        };
         let shares: Vec<Share> = (0..square.len())
             .into_par_iter()
             .map(|i| {
                 if cancel.load(Ordering::Relaxed) {
                     return Share::default();
                 }
-                free(square.point(i))
+                self.share(square.point(i), square, (&from_above, &lamps), bounce)
             })
             .collect();
         if cancel.load(Ordering::Relaxed) {
             return Err(Cancelled);
         }
         Ok(blurred(&shares, square.side))
+    }
+
+    /// What the object does to a point of a square: keeps light from it, and sends some of its own.
+    fn share(
+        &self,
+        point: Vec3,
+        square: &Square,
+        (from_above, lamps): (&[FromAbove], &MovedLamps),
+        bounce: &Bounce<'_>,
+    ) -> Share {
+        let (tracer, frame) = (&*self.object.tracer, self.environment.frame());
+        let start = tracer.self_distance();
+        let up_world = self.motion.world_direction(square.up);
+        let lifted = point + square.up * (LIFT * square.half_side);
+        let origin = self.motion.world_point(frame.world_from_field(lifted));
+        let (mut light, mut all) = (Vec3::ZERO, Vec3::ZERO);
+        let (mut n_seen, mut n_band) = (0_usize, 0_usize);
+        for from in from_above {
+            let direction = from.world;
+            let hit = tracer.intersect(&Ray { origin, direction }, start, f32::INFINITY);
+            all += from.radiance;
+            n_band += usize::from(from.is_in_band);
+            if let Some(hit) = hit {
+                light += bounce.radiance(&hit, direction);
+            } else {
+                light += from.radiance;
+                n_seen += usize::from(from.is_in_band);
+            }
+        }
+        // As mean radiances from above: a lamp's irradiance over pi.
+        let n = from_above.len().max(1) as f32;
+        let by_lamps = |tracer| lamps.irradiance(tracer, origin, up_world) / PI;
+        let light = light / n + by_lamps(Some(tracer));
+        let all = all / n + by_lamps(None);
+        Share {
+            light: (light / all.max(Vec3::splat(f32::MIN_POSITIVE)))
+                .clamp(Vec3::ZERO, Vec3::splat(MOST_SHARE)),
+            seen: n_seen as f32 / n_band.max(1) as f32,
+        }
     }
 }
 
@@ -222,16 +181,27 @@ fn blurred(shares: &[Share], side: usize) -> Vec<Share> {
         .collect()
 }
 
-/// Radiance of the surroundings straight down on each point of a square, and whether they have a floor there, `[0, 1]`.
+/// A look at a floor.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct FloorLook {
+    /// Radiance.
+    pub(super) radiance: Vec3,
+    /// Whether there is a floor, `[0, 1]`.
+    pub(super) floor: f32,
+    /// How surely photos showed what is there, `[0, 1]`.
+    pub(super) seen: f32,
+}
+
+/// Looks straight down on each point of a square.
 pub(super) fn look_down(
     environment: &Environment,
     square: &Square,
     from_height: f32,
     slab: f32,
-) -> Vec<(Vec3, f32)> {
+) -> Vec<FloorLook> {
     let points: Vec<usize> = (0..square.len()).collect();
     let direction = -square.up;
-    let looks: Vec<Vec<(Vec3, f32)>> = points
+    let looks: Vec<Vec<FloorLook>> = points
         .par_chunks(square.side)
         .map_init(
             <(FieldBatch, LightScratch)>::default,
@@ -253,8 +223,12 @@ pub(super) fn look_down(
                         .map(|(_, weight)| weight)
                         .sum()
                 };
-                let radiance = batch.radiance.iter().map(|v| Vec3::from(*v));
-                radiance.enumerate().map(|(i, v)| (v, floor(i))).collect()
+                let look = |i: usize| FloorLook {
+                    radiance: Vec3::from(batch.radiance[i]),
+                    floor: floor(i),
+                    seen: environment.seen_share(batch, i),
+                };
+                (0..batch.rays.len()).map(look).collect()
             },
         )
         .collect();
@@ -265,7 +239,7 @@ pub(super) fn look_down(
 pub(super) fn is_floor(shares: &[Share], floor: &[f32], known: &[f32]) -> bool {
     let (mut on, mut all) = (0.0, 0.0);
     for ((share, floor), known) in shares.iter().zip(floor).zip(known) {
-        let shadow = known * (1.0 - lightness(share.light));
+        let shadow = known * (1.0 - lightness(share.light)).max(0.0);
         on += floor * shadow;
         all += shadow;
     }

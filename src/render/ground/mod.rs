@@ -7,6 +7,7 @@
 //! below the object, where the surroundings have a surface there; nothing else is corrected.
 
 mod baked;
+mod bounce;
 mod light;
 mod map;
 mod shadow;
@@ -19,6 +20,7 @@ use std::sync::Arc;
 use glam::Vec3;
 
 pub use baked::BakedGround;
+pub(crate) use bounce::trained_irradiance;
 pub use shadow::Shadow;
 
 use crate::neif::radiance_field::{FieldBatch, FieldRay};

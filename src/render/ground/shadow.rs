@@ -5,6 +5,7 @@ use std::sync::atomic::AtomicBool;
 use glam::Vec3;
 
 use super::baked::{BakedGround, FLOOR_LOOK, FLOOR_SLAB, half_side};
+use super::bounce::Bounce;
 use super::light::{Stand, is_floor, look_down};
 use super::map::Map;
 use super::square::Square;
@@ -12,6 +13,7 @@ use super::{Cancelled, GroundResolution, Reach, meet};
 use crate::neif::environment::EnvironmentField;
 use crate::neif::radiance_field::FieldRay;
 use crate::neif::{Environment, EnvironmentTransform, ObjectModel};
+use crate::render::irradiance::Probes;
 use crate::render::lamps::Lamps;
 
 /// The share of its light that an object leaves a floor.
@@ -23,12 +25,14 @@ pub struct Shadow {
 }
 
 impl Shadow {
-    /// The shadow in surroundings at `transform`; `baked`: what is known of their floor. `None` when there is no
+    /// The shadow in surroundings at `transform` of an object with probes, at which the light that it was trained in had this
+    /// irradiance ([`super::trained_irradiance`]); `baked`: what is known of their floor. `None` when there is no
     /// floor below the object.
     pub(crate) fn new(
         object: &ObjectModel,
         (environment, lamps): (&Environment, &Lamps),
         transform: &EnvironmentTransform,
+        (probes, trained): (&Probes, &[Vec3]),
         baked: Option<&BakedGround>,
         resolution: GroundResolution,
         cancel: &AtomicBool,
@@ -60,11 +64,11 @@ impl Shadow {
             .enumerate()
             .map(|(i, look)| {
                 let known = baked.and_then(|baked| baked.floor_at(square.point(i)));
-                look.1.max(known.unwrap_or(0.0)).min(1.0)
+                look.floor.max(known.unwrap_or(0.0)).min(1.0)
             })
             .collect();
-        let sky = stand.sky(foot.middle, resolution);
-        let shares = stand.shares(&square, &sky, cancel)?;
+        let bounce = Bounce::new(&stand, Some(trained), probes, resolution);
+        let shares = stand.shares(&square, &bounce, resolution.n_directions, cancel)?;
         if !is_floor(&shares, &floors, &vec![1.0; floors.len()]) {
             return Ok(None);
         }

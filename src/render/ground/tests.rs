@@ -9,8 +9,9 @@ use super::map::Map;
 use super::*;
 use crate::geometry::test_mesh::ellipsoid;
 use crate::neif::environment::LightScratch;
-use crate::neif::{Environment, EnvironmentTransform, ObjectModel};
+use crate::neif::{Environment, EnvironmentTransform, ObjectModel, SurfaceField};
 use crate::render::Scene;
+use crate::render::irradiance::Probes;
 use crate::render::lamps::Lamps;
 use crate::render::test_scene::{fog_above, object_of};
 
@@ -22,8 +23,27 @@ const RESOLUTION: GroundResolution = GroundResolution {
 /// Height of the floor, world units.
 const FLOOR: f32 = -0.5;
 
+/// A ball that sends next to no light.
 fn ball() -> Arc<ObjectModel> {
-    object_of(ellipsoid(Vec3::ZERO, Vec3::splat(0.5), 32), 3)
+    ball_of(Vec3::splat(-8.0))
+}
+
+/// A ball whose tint is the sigmoid of these numbers, without a diffuse part.
+fn ball_of(tint: Vec3) -> Arc<ObjectModel> {
+    let object = object_of(ellipsoid(Vec3::ZERO, Vec3::splat(0.5), 32), 3);
+    let SurfaceField::Grid(material) = &*object.material else {
+        unreachable!("it is a grid");
+    };
+    let mut material = material.clone();
+    // The biases of the 16 outputs come last: diffuse, then tint.
+    let end = material.n_network_params();
+    let biases = &mut material.params[end - 16..end];
+    biases[..3].fill(-8.0);
+    biases[3..6].copy_from_slice(&tint.to_array());
+    Arc::new(ObjectModel {
+        tracer: Arc::clone(&object.tracer),
+        material: Arc::new(SurfaceField::Grid(material)),
+    })
 }
 
 fn room() -> Arc<Environment> {
@@ -34,8 +54,18 @@ fn lamps() -> Lamps {
     Lamps::of(&room(), &NEVER).expect("not cancelled")
 }
 
+fn probes(object: &ObjectModel) -> Probes {
+    Probes::on_mesh(object.tracer.mesh(), 128)
+}
+
 fn baked() -> Arc<BakedGround> {
-    let ground = BakedGround::new(&ball(), (&room(), &lamps()), RESOLUTION, &NEVER);
+    let ground = BakedGround::new(
+        &ball(),
+        (&room(), &lamps()),
+        &probes(&ball()),
+        RESOLUTION,
+        &NEVER,
+    );
     ground.expect("not cancelled").expect("a floor")
 }
 
@@ -59,11 +89,14 @@ fn look(ground: Option<&Ground>, from: Vec3, to: Vec3) -> Vec3 {
 fn a_shadow_is_taken_away_and_put_where_the_object_went() {
     let still = EnvironmentTransform::default();
     let baked = baked();
+    let probes = probes(&ball());
+    let trained = trained_irradiance(&ball(), (&room(), &lamps()), &probes, RESOLUTION);
     let shadow = |transform: &EnvironmentTransform| {
         Shadow::new(
             &ball(),
             (&room(), &lamps()),
             transform,
+            (&probes, &trained),
             Some(&baked),
             RESOLUTION,
             &NEVER,
@@ -113,6 +146,37 @@ fn a_shadow_is_taken_away_and_put_where_the_object_went() {
 }
 
 #[test]
+fn a_red_mirror_keeps_less_red_from_its_floor_than_a_black_one() {
+    let shade = |ball: &ObjectModel| {
+        let probes = probes(ball);
+        let trained = trained_irradiance(ball, (&room(), &lamps()), &probes, RESOLUTION);
+        let shadow = Shadow::new(
+            ball,
+            (&room(), &lamps()),
+            &EnvironmentTransform::default(),
+            (&probes, &trained),
+            None,
+            RESOLUTION,
+            &NEVER,
+        );
+        let ground = Ground {
+            baked: None,
+            shadow: shadow.expect("not cancelled"),
+        };
+        let eye = Vec3::new(0.1, -1.6, 0.6);
+        let beside = Vec3::new(0.0, -0.45, FLOOR);
+        look(Some(&ground), eye, beside) / look(None, eye, beside)
+    };
+    let (black, red) = (shade(&ball()), shade(&ball_of(Vec3::new(2.0, -8.0, -8.0))));
+    assert!(black.max_element() < 0.8, "a shadow: {black}");
+    assert!(red.x > black.x + 0.1, "{red} by a red one, {black}");
+    assert!(
+        (red.y - black.y).abs() < 0.02,
+        "{red} by a red one, {black}"
+    );
+}
+
+#[test]
 fn walls_and_sky_and_what_lies_far_off_stay() {
     let empty = Ground {
         baked: Some(baked()),
@@ -131,10 +195,25 @@ fn walls_and_sky_and_what_lies_far_off_stay() {
 #[test]
 fn an_object_that_hovers_has_no_floor() {
     let high = object_of(ellipsoid(Vec3::new(0.0, 0.0, 1.0), Vec3::splat(0.2), 16), 3);
-    let ground = BakedGround::new(&high, (&room(), &lamps()), RESOLUTION, &NEVER);
+    let ground = BakedGround::new(
+        &high,
+        (&room(), &lamps()),
+        &probes(&high),
+        RESOLUTION,
+        &NEVER,
+    );
     assert!(ground.expect("not cancelled").is_none());
     let cancelled = AtomicBool::new(true);
-    assert!(BakedGround::new(&ball(), (&room(), &lamps()), RESOLUTION, &cancelled).is_err());
+    assert!(
+        BakedGround::new(
+            &ball(),
+            (&room(), &lamps()),
+            &probes(&ball()),
+            RESOLUTION,
+            &cancelled
+        )
+        .is_err()
+    );
 }
 
 #[test]

@@ -18,7 +18,7 @@ use crate::neif::material::{MaterialBatch, Surface};
 use crate::neif::radiance_field::{FieldBatch, FieldRay};
 use crate::neif::shading::fresnel;
 use crate::neif::{Environment, EnvironmentTransform, SurfaceField};
-use crate::render::ground::{BakedGround, Ground, Shadow};
+use crate::render::ground::{BakedGround, Ground, Shadow, trained_irradiance};
 use crate::render::lamps::{Lamps, LitPlace, lamp_gains};
 
 /// Places at which shading is looked at for what it tells of lamps.
@@ -72,6 +72,8 @@ pub struct TrainedLight {
     lamps: Arc<Lamps>,
     light: SurfaceLight,
     ground: Option<Arc<BakedGround>>,
+    /// Irradiance at the probes as the object's bounce on what is near takes it.
+    around_probes: Vec<Vec3>,
 }
 
 /// [`TrainedLight`] on its way.
@@ -120,7 +122,16 @@ impl TrainedWork {
         let rest = SurfaceLight::new(&self.transport, first.clone(), LampLight::none(&first));
         let lamps = known.unwrap_or_else(|| Arc::new(self.brightened(&seen, &rest, key)));
         let resolution = self.transport.resolution.ground;
-        let ground = BakedGround::new(&key.object, (own, &lamps), resolution, cancel).ok()?;
+        let ground = BakedGround::new(
+            &key.object,
+            (own, &lamps),
+            &self.transport.probes,
+            resolution,
+            cancel,
+        )
+        .ok()?;
+        let probes = &self.transport.probes;
+        let around_probes = trained_irradiance(&key.object, (own, &lamps), probes, resolution);
         let (transport, tracer) = (Arc::clone(&self.transport), &key.object.tracer);
         let points = lamps.points(&still.environment_from_world());
         let by_lamps = LampLight::new(&transport, tracer, points);
@@ -142,6 +153,7 @@ impl TrainedWork {
             transport,
             beams,
             ground,
+            around_probes,
         })
     }
 
@@ -192,6 +204,7 @@ impl TrainedLight {
             &key.object,
             (&key.environment, lamps),
             &key.transform,
+            (&self.transport.probes, &self.around_probes),
             baked.map(|baked| &**baked),
             self.transport.resolution.ground,
             cancel,
