@@ -36,6 +36,8 @@ fn a_person_trains_edits_undoes_takes_a_picture_and_leaves() {
     window.wait_after(mark, |line| line.contains("PauseOrResume"));
     let trained = settled(&display, &window, mark);
     assert!(trained.n_colors() > 100, "the viewport is empty");
+    let own = display.shot(window.place("As captured"));
+    assert!(own.n_colors() > 100, "its surroundings have no picture");
 
     // That of roughness; there is more than one named “Scale”.
     let slider = window.place("Offset");

@@ -52,6 +52,8 @@ pub struct Pictures {
     pub panorama: Option<TextureId>,
     /// Small pictures of environments, with their files.
     pub thumbnails: Vec<(Arc<Path>, TextureId)>,
+    /// The same of the surroundings that were opened or trained.
+    pub own_thumbnail: Option<TextureId>,
 }
 
 /// Draws the viewport into all of `ui`; returns the size of the preview in it, in physical pixels.

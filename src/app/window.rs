@@ -1,6 +1,6 @@
 //! The window's side of eframe: textures, keys, dropped files, and one frame after the other.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -16,9 +16,8 @@ use crate::app::inspect::Inspector;
 use crate::app::inspect::driver::{Pace, Wanted};
 use crate::app::keeper::Keep;
 use crate::app::leaving::{self, LeavingCommand};
-use crate::app::lighting::own_file;
+use crate::app::lighting::gallery_pictures::GalleryPictures;
 use crate::app::lighting::preview_side::PreviewSide;
-use crate::app::lighting::thumbnails::{Thumbnails, cache_folder};
 use crate::app::opener::ScreenPhoto;
 use crate::app::preferences::{self, Preferences, PreferencesCommand};
 use crate::app::preview_driver::Situation;
@@ -55,8 +54,7 @@ pub(super) struct Window {
     preview: PreviewSide,
     /// The other look, once it was compared with.
     preview_b: Option<PreviewSide>,
-    thumbnails: Thumbnails,
-    thumbnail_textures: Vec<(Arc<Path>, TextureHandle)>,
+    gallery: GalleryPictures,
     textures: Textures,
     errors: ErrorMaps,
     slice: SliceView,
@@ -87,8 +85,6 @@ impl Window {
     ) -> std::io::Result<Self> {
         let ctx = &creation.egui_ctx;
         theme::set_up(ctx);
-        let wake = ctx.clone();
-        let thumbnails = Thumbnails::new(cache_folder(), move || wake.request_repaint())?;
         let mut window = Self {
             state: AppState {
                 adapter: adapter(creation),
@@ -98,8 +94,7 @@ impl Window {
             inspector: Inspector::new(ctx)?,
             preview: PreviewSide::new(ctx, "preview", 0, options.gpu)?,
             preview_b: None,
-            thumbnails,
-            thumbnail_textures: Vec::new(),
+            gallery: GalleryPictures::new(ctx)?,
             textures: Textures::default(),
             errors: ErrorMaps::new()?,
             slice: SliceView::default(),
@@ -242,19 +237,6 @@ impl Window {
         if let Some(b) = &mut self.preview_b {
             b.take_frame(ctx);
         }
-        while let Some((path, photo)) = self.thumbnails.next() {
-            let texture = upload(ctx, "thumbnail", &photo);
-            self.thumbnail_textures.push((path.into(), texture));
-        }
-    }
-
-    /// Asks for small pictures of what is on the list.
-    fn ask_thumbnails(&mut self) {
-        let own = own_file(&self.state.source);
-        let listed = self.state.environments.iter().map(|entry| &entry.path);
-        for path in listed.chain(&own) {
-            self.thumbnails.ask(path);
-        }
     }
 
     /// Drops every picture of what was open before.
@@ -263,6 +245,7 @@ impl Window {
         if let Some(b) = &mut self.preview_b {
             b.clear();
         }
+        self.gallery.forget_own();
         self.errors.clear();
         self.slice = SliceView::default();
         self.textures = Textures::default();
@@ -272,7 +255,6 @@ impl Window {
     /// Asks the preview for what is missing, and the opener for the photo to compare with.
     fn ask(&mut self, ctx: &Context) {
         self.ask_photo();
-        self.ask_thumbnails();
         let Some(snapshot) = self.state.snapshot.clone() else {
             return;
         };
@@ -384,11 +366,8 @@ impl Window {
                 .as_ref()
                 .filter(|_| self.state.lighting.split.is_some())
                 .and_then(PreviewSide::texture),
-            thumbnails: self
-                .thumbnail_textures
-                .iter()
-                .map(|(path, texture)| (Arc::clone(path), texture.id()))
-                .collect(),
+            thumbnails: self.gallery.of_files(),
+            own_thumbnail: self.gallery.own(),
             photo: photo.map(|(_, texture)| texture.id()),
             error: self.errors.texture(&self.state),
             slice: self.slice.texture(),
@@ -432,6 +411,7 @@ impl eframe::App for Window {
         self.prefer(&ctx);
         self.guard(&ctx);
         self.ask(&ctx);
+        self.gallery.update(&ctx, &self.state);
         self.errors.update(&ctx, &mut self.state);
         self.slice.update(&ctx, &mut self.state);
         self.set_title(&ctx);

@@ -1,5 +1,6 @@
 //! How the surroundings are seen, grabbed and compared: the part of the window's state beside the edits themselves.
 
+pub mod gallery_pictures;
 pub mod gizmo;
 pub mod gizmo_ui;
 pub mod lines;
@@ -9,14 +10,12 @@ pub mod split_ui;
 pub mod thumbnails;
 
 use std::collections::BTreeSet;
-use std::path::PathBuf;
 
 use glam::{Vec2, Vec3};
 
-use crate::app::state::{AppState, Compare, EnvironmentContent, Look, Source};
+use crate::app::state::{AppState, Compare, EnvironmentContent, Look};
 use crate::neif::EnvironmentTransform;
 use crate::render::{Background, ToneMap};
-use crate::train::run_folder::ENVIRONMENT;
 use gizmo::{Grab, Handle, Snap};
 
 /// Largest exposure of the picture either way, stops.
@@ -196,17 +195,9 @@ pub fn shown_transform(state: &AppState) -> EnvironmentTransform {
     }
 }
 
-/// The file of the surroundings that were opened or trained, if there is one.
-pub fn own_file(source: &Source) -> Option<PathBuf> {
-    match source {
-        Source::Run(folder) => Some(folder.join(ENVIRONMENT)),
-        Source::Environment(file) => Some(file.clone()),
-        Source::Nothing | Source::Demo(_) | Source::Capture(_) => None,
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use std::path::PathBuf;
     use std::sync::Arc;
 
     use super::*;

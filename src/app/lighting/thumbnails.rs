@@ -1,5 +1,5 @@
-//! Small panoramas of the surroundings in the list: made one after the other on a thread of their own, and kept
-//! between sessions in the user's cache folder by path, size and time of change.
+//! Small panoramas of surroundings: made one after the other on a thread of their own. Those of files are kept between
+//! sessions in the user's cache folder by path, size and time of change.
 
 use std::collections::HashSet;
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
@@ -30,11 +30,20 @@ const MEDIAN: f32 = 0.2;
 /// Most that a picture is brightened or darkened by, as a factor.
 const MOST_GAIN: f32 = 64.0;
 
-/// Makes thumbnails of environment files and collects them.
+/// What a small picture is of.
+#[derive(Clone, Debug)]
+pub enum Subject {
+    /// An environment in a file.
+    File(PathBuf),
+    /// One that is in no file, or is still being trained.
+    Loaded(Arc<Environment>),
+}
+
+/// Makes thumbnails of environments and collects them.
 #[derive(Debug)]
 pub struct Thumbnails {
-    wanted: Sender<PathBuf>,
-    done: Receiver<(PathBuf, ScreenPhoto)>,
+    wanted: Sender<Subject>,
+    done: Receiver<(Subject, ScreenPhoto)>,
     asked: HashSet<PathBuf>,
 }
 
@@ -44,7 +53,7 @@ impl Thumbnails {
     /// # Errors
     /// When the system gives no thread.
     pub fn new(folder: Option<PathBuf>, wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
-        let (wanted, paths) = bounded::<PathBuf>(QUEUE);
+        let (wanted, subjects) = bounded::<Subject>(QUEUE);
         let (sender, done) = bounded(QUEUE);
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(1)
@@ -53,16 +62,12 @@ impl Thumbnails {
             .build()
             .map_err(std::io::Error::other)?;
         let work = move || {
-            for path in paths {
-                let photo = match pool.install(|| thumbnail(&path, folder.as_deref())) {
-                    Ok(photo) => photo,
-                    Err(error) => {
-                        tracing::debug!("{}: no thumbnail: {error}", path.display());
-                        continue;
-                    }
+            for subject in subjects {
+                let Some(photo) = pool.install(|| subject.photo(folder.as_deref())) else {
+                    continue;
                 };
                 // The window has closed when nobody takes pictures any more.
-                if sender.send((path, photo)).is_err() {
+                if sender.send((subject, photo)).is_err() {
                     return;
                 }
                 wake();
@@ -80,14 +85,33 @@ impl Thumbnails {
 
     /// Asks for the picture of a file, once.
     pub fn ask(&mut self, path: &Path) {
-        if !self.asked.contains(path) && self.wanted.try_send(path.to_owned()).is_ok() {
+        let file = Subject::File(path.to_owned());
+        if !self.asked.contains(path) && self.wanted.try_send(file).is_ok() {
             self.asked.insert(path.to_owned());
         }
     }
 
-    /// The next finished picture with its file, if there is one.
-    pub fn next(&self) -> Option<(PathBuf, ScreenPhoto)> {
+    /// Asks for the picture of what is loaded, every time; false where too much waits already.
+    pub fn ask_loaded(&self, environment: Arc<Environment>) -> bool {
+        let loaded = Subject::Loaded(environment);
+        self.wanted.try_send(loaded).is_ok()
+    }
+
+    /// The next finished picture with what it is of, if there is one.
+    pub fn next(&self) -> Option<(Subject, ScreenPhoto)> {
         self.done.try_recv().ok()
+    }
+}
+
+impl Subject {
+    /// Its picture; none where its file cannot be read.
+    fn photo(&self, folder: Option<&Path>) -> Option<ScreenPhoto> {
+        match self {
+            Self::File(path) => thumbnail(path, folder)
+                .inspect_err(|error| tracing::debug!("{}: no thumbnail: {error}", path.display()))
+                .ok(),
+            Self::Loaded(environment) => Some(picture_of(Arc::clone(environment))),
+        }
     }
 }
 
@@ -103,7 +127,7 @@ fn thumbnail(path: &Path, folder: Option<&Path>) -> Result<ScreenPhoto, String> 
         return Ok(photo);
     }
     let environment = Environment::open(path).map_err(|error| error.to_string())?;
-    let photo = picture_of(environment);
+    let photo = picture_of(Arc::new(environment));
     if let Some(kept) = kept
         && let Err(error) = keep(&kept, &photo)
     {
@@ -146,7 +170,7 @@ fn keep(file: &Path, photo: &ScreenPhoto) -> std::io::Result<()> {
 }
 
 /// What the middle of the surroundings sees all around, their up axis upwards.
-fn picture_of(environment: Environment) -> ScreenPhoto {
+fn picture_of(environment: Arc<Environment>) -> ScreenPhoto {
     let view = PanoramaView {
         at: environment.inner_box().center(),
         up: environment.up(),
@@ -156,7 +180,7 @@ fn picture_of(environment: Environment) -> ScreenPhoto {
     let display = Display {
         gamma: environment.gamma(),
     };
-    let scene = Scene::new(None, Arc::new(environment));
+    let scene = Scene::new(None, environment);
     let seen = panorama_of(&scene, &view, &AtomicBool::new(false));
     let Picture {
         width,
@@ -213,7 +237,7 @@ mod tests {
     #[test]
     fn the_up_axis_is_up_in_a_thumbnail() {
         let top = |up| {
-            let photo = picture_of(sky([3.0, 1.0, 1.0], up));
+            let photo = picture_of(Arc::new(sky([3.0, 1.0, 1.0], up)));
             let row = photo.size[0];
             (
                 photo.pixels[row * 4][0],
@@ -269,7 +293,8 @@ mod tests {
         thumbnails.ask(&good);
         thumbnails.ask(&good);
         woken.recv_timeout(Duration::from_mins(1)).unwrap();
-        assert_eq!(thumbnails.next().map(|(path, _)| path), Some(good));
+        let made = thumbnails.next().map(|(subject, _)| subject);
+        assert!(matches!(made, Some(Subject::File(path)) if path == good));
         assert!(thumbnails.next().is_none(), "asked twice, made once");
     }
 }

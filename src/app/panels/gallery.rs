@@ -8,7 +8,7 @@ use egui::{
 use egui::{TextureId, WidgetInfo, pos2, vec2};
 
 use crate::app::command::Command;
-use crate::app::lighting::{LightingCommand, own_file};
+use crate::app::lighting::LightingCommand;
 use crate::app::panels::widgets::tell_place;
 use crate::app::state::{AppState, EnvironmentContent, EnvironmentEntry, PathPurpose};
 use crate::app::theme;
@@ -70,7 +70,7 @@ fn tiles<'a>(state: &'a AppState, pictures: &Pictures) -> Vec<Tile<'a>> {
     let own = Tile {
         name,
         hint: "The surroundings of the photos".to_owned(),
-        picture: own_file(&state.source).and_then(|file| picture(&file)),
+        picture: pictures.own_thumbnail,
         environment: None,
         entry: None,
     };
