@@ -9,6 +9,7 @@ pub mod binding;
 pub mod camera_control;
 pub mod command;
 pub mod compare_view;
+mod device_layer;
 pub mod diagnostics;
 pub mod dialog;
 pub mod environment_control;
@@ -78,6 +79,7 @@ pub struct AppOptions {
 /// # Errors
 /// When there is no display or no way to draw.
 pub fn run(options: AppOptions) -> anyhow::Result<()> {
+    device_layer::settle();
     // The rest of the preferences is taken up by the window, which can say what is wrong with them.
     let kept = preferences::file().and_then(|file| preferences::load(&file).0.window);
     let viewport = egui::ViewportBuilder::default()

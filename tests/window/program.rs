@@ -16,7 +16,14 @@ const TICK: Duration = Duration::from_millis(20);
 /// Without another picture for so long, the one that is shown stays.
 const QUIET: Duration = Duration::from_millis(600);
 /// What no line of the log may hold.
-const FAULTS: [&str; 4] = ["panicked", "ERROR", "wgpu error", "Validation Error"];
+const FAULTS: [&str; 5] = [
+    "panicked",
+    "ERROR",
+    "wgpu error",
+    "Validation Error",
+    // Said where Wayland is looked for in vain.
+    "XDG_RUNTIME_DIR",
+];
 
 /// The running program; killed when dropped.
 pub(crate) struct Program {
@@ -31,12 +38,12 @@ impl Program {
         let mut child = Command::new(env!("CARGO_BIN_EXE_neif"))
             .env("DISPLAY", display)
             .env("HOME", home)
-            .env("XDG_RUNTIME_DIR", home)
             .env("NEIF_LOG", "warn,neif=trace")
             .env("NO_COLOR", "1")
             .env("WINIT_X11_SCALE_FACTOR", "1")
             .env_remove("WAYLAND_DISPLAY")
             .env_remove("WAYLAND_SOCKET")
+            .env_remove("XDG_RUNTIME_DIR")
             .env_remove("XDG_CONFIG_HOME")
             .env_remove("XDG_CACHE_HOME")
             .env_remove("XDG_DATA_HOME")
