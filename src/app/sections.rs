@@ -18,6 +18,8 @@ pub enum Section {
     Photos,
     /// Roughness, tint, diffuse.
     Material,
+    /// What is known of the picked point.
+    Point,
     /// Which surroundings, and where they stand.
     Environment,
     /// How the scene is shown.
@@ -26,13 +28,14 @@ pub enum Section {
 
 impl Section {
     /// All of them, from the left top to the right bottom.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Training,
         Self::Skips,
         Self::Slice,
         Self::Curves,
         Self::Photos,
         Self::Material,
+        Self::Point,
         Self::Environment,
         Self::Picture,
     ];
@@ -46,6 +49,7 @@ impl Section {
             Self::Curves => "Curves",
             Self::Photos => "Photos",
             Self::Material => "Material",
+            Self::Point => "Picked point",
             Self::Environment => "Environment",
             Self::Picture => "Picture",
         }

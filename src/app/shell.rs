@@ -72,9 +72,9 @@ pub fn draw(
                 ScrollArea::vertical()
                     .auto_shrink([false, false])
                     .show(ui, |ui| {
-                        panels::inspect_ui(ui, state, pictures, commands);
                         panels::material_ui(ui, state, commands);
                         ui.separator();
+                        panels::inspect_ui(ui, state, pictures, commands);
                         panels::environment_ui(ui, state, pictures, commands);
                         ui.separator();
                         panels::picture_ui(ui, state, commands);

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use egui::Role;
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable as _;
 use glam::{Quat, Vec3};
@@ -54,8 +55,8 @@ pub(super) fn snapshot() -> Arc<Snapshot> {
     })
 }
 
-/// A harness that shows the square, looked at from the side, with its middle picked.
-fn picked() -> Harness<'static, Shown> {
+/// A harness that shows the square, looked at from the side.
+fn shown() -> Harness<'static, Shown> {
     let mut state = AppState::default();
     let snapshot = snapshot();
     state.look_at_model(&snapshot);
@@ -63,8 +64,26 @@ fn picked() -> Harness<'static, Shown> {
     let mut harness = harness(state);
     harness.state_mut().pictures.preview = Some(egui::TextureId::default());
     harness.run_steps(2);
+    harness
+}
+
+/// The same with its middle picked.
+fn picked() -> Harness<'static, Shown> {
+    let mut harness = shown();
     click(&mut harness, "Preview of the scene");
     harness
+}
+
+/// Opens the list of what the material panel can act on.
+fn open_scopes(harness: &mut Harness<'_, Shown>) {
+    let list = harness.get_by_role_and_label(Role::ComboBox, "Acts on");
+    list.click();
+    harness.run_steps(3);
+}
+
+fn choose_scope(harness: &mut Harness<'_, Shown>, name: &str) {
+    open_scopes(harness);
+    click(harness, name);
 }
 
 fn state<'a>(harness: &'a Harness<'_, Shown>) -> &'a AppState {
@@ -106,7 +125,7 @@ fn sliders_act_on_the_chosen_scope_alone() {
         harness.run_steps(2);
     };
     strength(&mut harness, 0.5);
-    click(&mut harness, "Region 1 (part)");
+    choose_scope(&mut harness, "Region 1 (part)");
     strength(&mut harness, 1.5);
     let tints = |harness: &Harness<'_, Shown>| {
         let look = &state(harness).look;
@@ -114,11 +133,12 @@ fn sliders_act_on_the_chosen_scope_alone() {
         (look.edit.tint_scale, of_regions.collect::<Vec<_>>())
     };
     assert_eq!(tints(&harness), (1.0, vec![1.5, 0.5]));
-    click(&mut harness, "Whole object");
+    choose_scope(&mut harness, "Whole object");
     strength(&mut harness, 0.8);
     assert_eq!(tints(&harness), (0.8, vec![1.5, 0.5]));
     click(&mut harness, "Reset material");
     assert_eq!(state(&harness).look.edit, MaterialEdit::default());
+    choose_scope(&mut harness, "Region 1 (part)");
     click(&mut harness, "Delete region 1");
     assert_eq!(tints(&harness), (1.0, vec![0.5]));
 }
@@ -127,6 +147,9 @@ fn sliders_act_on_the_chosen_scope_alone() {
 fn a_region_is_shown_while_the_pointer_is_over_it() {
     let mut harness = picked();
     click(&mut harness, "Edit like material");
+    choose_scope(&mut harness, "Whole object");
+    open_scopes(&mut harness);
+    assert!(state(&harness).highlight().is_none());
     let place = harness.get_by_label("Region 1 (like material)").rect();
     harness.hover_at(place.center());
     harness.run_steps(2);
@@ -134,4 +157,42 @@ fn a_region_is_shown_while_the_pointer_is_over_it() {
     harness.hover_at(egui::pos2(640.0, 400.0));
     harness.run_steps(2);
     assert!(state(&harness).highlight().is_none());
+}
+
+#[test]
+fn the_material_sliders_stay_in_their_place_whatever_is_picked_or_chosen() {
+    let mut harness = shown();
+    let screen = egui::vec2(1280.0, 1000.0);
+    harness.set_size(screen);
+    harness.run_steps(3);
+    let sliders = |harness: &Harness<'_, Shown>| {
+        ["Offset", "Strength", "Brightness"].map(|label| {
+            let slider = harness.get_by_role_and_label(Role::Slider, label);
+            slider.rect()
+        })
+    };
+    let before = sliders(&harness);
+    let window = egui::Rect::from_min_size(egui::Pos2::ZERO, screen);
+    assert!(
+        before.into_iter().all(|rect| window.contains_rect(rect)),
+        "below the fold: {before:?}"
+    );
+    click(&mut harness, "Preview of the scene");
+    assert!(state(&harness).inspect.pick.is_some(), "picked");
+    assert_eq!(sliders(&harness), before, "with a point");
+    click(&mut harness, "Edit this part");
+    assert_eq!(sliders(&harness), before, "with a part");
+    click(&mut harness, "Edit like material");
+    harness.get_by_role_and_label(Role::Slider, "Tolerance");
+    assert_eq!(sliders(&harness), before, "with what is like the point");
+    choose_scope(&mut harness, "Region 1 (part)");
+    assert_eq!(sliders(&harness), before, "with another region");
+    click(&mut harness, "One value");
+    let strength = harness.get_by_role_and_label(Role::Slider, "Strength");
+    assert_eq!(strength.rect(), before[1], "with one roughness");
+    choose_scope(&mut harness, "Whole object");
+    harness.key_press(egui::Key::Escape);
+    harness.run_steps(2);
+    assert_eq!(state(&harness).inspect.pick, None, "forgotten");
+    assert_eq!(sliders(&harness), before, "as at first");
 }

@@ -1,20 +1,24 @@
-//! The panel of the picked point: its values as text, and the surroundings as it sees them.
+//! The panel of the picked point: its values as text, and the surroundings as it sees them. Below what is edited, which
+//! therefore stays where it is when a point is picked.
 
 use egui::{Color32, Grid, Pos2, Rect, RichText, Sense, Shape, Stroke, Ui, pos2, vec2};
 use glam::{Quat, Vec2, Vec3};
 
 use crate::app::command::Command;
 use crate::app::inspect::{InspectCommand, Pick};
-use crate::app::panels::widgets::{heading, weak};
+use crate::app::panels::section::section_heading;
+use crate::app::panels::widgets::weak;
+use crate::app::sections::Section;
 use crate::app::state::AppState;
 use crate::app::viewport::Pictures;
 use crate::geometry::orthonormal_basis;
 use crate::neif::material::Surface;
-use crate::neif::{Extent, Likeness};
 use crate::render::{PanoramaView, PointValues, PointView, lobe_half_width};
 
 /// Corners of the outline of the lobe.
 const N_CORNERS: usize = 72;
+/// Stands for a value that is not known yet, so that what is below the table stays where it is when it comes.
+const UNKNOWN: &str = "…";
 /// All of a texture.
 const WHOLE: Rect = Rect {
     min: pos2(0.0, 0.0),
@@ -28,8 +32,9 @@ pub fn inspect_ui(ui: &mut Ui, state: &AppState, pictures: &Pictures, commands: 
     };
     let view = pick.seen_by(&state.view.viewpoint.camera);
     let rows = rows(pick, &view, state.inspect.values.as_ref());
+    let mut is_open = true;
     ui.horizontal(|ui| {
-        heading(ui, "Picked point");
+        is_open = section_heading(ui, state, Section::Point, commands);
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
             let forget = ui.button("Forget point").on_hover_text("Esc");
             if forget.clicked() {
@@ -41,27 +46,19 @@ pub fn inspect_ui(ui: &mut Ui, state: &AppState, pictures: &Pictures, commands: 
             }
         });
     });
-    Grid::new("point").num_columns(2).show(ui, |ui| {
-        for row in &rows {
-            ui.label(weak(ui, row.name)).on_hover_text(row.hint);
-            ui.label(RichText::new(&row.value).monospace().size(12.0));
-            ui.end_row();
-        }
-    });
-    panorama_ui(ui, state, pictures, &view, commands);
-    ui.horizontal(|ui| {
-        let part = ui.button("Edit this part");
-        let part = part.on_hover_text("A region of the connected part of the mesh");
-        if part.clicked() {
-            commands.push(Command::Inspect(InspectCommand::AddRegion(Extent::Part)));
-        }
-        let like = ui.button("Edit like material");
-        let like = like.on_hover_text("A region of whatever is made of nearly the same");
-        if like.clicked() {
-            let extent = Extent::Material(Likeness::default());
-            commands.push(Command::Inspect(InspectCommand::AddRegion(extent)));
-        }
-    });
+    if is_open {
+        let grid = Grid::new("point").num_columns(2);
+        // Closer than controls: nothing here is to be hit.
+        let grid = grid.min_row_height(0.0).spacing(vec2(8.0, 3.0));
+        grid.show(ui, |ui| {
+            for row in &rows {
+                ui.label(weak(ui, row.name)).on_hover_text(row.hint);
+                ui.label(RichText::new(&row.value).monospace().size(12.0));
+                ui.end_row();
+            }
+        });
+        panorama_ui(ui, state, pictures, &view, commands);
+    }
     ui.separator();
 }
 
@@ -74,7 +71,11 @@ struct Row {
 
 fn rows(pick: &Pick, view: &PointView, values: Option<&PointValues>) -> Vec<Row> {
     let row = |name, value, hint| Row { name, value, hint };
-    let mut rows = vec![
+    let known = |text: &dyn Fn(&PointValues) -> String| values.map_or(UNKNOWN.to_owned(), text);
+    let surface = |text: &dyn Fn(&Surface) -> String| {
+        known(&|values| changed(&values.learned, &values.edited, text))
+    };
+    vec![
         row("Position", vector(pick.position), "World coordinates"),
         row("Normal", vector(pick.normal), "Unit vector, world axes"),
         row(
@@ -82,37 +83,32 @@ fn rows(pick: &Pick, view: &PointView, values: Option<&PointValues>) -> Vec<Row>
             format!("{:.1}°", view.viewing_angle().to_degrees()),
             "Between the normal and the direction to the camera; from 90° on the point is seen from behind",
         ),
-    ];
-    let Some(values) = values else { return rows };
-    let (learned, edited) = (&values.learned, &values.edited);
-    rows.extend([
         row(
             "Roughness",
-            changed(learned, edited, |s| format!("{:.3}", s.roughness)),
+            surface(&|s| format!("{:.3}", s.roughness)),
             "0 is a mirror, 1 is dull; before and after edits",
         ),
         row(
             "Tint",
-            changed(learned, edited, |s| vector(s.tint)),
+            surface(&|s| vector(s.tint)),
             "Specular reflectance looked at along the normal, linear RGB; before and after edits",
         ),
         row(
             "Diffuse",
-            changed(learned, edited, |s| vector(s.diffuse)),
+            surface(&|s| vector(s.diffuse)),
             "Light that the diffuse part sends out, linear RGB; before and after edits",
         ),
         row(
             "Incoming light",
-            vector(values.incoming),
+            known(&|values| vector(values.incoming)),
             "Mean radiance of what the point mirrors to the camera, linear RGB",
         ),
         row(
             "Outgoing light",
-            vector(values.outgoing),
+            known(&|values| vector(values.outgoing)),
             "Radiance that the point sends to the camera, linear RGB",
         ),
-    ]);
-    rows
+    ]
 }
 
 /// The value, and where an edit changed it both.

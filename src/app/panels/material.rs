@@ -4,7 +4,7 @@ use egui::Ui;
 
 use crate::app::command::Command;
 use crate::app::inspect::InspectCommand;
-use crate::app::panels::scope_ui;
+use crate::app::panels::scope::{reach_ui, scope_ui};
 use crate::app::panels::section::section_heading;
 use crate::app::panels::widgets::{Setting, color_row, slider_row, weak};
 use crate::app::sections::Section;
@@ -83,6 +83,7 @@ pub fn material_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     color_row(ui, "Colour", &mut edit.tint_color);
     ui.label(weak(ui, "Diffuse"));
     diffuse_ui(ui, &mut edit);
+    reach_ui(ui, state, commands);
     if edit != before {
         commands.push(command(edit));
     }
@@ -112,6 +113,8 @@ fn roughness_ui(ui: &mut Ui, roughness: &mut RoughnessEdit) {
         }
         RoughnessEdit::Constant(value) => {
             slider_row(ui, &ROUGHNESS_VALUE, value);
+            // As high as the map's two rows: what is below stays where it is when a region with the other is chosen.
+            ui.allocate_space(egui::vec2(0.0, ui.spacing().interact_size.y));
         }
     }
 }

@@ -39,7 +39,6 @@ pub use path_dialog::path_dialog_ui;
 pub use picture::picture_ui;
 pub use plots::plots_ui;
 pub use questions::{leaving_question_ui, recovery_ui, stop_question_ui};
-pub use scope::scope_ui;
 pub use skips::skips_ui;
 pub use slice::slice_ui;
 pub use status::status_ui;

@@ -1,13 +1,17 @@
 //! What the material panel changes: the whole object, or a region of it.
+//!
+//! The choice takes two rows whatever there is to choose from, so that the sliders below it stay where they are.
 
-use egui::Ui;
+use egui::{Button, ComboBox, Response, RichText, Role, Ui, WidgetInfo};
 
 use crate::app::command::Command;
 use crate::app::inspect::InspectCommand;
-use crate::app::panels::widgets::{Setting, slider_row, weak};
+use crate::app::panels::widgets::{Setting, name_label, slider_row, weak};
 use crate::app::state::AppState;
 use crate::neif::{Extent, Likeness, Region};
 
+/// Width of the choice, points: “Region 8 (like material)” and its arrow.
+const CHOICE_WIDTH: f32 = 172.0;
 const LIKENESS: Setting = Setting {
     name: "Tolerance",
     range: 0.0..=0.6,
@@ -21,66 +25,114 @@ const SOFTNESS: Setting = Setting {
     hint: "How gradually the edit fades out",
 };
 
-/// Draws the list of regions and how far the chosen one reaches.
+/// Draws the choice, and the buttons that grow a region from the picked point.
 pub fn scope_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
-    let regions = &state.look.regions;
     let mut hovered = None;
-    if regions.is_empty() {
-        ui.label(weak(
-            ui,
-            "Click the object to look into a point,\nor to edit a part of it.",
-        ));
-    } else {
+    ui.horizontal(|ui| {
         let chosen = state.scope().map(|(index, _)| index);
-        if ui.radio(chosen.is_none(), "Whole object").clicked() {
-            push(commands, InspectCommand::ChooseScope(None));
+        let name = name_label(ui, "Acts on").on_hover_text("What the sliders below change");
+        let choice = choice_ui(ui, state, chosen, &mut hovered, commands);
+        if choice.labelled_by(name.id).contains_pointer() {
+            hovered = hovered.or(chosen);
         }
-        for (i, region) in regions.iter().enumerate() {
-            let is_chosen = chosen == Some(i);
-            let row = ui.scope(|ui| region_ui(ui, i, region, is_chosen, commands));
-            if row.response.contains_pointer() {
-                hovered = Some(i);
-            }
-        }
-    }
+        delete_ui(ui, chosen, commands);
+    });
+    ui.horizontal(|ui| grow_ui(ui, state, commands));
     if hovered != state.inspect.hovered {
         push(commands, InspectCommand::Hover(hovered));
     }
 }
 
-fn region_ui(
+/// Draws how far the chosen region reaches, where that can be chosen.
+pub fn reach_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
+    let Some((index, region)) = state.scope() else {
+        return;
+    };
+    let Extent::Material(like) = region.extent else {
+        return;
+    };
+    ui.label(weak(ui, format!("Reach of region {}", index + 1)));
+    let mut changed = like;
+    likeness_ui(ui, &mut changed);
+    if changed != like {
+        let extent = Extent::Material(changed);
+        push(commands, InspectCommand::SetExtent(index, extent));
+    }
+}
+
+/// The list to choose from; `hovered` becomes the region of it that is under the pointer.
+fn choice_ui(
     ui: &mut Ui,
-    index: usize,
-    region: &Region,
-    is_chosen: bool,
+    state: &AppState,
+    chosen: Option<usize>,
+    hovered: &mut Option<usize>,
     commands: &mut Vec<Command>,
-) {
-    let number = index + 1;
-    ui.horizontal(|ui| {
-        let what = match region.extent {
-            Extent::Part => "part",
-            Extent::Material(_) => "like material",
+) -> Response {
+    let regions = &state.look.regions;
+    let name =
+        |index: Option<usize>| match index.and_then(|index| Some((index, regions.get(index)?))) {
+            Some((index, region)) => region_name(index, region),
+            None => "Whole object".to_owned(),
         };
-        let row = ui.radio(is_chosen, format!("Region {number} ({what})"));
-        if row
-            .on_hover_text("Shown in the picture while the pointer is here")
-            .clicked()
-        {
-            push(commands, InspectCommand::ChooseScope(Some(index)));
-        }
-        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-            if ui.small_button(format!("Delete region {number}")).clicked() {
-                push(commands, InspectCommand::RemoveRegion(index));
+    let list = ComboBox::from_id_salt("scope")
+        .width(CHOICE_WIDTH)
+        .selected_text(name(chosen));
+    let list = list.show_ui(ui, |ui| {
+        for index in std::iter::once(None).chain((0..regions.len()).map(Some)) {
+            let item = ui.selectable_label(index == chosen, name(index));
+            if item.contains_pointer() {
+                *hovered = index;
             }
-        });
-    });
-    if let (true, Extent::Material(like)) = (is_chosen, region.extent) {
-        let mut changed = like;
-        likeness_ui(ui, &mut changed);
-        if changed != like {
-            let extent = Extent::Material(changed);
-            push(commands, InspectCommand::SetExtent(index, extent));
+            if item.clicked() {
+                push(commands, InspectCommand::ChooseScope(index));
+            }
         }
+    });
+    list.response
+        .on_hover_text("The whole object, or a region; regions are shown in the picture while the pointer is on them")
+}
+
+fn region_name(index: usize, region: &Region) -> String {
+    let what = match region.extent {
+        Extent::Part => "part",
+        Extent::Material(_) => "like material",
+    };
+    format!("Region {} ({what})", index + 1)
+}
+
+/// A small cross that deletes the chosen region; dead while the whole object is chosen.
+fn delete_ui(ui: &mut Ui, chosen: Option<usize>, commands: &mut Vec<Command>) {
+    let cross = Button::new(RichText::new("×").monospace().size(15.0)).frame(false);
+    let button = ui.add_enabled(chosen.is_some(), cross);
+    let name = chosen.map_or("Delete region".to_owned(), |index| {
+        format!("Delete region {}", index + 1)
+    });
+    button.widget_info(|| WidgetInfo::labeled(Role::Button, chosen.is_some(), &name));
+    if button.on_hover_text(name).clicked()
+        && let Some(index) = chosen
+    {
+        push(commands, InspectCommand::RemoveRegion(index));
+    }
+}
+
+/// The buttons that make a region; what to do first while nothing is picked.
+fn grow_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
+    if state.inspect.pick.is_none() {
+        let what = weak(ui, "Click the object to edit a part of it.");
+        ui.label(what)
+            .on_hover_text("What is known of the point is shown too");
+        return;
+    }
+    let part = ui.button("Edit this part");
+    let part = part.on_hover_text("A region of the connected part of the mesh");
+    if part.clicked() {
+        push(commands, InspectCommand::AddRegion(Extent::Part));
+    }
+    let like = ui.button("Edit like material");
+    let like = like.on_hover_text("A region of whatever is made of nearly the same");
+    if like.clicked() {
+        let extent = Extent::Material(Likeness::default());
+        push(commands, InspectCommand::AddRegion(extent));
     }
 }
 
