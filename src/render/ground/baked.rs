@@ -31,6 +31,38 @@ const TELLING: [f32; 2] = [0.2, 0.7];
 /// Least share that is divided by.
 const LEAST_SHARE: f32 = 0.03;
 
+/// What an object does to the surroundings that it was captured in.
+#[derive(Debug)]
+pub(crate) struct Captured {
+    /// The floor that it stood on, where there is one.
+    pub(crate) floor: Option<Arc<BakedGround>>,
+    /// Irradiance at its probes, as [`Bounce::relit`] takes it.
+    pub(super) irradiance: Vec<Vec3>,
+}
+
+impl Captured {
+    /// Looks at the surroundings with the object, by `probes` on it.
+    pub(crate) fn new(
+        object: &ObjectModel,
+        (own, lamps): (&Environment, &Lamps),
+        probes: &Probes,
+        resolution: GroundResolution,
+        cancel: &AtomicBool,
+    ) -> Result<Self, Cancelled> {
+        let stand = Stand {
+            object,
+            environment: own,
+            motion: EnvironmentTransform::default().environment_from_world(),
+            lamps,
+        };
+        let bounce = Bounce::new(&stand, probes, resolution);
+        Ok(Self {
+            floor: BakedGround::new(&stand, &bounce, resolution, cancel)?,
+            irradiance: bounce.irradiance(),
+        })
+    }
+}
+
 /// The floor of surroundings without the shadow and the hidden part of the object that was captured in them.
 #[derive(Clone, Debug)]
 pub struct BakedGround {
@@ -45,24 +77,17 @@ pub struct BakedGround {
 
 impl BakedGround {
     /// Looks at the floor that the object stood on; `None` when there is none.
-    pub(crate) fn new(
-        object: &ObjectModel,
-        (own, lamps): (&Environment, &Lamps),
-        probes: &Probes,
+    fn new(
+        stand: &Stand<'_>,
+        bounce: &Bounce<'_>,
         resolution: GroundResolution,
         cancel: &AtomicBool,
     ) -> Result<Option<Arc<Self>>, Cancelled> {
-        let stand = Stand {
-            object,
-            environment: own,
-            motion: EnvironmentTransform::default().environment_from_world(),
-            lamps,
-        };
+        let own = stand.environment;
         let foot = stand.foot();
         let half_side = half_side(foot.radius, foot.height);
         let square = Square::new(foot.center, own.up(), half_side, resolution.side);
-        let bounce = Bounce::new(&stand, None, probes, resolution);
-        let shares = stand.shares(&square, &bounce, resolution.n_directions, cancel)?;
+        let shares = stand.shares(&square, bounce, resolution.n_directions, cancel)?;
         let looks = look_down(own, &square, FLOOR_LOOK * half_side, FLOOR_SLAB * half_side);
         let known: Vec<f32> = shares
             .iter()

@@ -14,7 +14,7 @@ use crate::neif::edit::EnvironmentFromWorld;
 use crate::neif::environment::LightScratch;
 use crate::neif::radiance_field::{FieldBatch, FieldRay};
 use crate::neif::{Environment, ObjectModel};
-use crate::render::lamps::{Lamps, MovedLamps};
+use crate::render::lamps::Lamps;
 
 /// Sine of the elevations between which cameras look down on a floor.
 const CAMERA_BAND: std::ops::Range<f32> = 0.17..0.97;
@@ -36,8 +36,6 @@ pub(super) struct Stand<'a> {
 pub(super) struct Foot {
     /// Below the middle of the object, as low as its lowest point.
     pub(super) center: Vec3,
-    /// Middle of the object.
-    pub(super) middle: Vec3,
     /// Farthest from the vertical through the middle.
     pub(super) radius: f32,
     pub(super) height: f32,
@@ -67,12 +65,17 @@ impl Stand<'_> {
         frame.field_from_world(self.motion.point(p_world))
     }
 
+    /// Middle of the object, field coordinates.
+    pub(super) fn middle(&self) -> Vec3 {
+        self.field(self.object.tracer.mesh().bounds().center())
+    }
+
     /// Where the object stands.
     pub(super) fn foot(&self) -> Foot {
         let up = self.environment.up();
         let points = &self.object.tracer.mesh().positions;
         let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
-        let middle = self.field(self.object.tracer.mesh().bounds().center());
+        let middle = self.middle();
         let mut radius = 0.0_f32;
         for &p in points {
             let from_middle = self.field(p) - middle;
@@ -82,7 +85,6 @@ impl Stand<'_> {
         }
         Foot {
             center: middle + low * up,
-            middle,
             radius,
             height: high - low,
         }
@@ -96,7 +98,6 @@ impl Stand<'_> {
         n_directions: usize,
         cancel: &AtomicBool,
     ) -> Result<Vec<Share>, Cancelled> {
-        let lamps = self.lamps.points(&self.motion);
         let from_above: Vec<FromAbove> = irradiance_directions(square.up, n_directions, 0.0)
             .map(|(direction, _)| FromAbove {
                 world: self.motion.world_direction(direction),
@@ -110,7 +111,7 @@ impl Stand<'_> {
                 if cancel.load(Ordering::Relaxed) {
                     return Share::default();
                 }
-                self.share(square.point(i), square, (&from_above, &lamps), bounce)
+                self.share(square.point(i), square, &from_above, bounce)
             })
             .collect();
         if cancel.load(Ordering::Relaxed) {
@@ -124,7 +125,7 @@ impl Stand<'_> {
         &self,
         point: Vec3,
         square: &Square,
-        (from_above, lamps): (&[FromAbove], &MovedLamps),
+        from_above: &[FromAbove],
         bounce: &Bounce<'_>,
     ) -> Share {
         let (tracer, frame) = (&*self.object.tracer, self.environment.frame());
@@ -148,7 +149,7 @@ impl Stand<'_> {
         }
         // As mean radiances from above: a lamp's irradiance over pi.
         let n = from_above.len().max(1) as f32;
-        let by_lamps = |tracer| lamps.irradiance(tracer, origin, up_world) / PI;
+        let by_lamps = |tracer| bounce.lamps().irradiance(tracer, origin, up_world) / PI;
         let light = light / n + by_lamps(Some(tracer));
         let all = all / n + by_lamps(None);
         Share {

@@ -20,7 +20,7 @@ use std::sync::Arc;
 use glam::Vec3;
 
 pub use baked::BakedGround;
-pub(crate) use bounce::trained_irradiance;
+pub(crate) use baked::Captured;
 pub use shadow::Shadow;
 
 use crate::neif::radiance_field::{FieldBatch, FieldRay};

@@ -4,7 +4,7 @@ use std::sync::atomic::AtomicBool;
 
 use glam::Vec3;
 
-use super::baked::{BakedGround, FLOOR_LOOK, FLOOR_SLAB, half_side};
+use super::baked::{BakedGround, Captured, FLOOR_LOOK, FLOOR_SLAB, half_side};
 use super::bounce::Bounce;
 use super::light::{Stand, is_floor, look_down};
 use super::map::Map;
@@ -25,14 +25,14 @@ pub struct Shadow {
 }
 
 impl Shadow {
-    /// The shadow in surroundings at `transform` of an object with probes, at which the light that it was trained in had this
-    /// irradiance ([`super::trained_irradiance`]); `baked`: what is known of their floor. `None` when there is no
+    /// The shadow in surroundings at `transform` of an object with probes, which was `captured` in others or elsewhere;
+    /// `baked`: what is known of their floor. `None` when there is no
     /// floor below the object.
     pub(crate) fn new(
         object: &ObjectModel,
         (environment, lamps): (&Environment, &Lamps),
         transform: &EnvironmentTransform,
-        (probes, trained): (&Probes, &[Vec3]),
+        (probes, captured): (&Probes, &Captured),
         baked: Option<&BakedGround>,
         resolution: GroundResolution,
         cancel: &AtomicBool,
@@ -67,7 +67,7 @@ impl Shadow {
                 look.floor.max(known.unwrap_or(0.0)).min(1.0)
             })
             .collect();
-        let bounce = Bounce::new(&stand, Some(trained), probes, resolution);
+        let bounce = Bounce::new(&stand, probes, resolution).relit(&captured.irradiance);
         let shares = stand.shares(&square, &bounce, resolution.n_directions, cancel)?;
         if !is_floor(&shares, &floors, &vec![1.0; floors.len()]) {
             return Ok(None);

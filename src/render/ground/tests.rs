@@ -58,15 +58,14 @@ fn probes(object: &ObjectModel) -> Probes {
     Probes::on_mesh(object.tracer.mesh(), 128)
 }
 
+fn captured(object: &ObjectModel, cancel: &AtomicBool) -> Result<Captured, Cancelled> {
+    let own = (&*room(), &lamps());
+    Captured::new(object, own, &probes(object), RESOLUTION, cancel)
+}
+
 fn baked() -> Arc<BakedGround> {
-    let ground = BakedGround::new(
-        &ball(),
-        (&room(), &lamps()),
-        &probes(&ball()),
-        RESOLUTION,
-        &NEVER,
-    );
-    ground.expect("not cancelled").expect("a floor")
+    let captured = captured(&ball(), &NEVER).expect("not cancelled");
+    captured.floor.expect("a floor")
 }
 
 /// Radiance of the room from a world point towards another, after `ground`.
@@ -90,13 +89,13 @@ fn a_shadow_is_taken_away_and_put_where_the_object_went() {
     let still = EnvironmentTransform::default();
     let baked = baked();
     let probes = probes(&ball());
-    let trained = trained_irradiance(&ball(), (&room(), &lamps()), &probes, RESOLUTION);
+    let captured = captured(&ball(), &NEVER).expect("not cancelled");
     let shadow = |transform: &EnvironmentTransform| {
         Shadow::new(
             &ball(),
             (&room(), &lamps()),
             transform,
-            (&probes, &trained),
+            (&probes, &captured),
             Some(&baked),
             RESOLUTION,
             &NEVER,
@@ -149,12 +148,12 @@ fn a_shadow_is_taken_away_and_put_where_the_object_went() {
 fn a_red_mirror_keeps_less_red_from_its_floor_than_a_black_one() {
     let shade = |ball: &ObjectModel| {
         let probes = probes(ball);
-        let trained = trained_irradiance(ball, (&room(), &lamps()), &probes, RESOLUTION);
+        let captured = captured(ball, &NEVER).expect("not cancelled");
         let shadow = Shadow::new(
             ball,
             (&room(), &lamps()),
             &EnvironmentTransform::default(),
-            (&probes, &trained),
+            (&probes, &captured),
             None,
             RESOLUTION,
             &NEVER,
@@ -195,25 +194,10 @@ fn walls_and_sky_and_what_lies_far_off_stay() {
 #[test]
 fn an_object_that_hovers_has_no_floor() {
     let high = object_of(ellipsoid(Vec3::new(0.0, 0.0, 1.0), Vec3::splat(0.2), 16), 3);
-    let ground = BakedGround::new(
-        &high,
-        (&room(), &lamps()),
-        &probes(&high),
-        RESOLUTION,
-        &NEVER,
-    );
-    assert!(ground.expect("not cancelled").is_none());
+    let on_air = captured(&high, &NEVER).expect("not cancelled");
+    assert!(on_air.floor.is_none());
     let cancelled = AtomicBool::new(true);
-    assert!(
-        BakedGround::new(
-            &ball(),
-            (&room(), &lamps()),
-            &probes(&ball()),
-            RESOLUTION,
-            &cancelled
-        )
-        .is_err()
-    );
+    assert!(captured(&ball(), &cancelled).is_err());
 }
 
 #[test]

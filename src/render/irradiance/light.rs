@@ -18,7 +18,7 @@ use crate::neif::material::{MaterialBatch, Surface};
 use crate::neif::radiance_field::{FieldBatch, FieldRay};
 use crate::neif::shading::fresnel;
 use crate::neif::{Environment, EnvironmentTransform, SurfaceField};
-use crate::render::ground::{BakedGround, Ground, Shadow, trained_irradiance};
+use crate::render::ground::{BakedGround, Captured, Ground, Shadow};
 use crate::render::lamps::{Lamps, LitPlace, lamp_gains};
 
 /// Places at which shading is looked at for what it tells of lamps.
@@ -71,9 +71,7 @@ pub struct TrainedLight {
     /// Lamps of the trained environment, as bright as the object's shading tells.
     lamps: Arc<Lamps>,
     light: SurfaceLight,
-    ground: Option<Arc<BakedGround>>,
-    /// Irradiance at the probes as the object's bounce on what is near takes it.
-    around_probes: Vec<Vec3>,
+    captured: Captured,
 }
 
 /// [`TrainedLight`] on its way.
@@ -122,7 +120,7 @@ impl TrainedWork {
         let rest = SurfaceLight::new(&self.transport, first.clone(), LampLight::none(&first));
         let lamps = known.unwrap_or_else(|| Arc::new(self.brightened(&seen, &rest, key)));
         let resolution = self.transport.resolution.ground;
-        let ground = BakedGround::new(
+        let captured = Captured::new(
             &key.object,
             (own, &lamps),
             &self.transport.probes,
@@ -130,8 +128,6 @@ impl TrainedWork {
             cancel,
         )
         .ok()?;
-        let probes = &self.transport.probes;
-        let around_probes = trained_irradiance(&key.object, (own, &lamps), probes, resolution);
         let (transport, tracer) = (Arc::clone(&self.transport), &key.object.tracer);
         let points = lamps.points(&still.environment_from_world());
         let by_lamps = LampLight::new(&transport, tracer, points);
@@ -152,8 +148,7 @@ impl TrainedWork {
             lamps,
             transport,
             beams,
-            ground,
-            around_probes,
+            captured,
         })
     }
 
@@ -195,16 +190,16 @@ impl TrainedLight {
     /// What is done to the floor of the surroundings of `key`; `None` when cancelled.
     fn ground_in(&self, key: &LightKey, lamps: &Lamps, cancel: &AtomicBool) -> Option<Arc<Ground>> {
         let is_own = Arc::ptr_eq(&key.trained_in, &key.environment);
-        if is_own && self.ground.is_none() {
+        if is_own && self.captured.floor.is_none() {
             // Its shadow lies where it lay.
             return Some(Arc::default());
         }
-        let baked = self.ground.as_ref().filter(|_| is_own);
+        let baked = self.captured.floor.as_ref().filter(|_| is_own);
         let shadow = Shadow::new(
             &key.object,
             (&key.environment, lamps),
             &key.transform,
-            (&self.transport.probes, &self.around_probes),
+            (&self.transport.probes, &self.captured),
             baked.map(|baked| &**baked),
             self.transport.resolution.ground,
             cancel,
@@ -234,7 +229,7 @@ impl TrainedLight {
 
     /// The floor that the object stood on, where there is one.
     pub fn baked_ground(&self) -> Option<&Arc<BakedGround>> {
-        self.ground.as_ref()
+        self.captured.floor.as_ref()
     }
 
     /// Number of rays that the surroundings are asked with.

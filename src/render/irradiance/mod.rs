@@ -18,4 +18,5 @@ pub(super) use cache::shows_light;
 pub use cache::{DiffuseLights, KeyedLight, LightKey, trained_light};
 pub use light::{DiffuseLight, TrainedLight};
 pub use probes::{Probe, Probes};
+pub(super) use surface_light::ratio;
 pub use transport::{Resolution, Transport};

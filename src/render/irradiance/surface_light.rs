@@ -137,7 +137,10 @@ pub(super) fn albedo(irradiance: Vec3, mean: Vec3, diffuse: Vec3) -> Vec3 {
 }
 
 /// Present over trained irradiance, both with their means over the object.
-pub(super) fn ratio((now, mean_now): (Vec3, Vec3), (then, mean_then): (Vec3, Vec3)) -> Vec3 {
+pub(in crate::render) fn ratio(
+    (now, mean_now): (Vec3, Vec3),
+    (then, mean_then): (Vec3, Vec3),
+) -> Vec3 {
     let most = MAX_RATIO * quotient(mean_now, mean_then);
     quotient(now + FLOOR * mean_now, then + FLOOR * mean_then).min(most)
 }
