@@ -74,8 +74,8 @@ pub struct Parts {
     pub background: Vec<[f32; 3]>,
     /// Each layer's value over the covered share of a pixel.
     pub objects: Vec<(Layer, Vec<[f32; 3]>)>,
-    /// [`Layer::Seen`] where it was rendered along with others: its surroundings are marked, theirs are not.
-    marked: Option<Box<Self>>,
+    /// The surroundings of [`Layer::Seen`] where it was rendered along with others: marked, theirs are not.
+    marked: Option<Vec<[f32; 3]>>,
 }
 
 /// Renders a picture in parts; `None` when cancelled. `on_progress` gets 0..1.
@@ -145,8 +145,8 @@ fn render_with_seen(
     };
     let mut parts = part(&others, [0.0, 0.5])?;
     let seen = part(&[Layer::Seen], [0.5, 1.0])?;
-    parts.objects.extend(seen.objects.clone());
-    parts.marked = Some(Box::new(seen));
+    parts.objects.extend(seen.objects);
+    parts.marked = Some(seen.background);
     Some(parts)
 }
 
@@ -348,7 +348,7 @@ impl Parts {
 
     fn background_of(&self, layer: Layer) -> &[[f32; 3]] {
         let marked = self.marked.as_ref().filter(|_| layer == Layer::Seen);
-        marked.map_or(&self.background, |marked| &marked.background)
+        marked.unwrap_or(&self.background)
     }
 
     fn object(&self, layer: Layer) -> &[[f32; 3]] {

@@ -80,13 +80,11 @@ impl Scene {
     /// The scene with the light at its surface that `layers` need; nothing is computed where that is known, or is the
     /// trained one and not shown itself. `None` when cancelled.
     pub fn lit_for(&self, layers: &[Layer], cancel: &AtomicBool) -> Option<Self> {
-        if !layers.iter().any(|layer| layer.is_lit()) {
-            return Some(self.clone().marked_for(layers));
-        }
+        let is_lit = layers.iter().any(|layer| layer.is_lit());
         let key = LightKey::of(self, shows_light(layers));
-        if let (Some(key), Some(light)) = (&key, &self.diffuse_light)
-            && light.is_for(key, Resolution::FINE)
-        {
+        let is_known = key.zip(self.diffuse_light.as_ref());
+        let is_known = is_known.is_some_and(|(key, light)| light.is_for(&key, Resolution::FINE));
+        if is_known || !is_lit {
             return Some(self.clone().marked_for(layers));
         }
         DiffuseLights::default().fine(self, layers, cancel)

@@ -132,14 +132,12 @@ impl DiffuseLights {
     /// The scene with the fine light that `layers` need; `None` when cancelled, to be taken up again with the same scene.
     pub fn fine(&mut self, scene: &Scene, layers: &[Layer], cancel: &AtomicBool) -> Option<Scene> {
         let level = (&mut self.fine, &mut self.lamps);
-        let scene_lit = lit(level, (scene, shows_light(layers)), cancel)?;
-        Some(scene_lit.marked_for(layers))
+        lit(level, (scene, layers), cancel)
     }
 
     /// The scene with its fine light where that is known, else with the coarse one, which is quick.
     pub fn quick(&mut self, scene: &Scene, layer: Layer) -> Scene {
-        let is_shown = shows_light(&[layer]);
-        let key = LightKey::of(scene, is_shown);
+        let key = LightKey::of(scene, shows_light(&[layer]));
         let is_known = |light: &KeyedLight| {
             key.as_ref()
                 .is_some_and(|key| light.is_for(key, Resolution::FINE))
@@ -150,9 +148,8 @@ impl DiffuseLights {
             &mut self.coarse
         };
         let level = (level, &mut self.lamps);
-        let scene_lit = lit(level, (scene, is_shown), &AtomicBool::new(false));
-        let scene_lit = scene_lit.unwrap_or_else(|| scene.clone());
-        scene_lit.marked_for(&[layer])
+        let scene_lit = lit(level, (scene, &[layer]), &AtomicBool::new(false));
+        scene_lit.unwrap_or_else(|| scene.clone())
     }
 
     /// Forgets everything.
@@ -169,10 +166,10 @@ pub(crate) fn shows_light(layers: &[Layer]) -> bool {
 
 fn lit(
     (level, lamps): (&mut Level, &mut KnownLamps),
-    (scene, is_shown): (&Scene, bool),
+    (scene, layers): (&Scene, &[Layer]),
     cancel: &AtomicBool,
 ) -> Option<Scene> {
-    let diffuse_light = match LightKey::of(scene, is_shown) {
+    let diffuse_light = match LightKey::of(scene, shows_light(layers)) {
         Some(key) => Some(level.light(&key, lamps, cancel)?),
         None => None,
     };
@@ -180,7 +177,7 @@ fn lit(
     Some(Scene {
         ground: ground.cloned(),
         diffuse_light,
-        ..scene.clone()
+        ..scene.clone().marked_for(layers)
     })
 }
 
