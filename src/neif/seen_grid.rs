@@ -106,14 +106,18 @@ fn words(bytes: &[u8]) -> Vec<u16> {
 /// The cell that holds a cell of the density cache.
 #[inline]
 fn coarse(density_cell: u32) -> usize {
-    let (index, side, first) = if density_cell < INNER_CELLS {
-        (density_cell as usize, INNER_SIDE, 0)
-    } else {
-        let index = (density_cell - INNER_CELLS) as usize;
-        (index, OUTER_SIDE, INNER * INNER * INNER)
-    };
-    let (x, y, z) = (index % side, index / side % side, index / side / side);
-    first + x / 2 + (y / 2 + z / 2 * (side / 2)) * (side / 2)
+    let index = density_cell as usize;
+    match index.checked_sub(INNER_CELLS as usize) {
+        None => halved::<INNER_SIDE>(index),
+        Some(outer) => INNER * INNER * INNER + halved::<OUTER_SIDE>(outer),
+    }
+}
+
+/// The cell of a grid of half the side; the side is constant, as divisions by what is not are slow.
+#[inline]
+fn halved<const SIDE: usize>(index: usize) -> usize {
+    let (x, y, z) = (index % SIDE, index / SIDE % SIDE, index / SIDE / SIDE);
+    x / 2 + (y / 2 + z / 2 * (SIDE / 2)) * (SIDE / 2)
 }
 
 #[cfg(test)]
