@@ -85,7 +85,9 @@ impl GalleryPictures {
         let is_training = state.training.phase == Phase::Training;
         if let Some(snapshot) = &state.snapshot
             && is_due(self.asked.as_ref(), snapshot, is_training)
-            && (self.thumbnails).ask_loaded(Arc::clone(&snapshot.environment))
+            && self
+                .thumbnails
+                .ask_loaded(Arc::clone(&snapshot.environment))
         {
             self.asked = Some(Asked {
                 environment: Arc::downgrade(&snapshot.environment),
