@@ -46,7 +46,7 @@ pub struct Scene {
     /// The surroundings that the object was trained in: its diffuse part follows the light. `None` leaves it as it was
     /// learned, whatever the light, as the paper does.
     pub trained_in: Option<Arc<Environment>>,
-    /// What is done to the floor of the surroundings; made by [`Self::lit`].
+    /// What is done to the surfaces around the object; made by [`Self::lit`].
     pub ground: Option<Arc<Ground>>,
     /// The light at the surface, where it is not the trained one; made by [`Self::lit`].
     pub diffuse_light: Option<KeyedLight>,

@@ -11,6 +11,7 @@ use crate::neif::density_grid::DensityGrid;
 use crate::neif::environment::{Environment, EnvironmentField, EnvironmentPlace};
 use crate::neif::floor::Floor;
 use crate::neif::hash_grid::{GridConfig, LEAST_WEIGHT};
+use crate::neif::kernels::math::bf16_from_f32;
 use crate::neif::material::MaterialConfig;
 use crate::neif::radiance_field::{FieldConfig, RadianceField};
 use crate::neif::seen_grid::SeenGrid;
@@ -23,6 +24,9 @@ const GRID: GridConfig = GridConfig {
     log2_table_size: 8,
     least_weight: LEAST_WEIGHT,
 };
+
+/// What the density cache knows of [`fog`], per field unit.
+const FOG_DENSITY: f32 = 150.0;
 
 /// Numbers in `[0, 1)` that look random and are always the same.
 fn uniform(seed: u32) -> impl FnMut() -> f32 {
@@ -78,10 +82,16 @@ pub(crate) fn fog(log: f32, slope: f32) -> Arc<Environment> {
 
 /// A floor of radiance 1 at world height `floor`, empty space above it, and fog far away.
 pub(crate) fn fog_above(floor: f32) -> Arc<Environment> {
-    let mut density = DensityGrid::default();
+    fog_where(|x| x.z <= floor)
+}
+
+/// Radiance 1 wherever it `is_solid` (world coordinates), empty space between, and fog far away.
+pub(crate) fn fog_where(is_solid: impl Fn(Vec3) -> bool) -> Arc<Environment> {
+    let cells = DensityGrid::default().len();
+    let mut density = DensityGrid::from_cells(vec![bf16_from_f32(FOG_DENSITY); cells])
+        .expect("as many cells as there are");
     let fog = fog(0.0, 0.0);
-    let height = fog.frame().field_from_world(Vec3::Z * floor).z;
-    density.hollow(|x| x[2] > height);
+    density.hollow(|x| !is_solid(fog.frame().world_from_field(x.into())));
     match fog.field() {
         EnvironmentField::Grid { field, .. } => with_density(field.clone(), density),
         _ => unreachable!("fog is a grid"),

@@ -18,7 +18,7 @@ pub enum NotCarried {
     Regions,
     /// The roughness is edited: lobes of several cones.
     Roughness,
-    /// The surroundings are moved or others: the light at the surface and on the floor changes.
+    /// The surroundings are moved or others: the light at the surface and around it changes.
     Light,
     /// The surroundings are the paper's network or a picture.
     Surroundings,

@@ -1,4 +1,4 @@
-//! The light that comes down on the floor around an object, and the share of it that the object leaves.
+//! The light that arrives at the surfaces around an object, and the share of it that the object leaves.
 
 use std::f32::consts::PI;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -6,22 +6,34 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::Cancelled;
 use super::bounce::Bounce;
+use super::look::FLOOR_SLAB;
 use super::square::Square;
+use super::surfaces::{Cells, Patch, Surfaces};
+use super::{Cancelled, GroundResolution};
 use crate::geometry::{Ray, irradiance_directions};
 use crate::neif::edit::EnvironmentFromWorld;
-use crate::neif::environment::LightScratch;
-use crate::neif::radiance_field::{FieldBatch, FieldRay};
 use crate::neif::{Environment, ObjectModel};
 use crate::render::lamps::Lamps;
 
-/// Sine of the elevations between which cameras look down on a floor.
+/// Half the cube's side: this many heights of the object beyond its radius.
+const MARGIN_HEIGHTS: f32 = 1.2;
+/// Sine of the angles above a surface from which cameras look at it.
 const CAMERA_BAND: std::ops::Range<f32> = 0.17..0.97;
-/// Most light that is left of a unit: an object may mirror light onto a floor.
+/// Most light that is left of a unit: an object may mirror light onto what is near.
 const MOST_SHARE: f32 = 2.0;
-/// Height above the floor from which shadow rays start, half sides of the square.
+/// Height above a surface from which shadow rays start, half sides of the cube.
 const LIFT: f32 = 1e-3;
+
+/// Radii of the object within which the plane that it stands on is looked for.
+const BESIDE: f32 = 1.6;
+/// Half thicknesses of what is taken for that plane, in sizes of the object: narrower and narrower, as what was taken says
+/// better where it lies.
+const SLABS: [f32; 4] = [0.3, 0.2, 0.1, 0.05];
+/// Cosine from which a patch faces the way of that plane.
+const FACING: f32 = 0.8;
+/// Cosine of a slope that is none, 2.5 degrees.
+const LEVEL: f32 = 0.999;
 
 /// An object in surroundings.
 pub(super) struct Stand<'a> {
@@ -41,16 +53,7 @@ pub(super) struct Foot {
     pub(super) height: f32,
 }
 
-/// A direction that light comes from, all of equal share.
-struct FromAbove {
-    /// Unit.
-    world: Vec3,
-    radiance: Vec3,
-    /// Whether cameras look along it.
-    is_in_band: bool,
-}
-
-/// What the object does to a point of the floor.
+/// What the object does to a point of a surface.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Share {
     /// Light that arrives with the object over that without it, a colour.
@@ -70,9 +73,8 @@ impl Stand<'_> {
         self.field(self.object.tracer.mesh().bounds().center())
     }
 
-    /// Where the object stands.
-    pub(super) fn foot(&self) -> Foot {
-        let up = self.environment.up();
+    /// Where the object stands on what faces `up` (unit, of the environment).
+    pub(super) fn foot(&self, up: Vec3) -> Foot {
         let points = &self.object.tracer.mesh().positions;
         let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
         let middle = self.middle();
@@ -90,66 +92,93 @@ impl Stand<'_> {
         }
     }
 
-    /// What the object does to each point of a square.
+    /// The surfaces around the object.
+    pub(super) fn surfaces(&self, resolution: GroundResolution) -> Surfaces {
+        let foot = self.foot(self.environment.up());
+        let cells = Cells {
+            center: self.middle(),
+            half_side: half_side(&foot),
+            side: resolution.side,
+        };
+        Surfaces::around(self.environment, cells, resolution.n_looks)
+    }
+
+    /// The plane that the object stands on, to which the surfaces then keep; `None` where nothing below it is flat.
+    pub(super) fn plane_below(&self, surfaces: &mut Surfaces) -> Option<Square> {
+        let level = self.environment.up();
+        let (mut up, mut foot) = (level, self.foot(level));
+        let mut offset = 0.0;
+        for slab in SLABS {
+            let (normal, point) = plane_beside(surfaces, (&foot, up, offset), slab)?;
+            // The field's noise is no slope.
+            up = if normal.dot(level) > LEVEL {
+                level
+            } else {
+                normal
+            };
+            foot = self.foot(up);
+            offset = (point - foot.center).dot(up);
+        }
+        let half_side = half_side(&foot);
+        let slab = FLOOR_SLAB * half_side;
+        // The object's lowest point says better than the field where it stands.
+        let lift = if offset.abs() < slab { 0.0 } else { offset };
+        let center = foot.center + lift * up;
+        let plane = Square::new(center, up, half_side, surfaces.cells().side);
+        surfaces.lay(&plane, slab, |point| point.distance(center) < foot.radius);
+        Some(plane)
+    }
+
+    /// What the object does to each patch of the surfaces.
     pub(super) fn shares(
         &self,
-        square: &Square,
+        surfaces: &Surfaces,
         bounce: &Bounce<'_>,
         n_directions: usize,
         cancel: &AtomicBool,
     ) -> Result<Vec<Share>, Cancelled> {
-        let from_above: Vec<FromAbove> = irradiance_directions(square.up, n_directions, 0.0)
-            .map(|(direction, _)| FromAbove {
-                world: self.motion.world_direction(direction),
-                radiance: bounce.around().radiance(direction),
-                is_in_band: CAMERA_BAND.contains(&direction.dot(square.up)),
-            })
-            .collect();
-        let shares: Vec<Share> = (0..square.len())
-            .into_par_iter()
-            .map(|i| {
+        let lift = LIFT * surfaces.cells().half_side;
+        let patches = surfaces.patches().par_iter();
+        let shares: Vec<Share> = patches
+            .map(|patch| {
                 if cancel.load(Ordering::Relaxed) {
                     return Share::default();
                 }
-                self.share(square.point(i), square, &from_above, bounce)
+                let lifted = patch.point + patch.normal * lift;
+                self.share(lifted, patch.normal, n_directions, bounce)
             })
             .collect();
         if cancel.load(Ordering::Relaxed) {
             return Err(Cancelled);
         }
-        Ok(blurred(&shares, square.side))
+        Ok(blurred(surfaces, &shares))
     }
 
-    /// What the object does to a point of a square: keeps light from it, and sends some of its own.
-    fn share(
-        &self,
-        point: Vec3,
-        square: &Square,
-        from_above: &[FromAbove],
-        bounce: &Bounce<'_>,
-    ) -> Share {
+    /// What the object does to a point of a surface: keeps light from it, and sends some of its own.
+    fn share(&self, point: Vec3, normal: Vec3, n_directions: usize, bounce: &Bounce<'_>) -> Share {
         let (tracer, frame) = (&*self.object.tracer, self.environment.frame());
         let start = tracer.self_distance();
-        let up_world = self.motion.world_direction(square.up);
-        let lifted = point + square.up * (LIFT * square.half_side);
-        let origin = self.motion.world_point(frame.world_from_field(lifted));
+        let normal_world = self.motion.world_direction(normal);
+        let origin = self.motion.world_point(frame.world_from_field(point));
         let (mut light, mut all) = (Vec3::ZERO, Vec3::ZERO);
         let (mut n_seen, mut n_band) = (0_usize, 0_usize);
-        for from in from_above {
-            let direction = from.world;
+        for (toward, _) in irradiance_directions(normal, n_directions, 0.0) {
+            let radiance = bounce.around().radiance(toward);
+            let is_in_band = CAMERA_BAND.contains(&toward.dot(normal));
+            let direction = self.motion.world_direction(toward);
             let hit = tracer.intersect(&Ray { origin, direction }, start, f32::INFINITY);
-            all += from.radiance;
-            n_band += usize::from(from.is_in_band);
+            all += radiance;
+            n_band += usize::from(is_in_band);
             if let Some(hit) = hit {
                 light += bounce.radiance(&hit, direction);
             } else {
-                light += from.radiance;
-                n_seen += usize::from(from.is_in_band);
+                light += radiance;
+                n_seen += usize::from(is_in_band);
             }
         }
         // As mean radiances from above: a lamp's irradiance over pi.
-        let n = from_above.len().max(1) as f32;
-        let by_lamps = |tracer| bounce.lamps().irradiance(tracer, origin, up_world) / PI;
+        let n = n_directions.max(1) as f32;
+        let by_lamps = |tracer| bounce.lamps().irradiance(tracer, origin, normal_world) / PI;
         let light = light / n + by_lamps(Some(tracer));
         let all = all / n + by_lamps(None);
         Share {
@@ -160,94 +189,50 @@ impl Stand<'_> {
     }
 }
 
-/// Means over 3 x 3 points: each direction casts a hard shadow of its own.
-fn blurred(shares: &[Share], side: usize) -> Vec<Share> {
-    (0..shares.len())
-        .map(|i| {
-            let (x, y) = (i % side, i / side);
-            let (mut sum, mut n) = (Share::default(), 0.0);
-            for y in y.saturating_sub(1)..(y + 2).min(side) {
-                for x in x.saturating_sub(1)..(x + 2).min(side) {
-                    let share = &shares[y * side + x];
-                    sum.light += share.light;
-                    sum.seen += share.seen;
-                    n += 1.0;
-                }
-            }
-            Share {
-                light: sum.light / n,
-                seen: sum.seen / n,
-            }
-        })
-        .collect()
-}
-
-/// A look at a floor.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct FloorLook {
-    /// Radiance.
-    pub(super) radiance: Vec3,
-    /// Whether there is a floor, `[0, 1]`.
-    pub(super) floor: f32,
-    /// How surely photos showed what is there, `[0, 1]`.
-    pub(super) seen: f32,
-}
-
-/// Looks straight down on each point of a square.
-pub(super) fn look_down(
-    environment: &Environment,
-    square: &Square,
-    from_height: f32,
+/// Mean normal and point of the patches below and beside an object that lie about a plane `offset` above its foot and face
+/// its way, `up`, within `slab` sizes of the object.
+fn plane_beside(
+    surfaces: &Surfaces,
+    (foot, up, offset): (&Foot, Vec3, f32),
     slab: f32,
-) -> Vec<FloorLook> {
-    let points: Vec<usize> = (0..square.len()).collect();
-    let direction = -square.up;
-    let looks: Vec<Vec<FloorLook>> = points
-        .par_chunks(square.side)
-        .map_init(
-            <(FieldBatch, LightScratch)>::default,
-            |(batch, scratch), points| {
-                batch.rays.clear();
-                batch.rays.extend(points.iter().map(|&i| {
-                    let origin = (square.point(i) + square.up * from_height).to_array();
-                    let base = 0.3 * square.point_size();
-                    FieldRay::of_pixel(origin, direction.to_array(), base, 0.0)
-                }));
-                environment.light(batch, scratch);
-                let n = batch.weights().len() / batch.rays.len().max(1);
-                let floor = |i: usize| -> f32 {
-                    let samples = batch.distances().iter().zip(batch.weights());
-                    samples
-                        .skip(i * n)
-                        .take(n)
-                        .filter(|(t, _)| (**t - from_height).abs() < slab)
-                        .map(|(_, weight)| weight)
-                        .sum()
-                };
-                let look = |i: usize| FloorLook {
-                    radiance: Vec3::from(batch.radiance[i]),
-                    floor: floor(i),
-                    seen: environment.seen_share(batch, i),
-                };
-                (0..batch.rays.len()).map(look).collect()
-            },
-        )
-        .collect();
-    looks.into_iter().flatten().collect()
-}
-
-/// Whether there is a floor in most of the shadow, of what is known: `floor` and `known` in `[0, 1]` each point.
-pub(super) fn is_floor(shares: &[Share], floor: &[f32], known: &[f32]) -> bool {
-    let (mut on, mut all) = (0.0, 0.0);
-    for ((share, floor), known) in shares.iter().zip(floor).zip(known) {
-        let shadow = known * (1.0 - lightness(share.light)).max(0.0);
-        on += floor * shadow;
-        all += shadow;
+) -> Option<(Vec3, Vec3)> {
+    let size = surfaces.cells().size();
+    let slab = slab * foot.height.max(foot.radius) + size;
+    let reach = BESIDE * foot.radius + 2.0 * size;
+    let (mut normals, mut points, mut n) = (Vec3::ZERO, Vec3::ZERO, 0.0);
+    for patch in surfaces.patches() {
+        let from_foot = patch.point - foot.center;
+        let height = from_foot.dot(up);
+        if (height - offset).abs() < slab
+            && patch.normal.dot(up) > FACING
+            && (from_foot - height * up).length() < reach
+        {
+            normals += patch.normal;
+            points += patch.point;
+            n += 1.0;
+        }
     }
-    on > 0.5 * all
+    normals.try_normalize().map(|normal| (normal, points / n))
 }
 
-/// Lightness of a share: its mean over the colours.
-pub(super) fn lightness(share: Vec3) -> f32 {
-    share.element_sum() / 3.0
+/// Half the side of the cube around an object.
+pub(super) fn half_side(foot: &Foot) -> f32 {
+    foot.radius + MARGIN_HEIGHTS * foot.height
+}
+
+/// Means with the patches in the cells around: each direction casts a hard shadow of its own.
+fn blurred(surfaces: &Surfaces, shares: &[Share]) -> Vec<Share> {
+    let mean = |(patch, own): (&Patch, &Share)| {
+        let (mut sum, mut n) = (*own, 1.0);
+        for share in surfaces.beside(patch).map(|number| &shares[number]) {
+            sum.light += share.light;
+            sum.seen += share.seen;
+            n += 1.0;
+        }
+        Share {
+            light: sum.light / n,
+            seen: sum.seen / n,
+        }
+    };
+    surfaces.patches().iter().zip(shares).map(mean).collect()
 }

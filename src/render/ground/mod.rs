@@ -1,17 +1,22 @@
-//! The floor under the object: the object's shadow and what it hides are part of the learned surroundings.
+//! Light both ways between an object and the surfaces around it: its shadow and what it sends them.
 //!
-//! Photos show the surroundings with the object in them. Where they are moved, swapped or looked at alone, the floor's
-//! radiance is divided by the share of its light that the object left it where it was captured, [`BakedGround`], and
-//! multiplied by the share that it leaves now, [`Shadow`]; what no photo can have seen is filled from around it. Both
-//! shares come from the same formula, so that nothing changes where nothing moved. The floor is a horizontal plane
-//! below the object, where the surroundings have a surface there; nothing else is corrected.
+//! Photos show the surroundings with the object in them. Where they are moved, swapped or looked at alone, the radiance
+//! of the surfaces near it is divided by the share of their light that it left them where it was captured,
+//! [`BakedGround`], and multiplied by the share that it leaves them now, [`Shadow`]. Both shares come from the same
+//! formula, so that nothing changes where nothing moved. What no photo can have seen of the plane that it stood on is
+//! filled from around it.
 
-mod baked;
 mod bounce;
+mod captured;
 mod light;
+mod look;
 mod map;
 mod shadow;
+mod share_grid;
+mod sight;
 mod square;
+mod support;
+mod surfaces;
 #[cfg(test)]
 mod tests;
 
@@ -19,18 +24,20 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
-pub use baked::BakedGround;
-pub(crate) use baked::Captured;
+pub use captured::BakedGround;
+pub(crate) use captured::Captured;
 pub use shadow::Shadow;
 
-use crate::neif::radiance_field::{FieldBatch, FieldRay};
-use square::{Meeting, Square};
+use crate::neif::radiance_field::FieldBatch;
+use sight::Sight;
 
-/// How finely a floor is looked at.
+/// How finely the surfaces around an object are looked at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GroundResolution {
-    /// Points a side of the square.
+    /// Cells an axis.
     pub side: usize,
+    /// Looks an axis through each face of a cube.
+    pub n_looks: usize,
     /// Directions that light comes from.
     pub n_directions: usize,
 }
@@ -39,7 +46,7 @@ pub struct GroundResolution {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Cancelled;
 
-/// What is done to the floor of the surroundings.
+/// What is done to the surfaces around an object.
 #[derive(Clone, Debug, Default)]
 pub struct Ground {
     /// Taken away.
@@ -63,60 +70,33 @@ impl Ground {
         {
             return;
         }
-        let n = batch.weights().len() / n_rays;
         for i in 0..n_rays {
-            let ray = &batch.rays[i];
-            let samples = i * n..(i + 1) * n;
-            let reach = Reach {
-                distances: &batch.distances()[samples.clone()],
-                weights: &batch.weights()[samples],
-            };
             let seen = Vec3::from(batch.radiance[i]);
-            let mut radiance = seen;
-            if let Some(baked) = &self.baked {
-                radiance = baked.cleaned(ray, &reach, radiance);
-            }
-            if let Some(shadow) = &self.shadow {
-                radiance *= shadow.share(ray, &reach);
-            }
+            let radiance = self.corrected(&Sight::of(batch, i), seen);
             if radiance != seen {
                 batch.radiance[i] = radiance.to_array();
             }
         }
     }
-}
 
-/// How far along a ray light gets.
-struct Reach<'a> {
-    distances: &'a [f32],
-    weights: &'a [f32],
-}
-
-impl Reach<'_> {
-    /// Share of what is seen that lies at least `distance` away, `[0, 1]`: each sample stands for the ray from halfway
-    /// to the one before up to halfway to the next.
-    fn beyond(&self, distance: f32) -> f32 {
-        let n = self.distances.len();
-        let middle = |i: usize| 0.5 * (self.distances[i] + self.distances[(i + 1).min(n - 1)]);
-        let (mut near, mut before) = (0.0, 0.0);
-        for (i, weight) in self.weights.iter().enumerate() {
-            let far = middle(i);
-            if distance <= near {
-                break;
-            }
-            let length = (far - near).max(f32::MIN_POSITIVE);
-            before += weight * ((distance - near) / length).min(1.0);
-            near = far;
+    fn corrected(&self, sight: &Sight<'_>, seen: Vec3) -> Vec3 {
+        let hidden = self.baked.as_ref().and_then(|baked| baked.hidden(sight));
+        let mut radiance = seen;
+        if let Some(baked) = &self.baked {
+            radiance *= baked.lightened(sight);
         }
-        (1.0 - before).clamp(0.0, 1.0)
+        if let Some(hidden) = &hidden {
+            radiance = radiance.lerp(hidden.radiance, hidden.weight);
+        }
+        if let Some(shadow) = &self.shadow {
+            let mut share = shadow.share(sight);
+            if let Some(hidden) = &hidden {
+                share = share.lerp(shadow.share_at(hidden.point, sight), hidden.weight);
+            }
+            radiance *= share;
+        }
+        radiance
     }
-}
-
-/// Where a ray meets a square, and how blurred it is there in points of a map.
-fn meet(square: &Square, ray: &FieldRay) -> Option<(Meeting, f32)> {
-    let meeting = square.meet(Vec3::from(ray.cone.origin), Vec3::from(ray.cone.direction))?;
-    let blur = ray.cone.variance(meeting.distance).sqrt() / square.point_size();
-    Some((meeting, blur))
 }
 
 /// 0 up to `from`, 1 from `to` on, smooth between.

@@ -1,4 +1,4 @@
-//! A horizontal square around the foot of the object, in field coordinates.
+//! A square around the foot of the object on the plane that it stands on, in field coordinates.
 
 use glam::{Vec2, Vec3};
 
@@ -71,9 +71,14 @@ impl Square {
         at * (2.0 / self.side as f32) - 1.0
     }
 
+    /// Height of a point over the plane.
+    pub(super) fn height(&self, point: Vec3) -> f32 {
+        (point - self.center).dot(self.up)
+    }
+
     /// Where a ray from above meets the square's inside.
     pub(super) fn meet(&self, origin: Vec3, direction: Vec3) -> Option<Meeting> {
-        let height = (origin - self.center).dot(self.up);
+        let height = self.height(origin);
         let fall = -direction.dot(self.up);
         // NaN meets nothing.
         if !(height > 0.0 && fall > 1e-6) {

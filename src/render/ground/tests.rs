@@ -1,23 +1,26 @@
-//! What is done to a floor, on surroundings that have a flat one of one brightness below far fog.
+//! What is done to floors and walls, in surroundings of one brightness.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use glam::{Vec2, Vec3, Vec4};
 
+use super::light::Stand;
 use super::map::Map;
 use super::*;
 use crate::geometry::test_mesh::ellipsoid;
 use crate::neif::environment::LightScratch;
+use crate::neif::radiance_field::FieldRay;
 use crate::neif::{Environment, EnvironmentTransform, ObjectModel, SurfaceField};
 use crate::render::Scene;
 use crate::render::irradiance::Probes;
 use crate::render::lamps::Lamps;
-use crate::render::test_scene::{fog_above, object_of};
+use crate::render::test_scene::{fog_above, fog_where, object_of};
 
 static NEVER: AtomicBool = AtomicBool::new(false);
 const RESOLUTION: GroundResolution = GroundResolution {
     side: 32,
+    n_looks: 32,
     n_directions: 96,
 };
 /// Height of the floor, world units.
@@ -51,7 +54,11 @@ fn room() -> Arc<Environment> {
 }
 
 fn lamps() -> Lamps {
-    Lamps::of(&room(), &NEVER).expect("not cancelled")
+    lamps_of(&room())
+}
+
+fn lamps_of(room: &Environment) -> Lamps {
+    Lamps::of(room, &NEVER).expect("not cancelled")
 }
 
 fn probes(object: &ObjectModel) -> Probes {
@@ -65,12 +72,15 @@ fn captured(object: &ObjectModel, cancel: &AtomicBool) -> Result<Captured, Cance
 
 fn baked() -> Arc<BakedGround> {
     let captured = captured(&ball(), &NEVER).expect("not cancelled");
-    captured.floor.expect("a floor")
+    captured.ground.expect("a floor")
 }
 
 /// Radiance of the room from a world point towards another, after `ground`.
 fn look(ground: Option<&Ground>, from: Vec3, to: Vec3) -> Vec3 {
-    let room = room();
+    look_in(&room(), ground, from, to)
+}
+
+fn look_in(room: &Environment, ground: Option<&Ground>, from: Vec3, to: Vec3) -> Vec3 {
     let direction = (to - from).normalize_or_zero();
     let mut batch = FieldBatch::default();
     let origin = room.frame().field_from_world(from).to_array();
@@ -176,6 +186,88 @@ fn a_red_mirror_keeps_less_red_from_its_floor_than_a_black_one() {
 }
 
 #[test]
+fn walls_slopes_and_curved_things_are_shaded_too() {
+    let slope = Vec3::new(0.6, 0.0, 0.8);
+    let pillar = Vec3::new(1.3, 0.0, 0.0);
+    type Solid = Box<dyn Fn(Vec3) -> bool>;
+    let things: [(&str, Solid, Vec3, Vec3); 3] = [
+        (
+            "a wall",
+            Box::new(|x| x.x > 0.7),
+            Vec3::new(0.7, 0.0, 0.0),
+            Vec3::new(0.7, 1.3, 0.0),
+        ),
+        (
+            "a slope",
+            Box::new(move |x| x.dot(slope) < -0.6),
+            -0.6 * slope,
+            -0.6 * slope + Vec3::Y * 1.3,
+        ),
+        (
+            "a pillar",
+            Box::new(move |x| (x - pillar).truncate().length() < 0.6),
+            Vec3::new(0.7, 0.0, 0.0),
+            Vec3::new(0.7, 0.0, 1.2),
+        ),
+    ];
+    for (what, is_solid, near, far) in things {
+        let room = fog_where(is_solid);
+        let own = (&*room, &lamps_of(&room));
+        let (ball, probes) = (ball(), probes(&ball()));
+        let captured = Captured::new(&ball, own, &probes, RESOLUTION, &NEVER);
+        let captured = captured.expect("not cancelled");
+        let still = EnvironmentTransform::default();
+        let baked = captured.ground.clone().expect("something near");
+        let known = (&probes, &captured);
+        let shadow = Shadow::new(&ball, own, &still, known, Some(&baked), RESOLUTION, &NEVER);
+        let put_on = Ground {
+            baked: None,
+            shadow: shadow.expect("not cancelled"),
+        };
+        let as_it_was = Ground {
+            baked: Some(baked),
+            shadow: put_on.shadow.clone(),
+        };
+        // From where the ball is not in between.
+        let share = |ground: &Ground, at: Vec3| {
+            let eye = Vec3::new(0.0, -0.9, 0.7) - 0.3 * at.normalize_or_zero();
+            look_in(&room, Some(ground), eye, at) / look_in(&room, None, eye, at)
+        };
+        let (dark, light) = (share(&put_on, near), share(&put_on, far));
+        assert!(dark.max_element() < 0.75, "{what} beside the ball: {dark}");
+        assert!(
+            (light - dark).min_element() > 0.15 && light.max_element() < 1.01,
+            "{what}: {light} farther off, {dark} beside the ball"
+        );
+        for at in [near, far] {
+            let same = share(&as_it_was, at);
+            assert!((same - 1.0).abs().max_element() < 0.02, "{what}: {same}");
+        }
+    }
+}
+
+#[test]
+fn a_slope_is_what_an_object_stands_on() {
+    let slope = Vec3::new(0.3, -0.2, 0.9).normalize_or_zero();
+    let room = fog_where(move |x| x.dot(slope) < -0.5);
+    let stand = Stand {
+        object: &ball(),
+        environment: &room,
+        motion: EnvironmentTransform::default().environment_from_world(),
+        lamps: &lamps_of(&room),
+    };
+    let mut surfaces = stand.surfaces(RESOLUTION);
+    let plane = stand.plane_below(&mut surfaces).expect("a slope");
+    assert!(plane.up.dot(slope) > 0.998, "{} for {slope}", plane.up);
+    let center = room.frame().world_from_field(plane.center);
+    assert!((center.dot(slope) + 0.5).abs() < 0.03, "{center}");
+    let below = surfaces
+        .near(plane.center)
+        .expect("the ball hides nothing of it");
+    assert!(below.1.normal.dot(slope) > 0.99, "{}", below.1.normal);
+}
+
+#[test]
 fn walls_and_sky_and_what_lies_far_off_stay() {
     let empty = Ground {
         baked: Some(baked()),
@@ -195,7 +287,7 @@ fn walls_and_sky_and_what_lies_far_off_stay() {
 fn an_object_that_hovers_has_no_floor() {
     let high = object_of(ellipsoid(Vec3::new(0.0, 0.0, 1.0), Vec3::splat(0.2), 16), 3);
     let on_air = captured(&high, &NEVER).expect("not cancelled");
-    assert!(on_air.floor.is_none());
+    assert!(on_air.ground.is_none());
     let cancelled = AtomicBool::new(true);
     assert!(captured(&ball(), &cancelled).is_err());
 }

@@ -55,7 +55,7 @@ struct WorldCone {
 /// Radiance along the beams of each probe: empty until they were evaluated. Kept when interrupted.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Gathered {
-    /// What is done to the floor, once it was looked at.
+    /// What is done to the surfaces around the object, once they were looked at.
     ground: Option<Arc<Ground>>,
     radiance: Vec<Vec<[f32; 3]>>,
 }
@@ -187,14 +187,14 @@ impl TrainedWork {
 }
 
 impl TrainedLight {
-    /// What is done to the floor of the surroundings of `key`; `None` when cancelled.
+    /// What is done to the surfaces around the object in the surroundings of `key`; `None` when cancelled.
     fn ground_in(&self, key: &LightKey, lamps: &Lamps, cancel: &AtomicBool) -> Option<Arc<Ground>> {
         let is_own = Arc::ptr_eq(&key.trained_in, &key.environment);
-        if is_own && self.captured.floor.is_none() {
+        if is_own && self.captured.ground.is_none() {
             // Its shadow lies where it lay.
             return Some(Arc::default());
         }
-        let baked = self.captured.floor.as_ref().filter(|_| is_own);
+        let baked = self.captured.ground.as_ref().filter(|_| is_own);
         let shadow = Shadow::new(
             &key.object,
             (&key.environment, lamps),
@@ -227,9 +227,9 @@ impl TrainedLight {
         &self.lamps
     }
 
-    /// The floor that the object stood on, where there is one.
+    /// The surfaces around the object where it was captured, where there are any.
     pub fn baked_ground(&self) -> Option<&Arc<BakedGround>> {
-        self.captured.floor.as_ref()
+        self.captured.ground.as_ref()
     }
 
     /// Number of rays that the surroundings are asked with.
@@ -318,7 +318,7 @@ impl DiffuseLight {
         albedo(self.irradiance(position, normal), self.light.mean, diffuse)
     }
 
-    /// What is done to the floor of the surroundings.
+    /// What is done to the surfaces around the object.
     pub fn ground(&self) -> Option<&Arc<Ground>> {
         self.ground.as_ref()
     }

@@ -19,7 +19,7 @@ pub struct Resolution {
     pub n_cones: usize,
     /// Whether shadow rays go to the lamps from every point that is lit, not from the probes alone.
     pub traces_lamps: bool,
-    /// Of the floor.
+    /// Of the surfaces around the object.
     pub ground: GroundResolution,
 }
 
@@ -31,6 +31,7 @@ impl Resolution {
         traces_lamps: true,
         ground: GroundResolution {
             side: 64,
+            n_looks: 96,
             n_directions: 192,
         },
     };
@@ -41,6 +42,7 @@ impl Resolution {
         traces_lamps: false,
         ground: GroundResolution {
             side: 24,
+            n_looks: 14,
             n_directions: 32,
         },
     };

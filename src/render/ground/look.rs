@@ -1,0 +1,81 @@
+//! Looks straight down on a plane: whether there is something to stand on.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::light::Share;
+use super::square::Square;
+use crate::neif::Environment;
+use crate::neif::environment::LightScratch;
+use crate::neif::radiance_field::{FieldBatch, FieldRay};
+
+/// Height from which the plane is looked at, and half the thickness within which its samples lie, half sides.
+const FLOOR_LOOK: f32 = 0.5;
+pub(super) const FLOOR_SLAB: f32 = 0.06;
+
+/// A look at a floor.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct FloorLook {
+    /// Radiance.
+    pub(super) radiance: Vec3,
+    /// Whether there is a floor, `[0, 1]`.
+    pub(super) floor: f32,
+    /// How surely photos showed what is there, `[0, 1]`.
+    pub(super) seen: f32,
+}
+
+/// Looks straight down on each point of a square.
+pub(super) fn look_down(environment: &Environment, square: &Square) -> Vec<FloorLook> {
+    let from_height = FLOOR_LOOK * square.half_side;
+    let slab = FLOOR_SLAB * square.half_side;
+    let points: Vec<usize> = (0..square.len()).collect();
+    let direction = -square.up;
+    let looks: Vec<Vec<FloorLook>> = points
+        .par_chunks(square.side)
+        .map_init(
+            <(FieldBatch, LightScratch)>::default,
+            |(batch, scratch), points| {
+                batch.rays.clear();
+                batch.rays.extend(points.iter().map(|&i| {
+                    let origin = (square.point(i) + square.up * from_height).to_array();
+                    let base = 0.3 * square.point_size();
+                    FieldRay::of_pixel(origin, direction.to_array(), base, 0.0)
+                }));
+                environment.light(batch, scratch);
+                let n = batch.weights().len() / batch.rays.len().max(1);
+                let floor = |i: usize| -> f32 {
+                    let samples = batch.distances().iter().zip(batch.weights());
+                    samples
+                        .skip(i * n)
+                        .take(n)
+                        .filter(|(t, _)| (**t - from_height).abs() < slab)
+                        .map(|(_, weight)| weight)
+                        .sum()
+                };
+                let look = |i: usize| FloorLook {
+                    radiance: Vec3::from(batch.radiance[i]),
+                    floor: floor(i),
+                    seen: environment.seen_share(batch, i),
+                };
+                (0..batch.rays.len()).map(look).collect()
+            },
+        )
+        .collect();
+    looks.into_iter().flatten().collect()
+}
+
+/// Whether there is a floor in most of the shadow, of what is known: `floor` and `known` in `[0, 1]` each point.
+pub(super) fn is_floor(shares: &[Share], floor: &[f32], known: &[f32]) -> bool {
+    let (mut on, mut all) = (0.0, 0.0);
+    for ((share, floor), known) in shares.iter().zip(floor).zip(known) {
+        let shadow = known * (1.0 - lightness(share.light)).max(0.0);
+        on += floor * shadow;
+        all += shadow;
+    }
+    on > 0.5 * all
+}
+
+/// Lightness of a share: its mean over the colours.
+pub(super) fn lightness(share: Vec3) -> f32 {
+    share.element_sum() / 3.0
+}
