@@ -77,7 +77,10 @@ pub(crate) fn fog(log: f32, slope: f32) -> Arc<Environment> {
     color[second + 16 * 16..second + 16 * 16 + 3].fill(log);
     // The density network's last biases come before: the first output is the log density.
     field.params[n - 33 * 16 - 17 * 16 - 16] = 5.0;
-    environment_of(field)
+    let cells = DensityGrid::default().len();
+    let density = DensityGrid::from_cells(vec![bf16_from_f32(FOG_DENSITY); cells])
+        .expect("as many cells as there are");
+    with_density(field, density)
 }
 
 /// A floor of radiance 1 at world height `floor`, empty space above it, and fog far away.
@@ -87,15 +90,13 @@ pub(crate) fn fog_above(floor: f32) -> Arc<Environment> {
 
 /// Radiance 1 wherever it `is_solid` (world coordinates), empty space between, and fog far away.
 pub(crate) fn fog_where(is_solid: impl Fn(Vec3) -> bool) -> Arc<Environment> {
-    let cells = DensityGrid::default().len();
-    let mut density = DensityGrid::from_cells(vec![bf16_from_f32(FOG_DENSITY); cells])
-        .expect("as many cells as there are");
     let fog = fog(0.0, 0.0);
+    let EnvironmentField::Grid { field, density } = fog.field() else {
+        unreachable!("fog is a grid");
+    };
+    let mut density = density.clone();
     density.hollow(|x| !is_solid(fog.frame().world_from_field(x.into())));
-    match fog.field() {
-        EnvironmentField::Grid { field, .. } => with_density(field.clone(), density),
-        _ => unreachable!("fog is a grid"),
-    }
+    with_density(field.clone(), density)
 }
 
 /// The room of [`environment`] over an opaque floor.

@@ -100,7 +100,25 @@ impl Stand<'_> {
             half_side: half_side(&foot),
             side: resolution.side,
         };
-        Surfaces::around(self.environment, cells, resolution.n_looks)
+        let (center, far) = (cells.center, cells.half_side);
+        let outside = |direction: Vec3| self.extent(center, far * direction);
+        Surfaces::around(self.environment, cells, resolution.n_looks, outside)
+    }
+
+    /// How far the object reaches from `center` along `to_far`, which ends beyond it; 0 where it is not. Field coordinates.
+    fn extent(&self, center: Vec3, to_far: Vec3) -> f32 {
+        let frame = self.environment.frame();
+        let world = |point| self.motion.world_point(frame.world_from_field(point));
+        let origin = world(center + to_far);
+        let ray = Ray {
+            origin,
+            direction: (world(center) - origin).normalize_or_zero(),
+        };
+        let hit = self.object.tracer.intersect(&ray, 0.0, f32::INFINITY);
+        hit.map_or(0.0, |hit| {
+            let from_center = self.field(hit.position) - center;
+            from_center.dot(to_far.normalize_or_zero()).max(0.0)
+        })
     }
 
     /// The plane that the object stands on, to which the surfaces then keep; `None` where nothing below it is flat.

@@ -133,12 +133,18 @@ impl Found {
 }
 
 impl Surfaces {
-    /// Looks around from the middle of the cube, `n_looks` x `n_looks` times through each of its faces.
-    pub(super) fn around(environment: &Environment, cells: Cells, n_looks: usize) -> Self {
+    /// Looks around from the middle of the cube, `n_looks` x `n_looks` times through each of its faces. What lies nearer than
+    /// `outside` (of a unit direction) is inside the object.
+    pub(super) fn around(
+        environment: &Environment,
+        cells: Cells,
+        n_looks: usize,
+        outside: impl Fn(Vec3) -> f32 + Sync,
+    ) -> Self {
         let mut found = vec![Found::default(); cells.len()];
         // What is infinitely far has no surfaces; the paper's network does not tell where its light comes from.
         if matches!(environment.field(), EnvironmentField::Grid { .. }) {
-            look_around(environment, &cells, n_looks, &mut found);
+            look_around(environment, &cells, (n_looks, &outside), &mut found);
         }
         let patches = smoothed(&cells, &found);
         let mut surfaces = Self {
@@ -281,17 +287,17 @@ impl Surfaces {
 }
 
 /// Adds the triangles between where neighbouring looks end.
-fn look_around(environment: &Environment, cells: &Cells, n_looks: usize, found: &mut [Found]) {
+fn look_around(
+    environment: &Environment,
+    cells: &Cells,
+    (n_looks, outside): (usize, &(impl Fn(Vec3) -> f32 + Sync)),
+    found: &mut [Found],
+) {
     let ends: Vec<Vec<Option<Vec3>>> = (0..6 * n_looks)
         .into_par_iter()
         .map_init(Default::default, |scratch, row| {
-            look_through(
-                environment,
-                cells,
-                (row / n_looks, row % n_looks),
-                n_looks,
-                scratch,
-            )
+            let row = (row / n_looks, row % n_looks);
+            look_through(environment, cells, row, (n_looks, outside), scratch)
         })
         .collect();
     for face in ends.chunks_exact(n_looks) {
@@ -306,7 +312,7 @@ fn look_through(
     environment: &Environment,
     cells: &Cells,
     (face, row): (usize, usize),
-    n_looks: usize,
+    (n_looks, outside): (usize, &impl Fn(Vec3) -> f32),
     (batch, scratch): &mut (FieldBatch, LightScratch),
 ) -> Vec<Option<Vec3>> {
     let axis = Vec3::AXES[face % 3] * if face < 3 { 1.0 } else { -1.0 };
@@ -321,9 +327,11 @@ fn look_through(
     environment.light(batch, scratch);
     let end = |i: usize| {
         let sight = Sight::of(batch, i);
-        let point = sight.point(sight.end()?);
-        let is_known =
-            cells.holding(point).is_some() && environment.seen_share(batch, i) > LEAST_SEEN;
+        let end = sight.end()?;
+        let point = sight.point(end);
+        let is_known = cells.holding(point).is_some()
+            && environment.seen_share(batch, i) > LEAST_SEEN
+            && end >= outside(Vec3::from(sight.ray.direction));
         is_known.then_some(point)
     };
     (0..n_looks).map(end).collect()
