@@ -8,9 +8,10 @@ use glam::{Mat2, Vec2, Vec3};
 
 /// Newton steps that undo the distortion. Phone lenses converge in 3; the rest is reserve.
 const N_UNDISTORT_STEPS: usize = 8;
-/// Damped steps of the fallback, and how often one may be halved.
+/// Damped steps of the fallback, and how often one may be halved: the image of a direction almost
+/// across the axis lies tens of thousands of focal lengths off, where the first step leads.
 const N_DAMPED_STEPS: usize = 40;
-const N_HALVINGS: usize = 12;
+const N_HALVINGS: usize = 24;
 /// Least determinant of the Jacobian, or slope of the fisheye angle: below it the picture folds.
 const LEAST_SLOPE: f32 = 1e-3;
 /// Points between the centre and the asked one at which the polynomial must rise.
@@ -293,6 +294,17 @@ mod tests {
                 prop_assert!(direction.is_finite() && direction.length() > 0.0, "{lens:?}: {direction}");
             }
         }
+    }
+
+    #[test]
+    fn an_image_far_out_leads_back_to_its_direction() {
+        let (sin, cos) = 1.498_266_f32.sin_cos();
+        let direction = Vec3::new(sin, 0.0, cos);
+        let p = barrel()
+            .image_of(direction)
+            .expect("this lens does not fold");
+        assert!(p.length() > 3e4, "{p}");
+        assert!((barrel().direction_of(p).normalize_or_zero() - direction).length() < 2e-3);
     }
 
     #[test]

@@ -129,12 +129,15 @@ impl Stand<'_> {
         for slab in SLABS {
             let (normal, point) = plane_beside(surfaces, (&foot, up, offset), slab)?;
             // The field's noise is no slope.
-            up = if normal.dot(level) > LEVEL {
+            let found = if normal.dot(level) > LEVEL {
                 level
             } else {
                 normal
             };
-            foot = self.foot(up);
+            if found != up {
+                up = found;
+                foot = self.foot(up);
+            }
             offset = (point - foot.center).dot(up);
         }
         let half_side = half_side(&foot);
