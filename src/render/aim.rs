@@ -18,10 +18,10 @@ use crate::neif::radiance_field::FieldRay;
 
 /// Change of roughness from which one cone, which the photos taught at the learned roughness, counts nothing.
 const UNTAUGHT: f32 = 0.05;
-/// Learned roughness up to which one cone serves in other surroundings too, and the distance from there to where it
-/// counts nothing.
-const SHARP: f32 = 0.2;
-const SHARP_TO_WIDE: f32 = 0.1;
+/// Learned roughness up to which one cone serves in other surroundings too, that of a mirror, and the distance from there
+/// to where it counts nothing: one cone has none of the long tails of GGX, in which a lamp glows.
+const SHARP: f32 = 0.13;
+const SHARP_TO_WIDE: f32 = 0.03;
 
 /// The lit vertices of each path, and how many rays it takes; both are put into the scratch.
 pub(super) fn aim_lobes(
