@@ -1,7 +1,7 @@
 //! A running mean of the density on two coarse grids: one finer, over the inner box, and one over all contracted space; the
 //! floor under them, and what of all that photos showed.
 
-use glam::IVec3;
+use glam::{IVec3, Vec3};
 
 use super::contraction::{expand, unit_cube};
 use super::floor::Floor;
@@ -20,6 +20,9 @@ pub(super) const INNER_CELLS: u32 = (INNER_SIDE * INNER_SIDE * INNER_SIDE) as u3
 const INITIAL_DENSITY: f32 = 0.1;
 /// Share of a new observation in the running mean.
 const RATE: f32 = 0.1;
+
+/// Cells next to a surface that tell of no line of sight.
+const BESIDE: u32 = 3;
 
 /// Running mean of the density, stored as the upper half of an `f32` (bf16): half the cache lines.
 #[derive(Clone, Debug, PartialEq)]
@@ -103,6 +106,21 @@ impl DensityGrid {
     /// Side of an inner cell, field coordinates.
     pub const fn inner_cell() -> f32 {
         2.0 / INNER_SIDE as f32
+    }
+
+    /// Share of the way along the unit `direction` from `start`, up to the end of the inner box, that is empty for good,
+    /// `[0, 1]`; field coordinates. The first cells tell of no line of sight: they lie beside the object's surface.
+    pub fn void_share(&self, start: Vec3, direction: Vec3) -> f32 {
+        let step = Self::inner_cell();
+        let cells = (BESIDE..)
+            .map(|k| start + direction * (k as f32 * step))
+            .take_while(|x| x.abs().max_element() < 1.0);
+        let (mut n, mut n_void) = (0_u32, 0_u32);
+        for x in cells {
+            n += 1;
+            n_void += u32::from(self.is_void(cell_index(x.to_array())));
+        }
+        n_void as f32 / n.max(1) as f32
     }
 
     /// Whether the cell is empty for good.
@@ -216,6 +234,16 @@ pub(super) fn contract_point(x: [f32; 3]) -> [f32; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_way_is_open_where_cells_are_empty_for_good() {
+        let mut grid = DensityGrid::default();
+        grid.hollow(|x| x[0] > 0.5);
+        let share = |direction| grid.void_share(Vec3::ZERO, direction);
+        assert!((share(Vec3::X) - 0.5).abs() < 0.05, "{}", share(Vec3::X));
+        assert_eq!([Vec3::NEG_X, Vec3::Y].map(share), [0.0; 2]);
+        assert_eq!(grid.void_share(Vec3::splat(2.0), Vec3::X), 0.0, "outside");
+    }
 
     #[test]
     fn what_is_void_is_widened_as_a_ball_where_it_may_be() {

@@ -56,6 +56,11 @@ impl Default for MaterialEdit {
 }
 
 impl MaterialEdit {
+    /// Whether roughness differs from what was learned.
+    pub fn changes_roughness(&self) -> bool {
+        self.roughness != RoughnessEdit::default()
+    }
+
     /// Edited roughness, clamped to `[0, 1]`.
     pub fn roughness(&self, roughness: f32) -> f32 {
         match self.roughness {

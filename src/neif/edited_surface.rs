@@ -4,7 +4,7 @@
 
 use glam::Vec3;
 
-use super::edit::{MaterialEdit, RoughnessEdit};
+use super::edit::MaterialEdit;
 use super::material::{MaterialBatch, Surface};
 use super::object::ObjectModel;
 use super::region::{Region, RegionMask, Regions};
@@ -32,7 +32,7 @@ impl EditedSurfaces {
         let regions = regions.effective();
         let masks = self.masks(object, regions.iter());
         self.forward(object, points.clone());
-        let (gain, is_new) = (edit.specular_gain(), changes_roughness(edit));
+        let (gain, is_new) = (edit.specular_gain(), edit.changes_roughness());
         self.learned_roughness.clear();
         self.specular_gain.clear();
         self.has_new_roughness.clear();
@@ -138,10 +138,6 @@ impl Edited {
         self.surface.roughness = mix(self.surface.roughness, surface.roughness);
         self.surface.diffuse = mix3(self.surface.diffuse, surface.diffuse);
         self.gain = mix3(self.gain, self.gain * edit.specular_gain());
-        self.is_new |= changes_roughness(edit);
+        self.is_new |= edit.changes_roughness();
     }
-}
-
-fn changes_roughness(edit: &MaterialEdit) -> bool {
-    edit.roughness != RoughnessEdit::default()
 }

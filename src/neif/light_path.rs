@@ -5,6 +5,8 @@
 //! pixel equation at the next vertex (Eq. 7 of the paper, applied along the path). What earlier lobes blur, later ones
 //! see blurred: their variances add, and a curved surface spreads the blurred spot on it (ray differentials).
 
+use std::ops::Range;
+
 use glam::Vec3;
 
 use super::contraction::FieldFrame;
@@ -109,6 +111,8 @@ pub struct SplitLobe {
     pub from_object: Vec3,
     /// Sum of the squares of what each of those brings to the lobe.
     pub from_object_squared: Vec3,
+    /// What the lobe gathers from lamps that the cones do not see.
+    pub from_lamps: Vec3,
     /// Weight of this light against that of the one cone, `[0, 1]`.
     pub weight: f32,
 }
@@ -274,17 +278,22 @@ pub fn gather(
 }
 
 impl SplitLobe {
+    /// Its rays.
+    pub fn rays(&self) -> Range<usize> {
+        self.first..self.first + self.n
+    }
+
     /// The mean of its cones and the mean's standard error, as if they were drawn by chance.
     fn light(&self, incoming: impl Fn(usize) -> Vec3) -> (Vec3, Vec3) {
         let share = 1.0 / self.n_cones as f32;
         let (mut mean, mut squares) = (self.from_object, self.from_object_squared);
-        for ray in self.first..self.first + self.n {
+        for ray in self.rays() {
             let light = incoming(ray) * share;
             mean += light;
             squares += light * light;
         }
         let variance = (squares - mean * mean * share).max(Vec3::ZERO);
-        (mean, variance.map(f32::sqrt))
+        (mean + self.from_lamps, variance.map(f32::sqrt))
     }
 }
 
@@ -305,6 +314,11 @@ impl LitVertex {
             split.from_object += light;
             split.from_object_squared += light * light;
         }
+    }
+
+    /// The same lobe by several cones, if it is split.
+    pub fn split(&mut self) -> Option<&mut SplitLobe> {
+        self.split.as_mut()
     }
 
     /// Standard error of what the lobe gathers, as [`gather`] found it; 0 for one cone.

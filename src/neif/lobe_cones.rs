@@ -27,6 +27,9 @@ const FEW: u32 = 16;
 /// Widest variance of a cone per axis, radians squared: of the rare directions far from the mirror's.
 const WIDEST: f32 = 0.1;
 
+/// Square of GGX's alpha whose lobe has a variance of 1 an axis ([`Lobe::from_roughness`]).
+const ALPHA2_OF_VARIANCE: f32 = 0.35;
+
 /// Which of a pixel's paths asks for cones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PathOfPixel {
@@ -97,6 +100,14 @@ pub fn lobe_cone(point: &SurfacePoint, roughness: f32, u: [f32; 2], n: u32) -> O
         axis,
         lobe: Lobe::from_variance(variance.min(WIDEST)),
     })
+}
+
+/// Density of the lobe at `point` in the unit direction `toward`, per steradian, blurred by `spread` (a variance an axis,
+/// radians squared).
+pub fn lobe_density(point: &SurfacePoint, roughness: f32, spread: f32, toward: Vec3) -> f32 {
+    let alpha2 = roughness.powi(4) + ALPHA2_OF_VARIANCE * spread;
+    let h = (point.to_eye + toward).normalize_or(point.normal);
+    ggx_pdf(point.normal, point.to_eye, h, alpha2.sqrt())
 }
 
 fn cones_of_path(roughness: f32, n_paths: u32) -> u32 {
@@ -193,6 +204,33 @@ mod tests {
             }
         }
         sum / count
+    }
+
+    #[test]
+    fn the_density_is_that_of_the_lobe_s_directions() {
+        for (cos, roughness) in [(1.0, 0.3), (0.7, 0.5), (0.5, 0.4)] {
+            let point = point(cos);
+            let toward = point.reflected();
+            let light = |l: Vec3| l.dot(toward).max(0.0).powi(20);
+            let (mut sum, mut all) = (0.0, 0.0);
+            for l in crate::geometry::fibonacci_sphere(40_000) {
+                if l.dot(point.normal) > 0.0 {
+                    let density = lobe_density(&point, roughness, 0.0, l);
+                    sum += density * light(l);
+                    all += density;
+                }
+            }
+            let expected = dense(&point, roughness, light);
+            let found = sum / all;
+            assert!(
+                (found / expected - 1.0).abs() < 0.02,
+                "{found}, not {expected}"
+            );
+            let total = all * 2.0 * TAU / 40_000.0;
+            assert!((0.9..1.01).contains(&total), "{total} of the light");
+            let blurred = lobe_density(&point, roughness, 0.05, toward);
+            assert!(blurred < 0.9 * lobe_density(&point, roughness, 0.0, toward));
+        }
     }
 
     #[test]

@@ -15,6 +15,7 @@ use crate::neif::lobe_cones::{LobeCone, PathOfPixel, lobe_cones};
 use crate::neif::material::Surface;
 use crate::neif::object::ObjectModel;
 use crate::neif::radiance_field::FieldRay;
+use crate::neif::shading::SurfacePoint;
 
 /// Change of roughness from which one cone, which the photos taught at the learned roughness, counts nothing.
 const UNTAUGHT: f32 = 0.05;
@@ -81,11 +82,12 @@ impl Aim<'_> {
         let new_roughness = scratch.edited.has_new_roughness();
         let is_new = |k: usize| new_roughness[start + k] || !self.has_own_light;
         let roughness = surfaces[start].roughness;
-        let weight = if is_new(0) {
-            self.split_weight(roughness, learned[start])
+        let moved = if self.has_own_light {
+            moved_away(self.motion, self.frame, &path[0].point, learned[start])
         } else {
-            0.0
+            1.0
         };
+        let weight = self.split_weight(roughness, learned[start], moved);
         let surface = |k: usize| {
             let mut surface = surfaces[start + k];
             let is_taught = !is_new(k) || k == 0 && weight < 1.0;
@@ -112,16 +114,13 @@ impl Aim<'_> {
         first..first + n
     }
 
-    /// How much several cones count against the one that photos taught, `[0, 1]`.
-    fn split_weight(&self, roughness: f32, learned: f32) -> f32 {
+    /// How much several cones count against the one that photos taught where the surroundings are now those of another
+    /// lobe by the share `moved`, `[0, 1]`.
+    fn split_weight(&self, roughness: f32, learned: f32, moved: f32) -> f32 {
         let change = untaught_share(self.object, roughness, learned);
-        // Of other surroundings, sharp cones are as good as of the own ones.
-        let is_wide = if self.has_own_light {
-            0.0
-        } else {
-            (learned - SHARP) / SHARP_TO_WIDE
-        };
-        change.max(is_wide.clamp(0.0, 1.0))
+        // Sharp cones are as good elsewhere.
+        let is_wide = (learned - SHARP) / SHARP_TO_WIDE;
+        change.max(moved * is_wide.clamp(0.0, 1.0))
     }
 
     /// Adds those of a lobe's cones that leave the object to `rays` and the others to `blocked`, as those of the lit
@@ -171,9 +170,25 @@ impl Aim<'_> {
             n_cones: n + n_blocked,
             from_object: Vec3::ZERO,
             from_object_squared: Vec3::ZERO,
+            from_lamps: Vec3::ZERO,
             weight: 1.0,
         })
     }
+}
+
+/// How far moved surroundings ask the lobe at `point` for other light than photos taught it, `[0, 1]`: they were turned or
+/// moved under it by more than it is wide.
+fn moved_away(
+    motion: &EnvironmentFromWorld,
+    frame: &FieldFrame,
+    point: &SurfacePoint,
+    learned: f32,
+) -> f32 {
+    let axis = point.reflected();
+    let turned = motion.direction(axis) - axis;
+    let moved = (motion.point(point.position) - point.position) / frame.half_side;
+    let away2 = turned.length_squared() + moved.length_squared();
+    1.0 - (-0.5 * away2 / Lobe::from_roughness(learned).variance).exp()
 }
 
 /// How little the photos taught a lobe of this perceptual roughness where they taught one of the `learned` roughness, `[0, 1]`.
@@ -183,4 +198,43 @@ pub(super) fn untaught_share(object: &ObjectModel, roughness: f32, learned: f32)
         ..Surface::default()
     });
     ((roughness - taught.roughness).abs() / UNTAUGHT).min(1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::neif::EnvironmentTransform;
+
+    #[test]
+    fn a_lobe_keeps_its_light_where_the_environment_hardly_moves_under_it() {
+        let frame = FieldFrame {
+            center: Vec3::ZERO,
+            half_side: 2.0,
+        };
+        let away = |rotate_deg, translate, learned| {
+            let transform = EnvironmentTransform {
+                rotate_deg,
+                translate,
+                ..EnvironmentTransform::default()
+            };
+            let point = SurfacePoint {
+                normal: Vec3::Z,
+                to_eye: Vec3::Z,
+                ..SurfacePoint::default()
+            };
+            moved_away(&transform.environment_from_world(), &frame, &point, learned)
+        };
+        assert_eq!(away(Vec3::ZERO, Vec3::ZERO, 0.2), 0.0);
+        let about_itself = away(Vec3::new(0.0, 0.0, 90.0), Vec3::ZERO, 0.2);
+        assert!(about_itself < 1e-6, "{about_itself}");
+        let turned = |degrees, learned| away(Vec3::new(degrees, 0.0, 0.0), Vec3::ZERO, learned);
+        assert!(turned(90.0, 0.2) > 0.999);
+        assert!((0.0..0.05).contains(&turned(2.0, 0.5)), "rough");
+        assert!(
+            turned(2.0, 0.1) > turned(2.0, 0.5),
+            "a sharp lobe sees it sooner"
+        );
+        let shifted = |x, learned| away(Vec3::ZERO, Vec3::new(x, 0.0, 0.0), learned);
+        assert!(shifted(0.05, 0.4) < 0.05 && shifted(2.0, 0.2) > 0.9);
+    }
 }

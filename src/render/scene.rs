@@ -14,6 +14,7 @@ use super::ground::Ground;
 use super::irradiance::{
     DiffuseLights, KeyedLight, LightKey, Resolution, shows_light, trained_light,
 };
+use super::lamps::Highlights;
 use super::named::by_name;
 use super::shade::display_gain;
 use super::tone_map::ToneMap;
@@ -174,6 +175,17 @@ impl Scene {
             lit.light
                 .albedo(position, normal, diffuse / gain.max(least)),
         ]
+    }
+
+    /// Whether an edit changes roughness somewhere.
+    pub(super) fn changes_roughness(&self) -> bool {
+        let mut edits = self.regions.iter().map(|region| &region.edit);
+        self.edit.changes_roughness() || edits.any(MaterialEdit::changes_roughness)
+    }
+
+    /// The lamps that split lobes gather, where they are known.
+    pub(super) fn highlights(&self) -> Option<&Highlights> {
+        self.diffuse_light.as_ref()?.light.highlights()
     }
 
     /// Puts the object under other surroundings. Its own, read from a file again, stay its own: what was learned of them holds.

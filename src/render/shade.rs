@@ -353,6 +353,16 @@ fn lobe_light(
         let radiance = Vec3::from(scratch.radiance[*ray]) * motion.gain;
         scratch.lit[*owner].add_from_object(*throughput * radiance);
     }
+    if let Some(highlights) = scene.highlights() {
+        for ((path, &start), lit) in paths.iter().zip(starts).zip(&lit) {
+            let roughness = scratch.edited.surfaces()[start].roughness;
+            if let Some(split) = scratch.lit[lit.start].split() {
+                let cones = &mut scratch.radiance[split.rays()];
+                let at = (&path[0].point, roughness);
+                split.from_lamps = highlights.take(&object.tracer, at, cones) * motion.gain;
+            }
+        }
+    }
     let (edited, radiance, vertices) = (&scratch.edited, &scratch.radiance, &mut scratch.lit);
     let gain = |surface: usize| edited.specular_gain()[surface];
     let incoming = |ray: usize| Vec3::from(radiance[ray]) * motion.gain;

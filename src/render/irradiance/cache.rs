@@ -23,26 +23,27 @@ pub struct LightKey {
 }
 
 impl LightKey {
-    /// What the scene's light depends on; `None` where the diffuse part is shown as trained, but for a gain, and the
-    /// light itself is not `shown`.
+    /// What the scene's light depends on; `None` where surfaces are shown as they were trained, but for a gain, and the
+    /// light itself is not shown.
     pub fn of(scene: &Scene, is_shown: bool) -> Option<Self> {
-        let still = EnvironmentTransform::default();
-        let transform = EnvironmentTransform {
-            exposure_ev: 0.0,
-            white_balance: Vec3::ONE,
-            ..scene.transform
-        };
-        let trained_in = scene.trained_in.as_ref()?;
-        let is_own = Arc::ptr_eq(trained_in, &scene.environment);
-        if is_own && transform == still && !is_shown {
-            return None;
-        }
-        Some(Self {
+        let key = Self {
             object: Arc::clone(scene.object.as_ref()?),
-            trained_in: Arc::clone(trained_in),
+            trained_in: Arc::clone(scene.trained_in.as_ref()?),
             environment: Arc::clone(&scene.environment),
-            transform,
-        })
+            transform: EnvironmentTransform {
+                exposure_ev: 0.0,
+                white_balance: Vec3::ONE,
+                ..scene.transform
+            },
+        };
+        let is_needed = is_shown || scene.changes_roughness() || !key.is_captured();
+        is_needed.then_some(key)
+    }
+
+    /// Whether it is the environment that the object was trained in, where it was.
+    pub(super) fn is_captured(&self) -> bool {
+        Arc::ptr_eq(&self.trained_in, &self.environment)
+            && self.transform == EnvironmentTransform::default()
     }
 
     fn is_same(&self, other: &Self) -> bool {

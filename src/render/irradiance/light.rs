@@ -19,7 +19,7 @@ use crate::neif::radiance_field::{FieldBatch, FieldRay};
 use crate::neif::shading::fresnel;
 use crate::neif::{Environment, EnvironmentTransform, SurfaceField};
 use crate::render::ground::{BakedGround, Captured, Ground, Shadow};
-use crate::render::lamps::{Lamps, LitPlace, lamp_gains};
+use crate::render::lamps::{Highlights, Lamps, Place, lamp_gains, lit_lobes};
 
 /// Places at which shading is looked at for what it tells of lamps.
 const N_SHADED: usize = 4096;
@@ -70,7 +70,7 @@ pub struct TrainedLight {
     ray_mean: Vec3,
     /// Lamps of the trained environment, as bright as the object's shading tells.
     lamps: Arc<Lamps>,
-    light: SurfaceLight,
+    light: Arc<SurfaceLight>,
     captured: Captured,
 }
 
@@ -144,7 +144,7 @@ impl TrainedWork {
         Some(TrainedLight {
             tracer: Arc::clone(tracer),
             ray_mean: self.gathered.mean(),
-            light: SurfaceLight::new(&transport, rest, by_lamps),
+            light: Arc::new(SurfaceLight::new(&transport, rest, by_lamps)),
             lamps,
             transport,
             beams,
@@ -158,30 +158,25 @@ impl TrainedWork {
         let tracer = &key.object.tracer;
         let still = EnvironmentTransform::default().environment_from_world();
         let points = lamps.points_of(&parts, &still);
-        let places = Probes::on_mesh(tracer.mesh(), N_SHADED);
-        let positions: Vec<Vec3> = places.probes().iter().map(|p| p.position).collect();
+        let probes = Probes::on_mesh(tracer.mesh(), N_SHADED);
+        let positions: Vec<Vec3> = probes.probes().iter().map(|p| p.position).collect();
         let mut batch = MaterialBatch::default();
         key.object
             .material
             .forward(&positions, &mut batch, &mut Vec::new());
-        let shaded: Vec<LitPlace> = places
-            .probes()
-            .par_iter()
-            .zip(&batch.surfaces)
-            .map(|(place, surface)| {
-                let at = (place.position, place.normal);
-                let mut arriving = vec![Vec3::ZERO; parts.len()];
-                points.arriving(Some(tracer), at, |part, toward, light| {
-                    arriving[part] += light * place.normal.dot(toward);
-                });
-                LitPlace {
-                    diffuse: surface.diffuse,
-                    rest: rest.smooth(&self.transport, place.position, place.normal),
-                    lamps: arriving,
-                }
+        let places = probes.probes().iter().zip(&batch.surfaces);
+        let places: Vec<Place> = places
+            .map(|(&probe, &surface)| Place {
+                probe,
+                surface,
+                around: rest.smooth(&self.transport, probe.position, probe.normal) / PI,
             })
             .collect();
-        let gains = lamp_gains(&places, &shaded, parts.len());
+        let shaded = places.par_iter().map(|place| place.shaded(tracer, &points));
+        let shaded = shaded.collect();
+        let own = (&*key.trained_in, lamps, &points);
+        let lobes = lit_lobes(&key.object, own, &places, &still);
+        let gains = lamp_gains(&probes, shaded, lobes, parts.len());
         lamps.gained(&parts, &gains)
     }
 }
@@ -243,29 +238,39 @@ impl TrainedLight {
 #[derive(Debug)]
 pub struct DiffuseLight {
     trained: Arc<TrainedLight>,
-    light: SurfaceLight,
+    light: Arc<SurfaceLight>,
     ground: Option<Arc<Ground>>,
+    highlights: Option<Highlights>,
 }
 
 impl DiffuseLight {
-    /// Gathers the light of moved or other surroundings, but not their gain: the ratio is proportional to that. `None`
+    /// Gathers the light of moved or other surroundings, or that of the captured ones as it was, but not their gain: the ratio is proportional to that. `None`
     /// when cancelled; `gathered` then keeps what was done, for the same arguments.
     pub(super) fn gather(
         trained: &Arc<TrainedLight>,
-        (key, lamps): (&LightKey, &Lamps),
+        (key, lamps): (&LightKey, &Arc<Lamps>),
         gathered: &mut Gathered,
         cancel: &AtomicBool,
     ) -> Option<Self> {
+        let motion = key.transform.environment_from_world();
+        let highlights = Highlights::new(Arc::clone(lamps), lamps.points_for_lobes(&motion));
+        if key.is_captured() {
+            return Some(Self {
+                light: Arc::clone(&trained.light),
+                trained: Arc::clone(trained),
+                ground: None,
+                highlights,
+            });
+        }
         if gathered.ground.is_none() {
             gathered.ground = Some(trained.ground_in(key, lamps, cancel)?);
         }
-        let environment = (&*key.environment, lamps);
+        let environment = (&*key.environment, &**lamps);
         if !gathered.run(&trained.beams, environment, &key.transform, cancel) {
             return None;
         }
         let transport = &trained.transport;
-        let points = lamps.points(&key.transform.environment_from_world());
-        let by_lamps = LampLight::new(transport, &trained.tracer, points);
+        let by_lamps = LampLight::new(transport, &trained.tracer, lamps.points(&motion));
         let lit = |bounce: &(dyn Fn(&Beam) -> Vec3 + Sync)| {
             let rest = irradiance(&trained.beams, &gathered.radiance, bounce);
             SurfaceLight::new(transport, rest, by_lamps.clone())
@@ -282,9 +287,10 @@ impl DiffuseLight {
             });
         }
         Some(Self {
-            light,
+            light: Arc::new(light),
             trained: Arc::clone(trained),
             ground: gathered.ground.clone().filter(|ground| !ground.is_empty()),
+            highlights,
         })
     }
 
@@ -295,6 +301,9 @@ impl DiffuseLight {
     /// of the places that many cones meet take longer than all the rest.
     pub fn ratio(&self, position: Vec3, normal: Vec3, is_seen: bool) -> Vec3 {
         let trained = &self.trained;
+        if Arc::ptr_eq(&self.light, &trained.light) {
+            return Vec3::ONE;
+        }
         let at = |light: &SurfaceLight| {
             let value = if is_seen {
                 light.at(&trained.transport, &trained.tracer, position, normal)
@@ -316,6 +325,11 @@ impl DiffuseLight {
     /// Diffuse reflectance of a surface point whose present diffuse radiance is `diffuse`: `π C_d / E`, in `[0, 1]`.
     pub fn albedo(&self, position: Vec3, normal: Vec3, diffuse: Vec3) -> Vec3 {
         albedo(self.irradiance(position, normal), self.light.mean, diffuse)
+    }
+
+    /// The lamps that lobes gather, if there are any.
+    pub(in crate::render) fn highlights(&self) -> Option<&Highlights> {
+        self.highlights.as_ref()
     }
 
     /// What is done to the surfaces around the object.

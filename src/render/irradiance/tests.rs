@@ -10,7 +10,7 @@ use super::light::TrainedLight;
 use super::*;
 use crate::geometry::Mesh;
 use crate::geometry::test_mesh::{ellipsoid, together};
-use crate::neif::{Environment, EnvironmentTransform, ObjectModel};
+use crate::neif::{Environment, EnvironmentTransform, ObjectModel, RoughnessEdit};
 use crate::render::test_scene::{environment, fog, object_of, scene};
 use crate::render::{Layer, Scene};
 
@@ -251,5 +251,18 @@ fn the_coarse_light_is_near_the_fine_one() {
         let [quick, fine] = [&quick, &fine].map(|scene| response(scene, 0.5 * n, n));
         let off = ((quick - fine) / fine).abs().max_element();
         assert!(off < 0.15, "{quick}, not {fine} at {n}");
+    }
+}
+
+#[test]
+fn an_edit_of_roughness_asks_for_lamps_and_leaves_the_diffuse_part_alone() {
+    let mut scene = Scene::new(Some(ball()), fog(0.3, 0.0));
+    let lit = |scene: &Scene| scene.lit(&NEVER).expect("not cancelled");
+    assert!(lit(&scene).diffuse_light.is_none(), "as it was trained");
+    scene.edit.roughness = RoughnessEdit::Constant(0.4);
+    let lit = lit(&scene);
+    assert!(lit.diffuse_light.is_some() && lit.ground.is_none());
+    for normal in normals() {
+        assert_eq!(response(&lit, 0.5 * normal, normal), Vec3::ONE);
     }
 }

@@ -1,9 +1,10 @@
-//! How bright lamps are that photos show as white: what shading tells of them.
+//! How bright lamps are that photos show as white: what shading and blurred reflections tell of them.
 //!
 //! Over a stretch of surface of one colour the diffuse radiance varies as the irradiance does. Pairs of neighbouring
 //! probes therefore compare `ln C_d` with `ln E`, where `E` is the sum of the lamps, each times its unknown gain, and
 //! of everything else; a forgiving error lets the pairs across an edge of paint disagree (Retinex, Land and
-//! `McCann` 1971, with the light known up to a few gains). Where shading tells nothing a weak prior leaves the gains at 1.
+//! `McCann` 1971, with the light known up to a few gains). What lobes gather has no albedo that is unknown. Where nothing tells, a
+//! weak prior leaves the gains at 1.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -18,6 +19,10 @@ const DIM: f32 = 0.02;
 const DARK: f32 = 0.005;
 /// Weight of the squared logarithm of a part's gain, in pairs.
 const PRIOR: f32 = 0.02;
+/// The same for its difference from the mean of all, as long as that is small, and what is small: lamps are as clipped as each
+/// other unless something tells otherwise.
+const EVENNESS: f32 = 1.0;
+const EVEN: f32 = 0.5;
 /// The same for the difference of a colour's gain from that of all.
 const COLOR_PRIOR: f32 = 1.0;
 /// Gains that are tried for all parts together, octaves.
@@ -27,25 +32,37 @@ const STEPS: usize = 300;
 const FIRST_STEP: f32 = 0.2;
 const LAST_STEP: f32 = 0.01;
 
-/// What is known at a place of the surface.
+/// What is known of the light that a place of the surface sends on, diffusely or along a lobe.
 #[derive(Clone, Debug)]
 pub(in crate::render) struct LitPlace {
-    /// Diffuse radiance that the photos taught.
-    pub(in crate::render) diffuse: Vec3,
-    /// Irradiance without the lamps.
+    /// Radiance that the photos taught.
+    pub(in crate::render) radiance: Vec3,
+    /// How much that is believed, `[0, 1]`.
+    pub(in crate::render) trust: f32,
+    /// What it would be from everything but the lamps on a white surface.
     pub(in crate::render) rest: Vec3,
-    /// That of each part of the lamps as it was learned.
+    /// The same from each part of the lamps as it was learned.
     pub(in crate::render) lamps: Vec<Vec3>,
 }
 
-/// Gains of each part of the lamps, a colour.
+/// Gains of each of `n_parts` of the lamps, a colour, from the diffuse light `lit` of each of the `probes` and from `lobes`.
 pub(in crate::render) fn lamp_gains(
     probes: &Probes,
-    lit: &[LitPlace],
+    mut lit: Vec<LitPlace>,
+    lobes: Vec<LitPlace>,
     n_parts: usize,
 ) -> Vec<Vec3> {
-    let pairs = pairs(probes, lit);
-    let problem = Problem { lit, pairs: &pairs };
+    let mut pairs = pairs(probes, &lit);
+    pairs.extend(lobes.iter().enumerate().map(|(i, lobe)| Pair {
+        a: lit.len() + i,
+        b: None,
+        weight: lobe.trust,
+    }));
+    lit.extend(lobes);
+    let problem = Problem {
+        lit: &lit,
+        pairs: &pairs,
+    };
     if pairs.is_empty() || n_parts == 0 {
         return vec![Vec3::ONE; n_parts];
     }
@@ -68,24 +85,29 @@ pub(in crate::render) fn lamp_gains(
     logs.into_iter().map(|log| log.map(f32::exp)).collect()
 }
 
-/// Two neighbouring probes and how much they tell.
+/// Two neighbouring places, of about one albedo, and how much they tell.
 struct Pair {
     a: usize,
-    b: usize,
+    /// None where the albedo of `a` is 1.
+    b: Option<usize>,
     weight: f32,
 }
 
 fn pairs(probes: &Probes, lit: &[LitPlace]) -> Vec<Pair> {
     let telling = |i: usize| {
-        let dim = lit[i].diffuse.element_sum() / 3.0;
-        dim / (dim + DIM)
+        let dim = lit[i].radiance.element_sum() / 3.0;
+        lit[i].trust * dim / (dim + DIM)
     };
     let mut pairs = Vec::new();
     for (a, probe) in probes.probes().iter().enumerate() {
         probes.near(probe.position, probe.normal, |b, near| {
             if b > a {
                 let weight = near * telling(a) * telling(b);
-                pairs.push(Pair { a, b, weight });
+                pairs.push(Pair {
+                    a,
+                    b: Some(b),
+                    weight,
+                });
             }
         });
     }
@@ -114,24 +136,32 @@ impl Problem<'_> {
         let albedo: Vec<Vec3> = light
             .iter()
             .zip(self.lit)
-            .map(|(light, probe)| logarithm(probe.diffuse) - logarithm(*light + dark))
+            .map(|(light, probe)| logarithm(probe.radiance) - logarithm(*light + dark))
             .collect();
         let mut sum = 0.0;
         let mut by_albedo = vec![Vec3::ZERO; light.len()];
         for pair in self.pairs {
-            let difference = (albedo[pair.a] - albedo[pair.b]) / NOISE;
+            let other = pair.b.map_or(Vec3::ZERO, |b| albedo[b]);
+            let difference = (albedo[pair.a] - other) / NOISE;
             let squared = difference * difference;
             sum += pair.weight * squared.map(f32::ln_1p).element_sum();
             let slope = 2.0 * pair.weight / NOISE * difference / (squared + 1.0);
             by_albedo[pair.a] += slope;
-            by_albedo[pair.b] -= slope;
+            if let Some(b) = pair.b {
+                by_albedo[b] -= slope;
+            }
         }
         let mut slope = self.by_gain(&by_albedo, &light, dark);
+        let mean = logs.iter().sum::<Vec3>() / logs.len().max(1) as f32;
         for ((slope, log), gain) in slope.iter_mut().zip(logs).zip(&gains) {
             let grey = log.element_sum() / 3.0;
-            let color = *log - grey;
+            let (color, uneven) = (*log - grey, *log - mean);
             sum += PRIOR * grey * grey + COLOR_PRIOR * color.length_squared();
-            *slope = *slope * *gain + 2.0 * PRIOR * grey / 3.0 + 2.0 * COLOR_PRIOR * color;
+            let unlike = 1.0 + uneven.length_squared() / (EVEN * EVEN);
+            sum += EVENNESS * EVEN * EVEN * unlike.ln();
+            // The mean counts as given.
+            let by_prior = PRIOR / 3.0 * grey + COLOR_PRIOR * color + EVENNESS / unlike * uneven;
+            *slope = *slope * *gain + 2.0 * by_prior;
         }
         (sum, slope)
     }

@@ -5,6 +5,9 @@
 //! it (the median cut of Debevec 2005); below that the cones gather it as before, so that the two add up.
 
 mod gains;
+mod highlights;
+mod lobes;
+mod places;
 #[cfg(test)]
 mod tests;
 
@@ -13,7 +16,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use glam::Vec3;
 use rayon::prelude::*;
 
-pub(super) use gains::{LitPlace, lamp_gains};
+use gains::LitPlace;
+pub(super) use gains::lamp_gains;
+pub(super) use highlights::Highlights;
+pub(super) use lobes::lit_lobes;
+pub(super) use places::Place;
 
 use crate::geometry::{Ray, SurfaceTracer, fibonacci_sphere};
 use crate::neif::environment::{EnvironmentField, LightScratch};
@@ -29,7 +36,7 @@ const BRIGHT: f32 = 4.0;
 const DARKER: f32 = 0.95;
 /// The same at least, where a photo's white is 1.
 const WHITE: f32 = 1.0;
-/// Parts of the lamps whose brightness is asked for one by one.
+/// Parts of the lamps whose brightness is asked for one by one, and that lobes tell apart.
 const N_PARTS: usize = 64;
 /// Points that stand for all lamps where they light a surface.
 const N_POINTS: usize = 24;
@@ -43,6 +50,8 @@ pub(super) struct LampPoint {
     pub(super) strength: Vec3,
     /// Square of the extent that it stands for: at smaller distances it is no point.
     extent2: f32,
+    /// Solid angle of the same, seen from the middle of the environment, steradians.
+    solid_angle: f32,
 }
 
 /// The lamps of an environment.
@@ -53,6 +62,8 @@ pub(crate) struct Lamps {
     is_far: bool,
     /// Where there is more than that.
     looks: Vec<Look>,
+    /// By how much all together are brighter or darker than they were learned, octaves.
+    correction: f32,
 }
 
 /// One look at the environment.
@@ -101,6 +112,7 @@ impl Lamps {
             white,
             is_far,
             looks,
+            correction: 0.0,
         })
     }
 
@@ -122,12 +134,23 @@ impl Lamps {
                 gained.looks[look].excess *= *gain;
             }
         }
+        let [now, before] = [&gained, self].map(|lamps| {
+            let all = lamps.looks.iter().map(|look| look.excess);
+            all.sum::<Vec3>().element_sum()
+        });
+        let octaves = (now / before).log2().abs();
+        gained.correction = if octaves.is_finite() { octaves } else { 0.0 };
         gained
     }
 
     /// As few points as will do for lighting a surface, in a world in which the environment was moved.
     pub(super) fn points(&self, motion: &EnvironmentFromWorld) -> MovedLamps {
         self.points_of(&parts(&self.looks, N_POINTS), motion)
+    }
+
+    /// The same for lobes, which tell more points apart.
+    pub(super) fn points_for_lobes(&self, motion: &EnvironmentFromWorld) -> MovedLamps {
+        self.points_of(&self.parts(), motion)
     }
 
     /// A point for each part, in a world in which the environment was moved.
@@ -148,6 +171,7 @@ impl Lamps {
                 place: motion.world_point(point.place),
                 strength: point.strength * (scale * scale),
                 extent2: point.extent2 * scale * scale,
+                ..point
             }
         };
         let points = parts
@@ -182,27 +206,27 @@ impl MovedLamps {
         mut visit: impl FnMut(usize, Vec3, Vec3),
     ) {
         for (number, point) in self.points.iter().enumerate() {
-            let (direction, distance, light) = if self.is_far {
-                (point.place, f32::INFINITY, point.strength)
-            } else {
-                let to_lamp = point.place - position;
-                let distance2 = to_lamp.length_squared();
-                let distance = distance2.sqrt();
-                let light = point.strength / distance2.max(point.extent2).max(f32::MIN_POSITIVE);
-                (to_lamp / distance.max(f32::MIN_POSITIVE), distance, light)
-            };
+            let (direction, distance, light) = self.unhidden(point, position);
             if normal.dot(direction) <= 0.0 {
                 continue;
             }
-            let ray = Ray {
-                origin: position,
-                direction,
-            };
-            let is_hidden = tracer.is_some_and(|t| t.occluded(&ray, t.self_distance(), distance));
+            let is_hidden = tracer.is_some_and(|t| is_hidden(t, position, direction, distance));
             if !is_hidden {
                 visit(number, direction, light);
             }
         }
+    }
+
+    /// Direction and distance of a point, and the irradiance of a surface at `position` that faces it.
+    fn unhidden(&self, point: &LampPoint, position: Vec3) -> (Vec3, f32, Vec3) {
+        if self.is_far {
+            return (point.place, f32::INFINITY, point.strength);
+        }
+        let to_lamp = point.place - position;
+        let distance2 = to_lamp.length_squared();
+        let distance = distance2.sqrt();
+        let light = point.strength / distance2.max(point.extent2).max(f32::MIN_POSITIVE);
+        (to_lamp / distance.max(f32::MIN_POSITIVE), distance, light)
     }
 
     /// Irradiance of a surface point.
@@ -218,6 +242,11 @@ impl MovedLamps {
         });
         sum
     }
+}
+
+fn is_hidden(tracer: &SurfaceTracer, origin: Vec3, direction: Vec3, distance: f32) -> bool {
+    let ray = Ray { origin, direction };
+    tracer.occluded(&ray, tracer.self_distance(), distance)
 }
 
 /// Radiance scaled so that no colour is brighter than `white`.
@@ -360,5 +389,6 @@ fn point(looks: &[Look], part: &[usize], is_far: bool) -> LampPoint {
         },
         strength,
         extent2: distance2 * solid_angle * part.len() as f32,
+        solid_angle: solid_angle * part.len() as f32,
     }
 }

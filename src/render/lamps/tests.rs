@@ -1,6 +1,7 @@
 //! What lamps must do, under skies with a known one.
 
 use std::f32::consts::PI;
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use glam::{Quat, Vec3};
@@ -9,6 +10,7 @@ use super::*;
 use crate::geometry::test_mesh::ellipsoid;
 use crate::neif::EnvironmentTransform;
 use crate::neif::distant::{DistantConfig, DistantLight};
+use crate::neif::shading::SurfacePoint;
 use crate::render::irradiance::Probes;
 
 static NEVER: AtomicBool = AtomicBool::new(false);
@@ -107,7 +109,8 @@ fn shaded(probes: &Probes, toward: Vec3, gain: Vec3) -> Vec<LitPlace> {
         let rest = Vec3::splat(0.3 + 0.1 * probe.normal.z);
         let paint = if probe.position.y > 0.1 { 0.7 } else { 0.2 };
         LitPlace {
-            diffuse: paint / PI * (rest + gain * lamp),
+            radiance: paint * (rest + gain * lamp),
+            trust: 1.0,
             rest,
             lamps: vec![lamp],
         }
@@ -121,7 +124,7 @@ fn shading_tells_how_bright_a_lamp_is_whatever_is_painted_on_the_object() {
     let probes = Probes::on_mesh(&mesh, 1000);
     for gain in [Vec3::ONE, Vec3::new(60.0, 50.0, 40.0), Vec3::splat(0.3)] {
         let lit = shaded(&probes, Vec3::new(0.6, 0.0, 0.8), gain);
-        let found = lamp_gains(&probes, &lit, 1)[0];
+        let found = lamp_gains(&probes, lit, Vec::new(), 1)[0];
         let off = (found / gain - 1.0).abs().max_element();
         assert!(off < 0.1, "{found}, not {gain}");
     }
@@ -133,9 +136,89 @@ fn what_has_no_diffuse_part_leaves_lamps_as_they_were_learned() {
     let probes = Probes::on_mesh(&mesh, 200);
     let mut lit = shaded(&probes, Vec3::X, Vec3::splat(30.0));
     for place in &mut lit {
-        place.diffuse = Vec3::ZERO;
+        place.radiance = Vec3::ZERO;
     }
-    let found = lamp_gains(&probes, &lit, 1)[0];
+    let found = lamp_gains(&probes, lit.clone(), Vec::new(), 1)[0];
     assert!((found - 1.0).abs().max_element() < 0.05, "{found}");
-    assert!(lamp_gains(&probes, &lit, 0).is_empty(), "no lamp");
+    assert!(
+        lamp_gains(&probes, lit, Vec::new(), 0).is_empty(),
+        "no lamp"
+    );
+}
+
+#[test]
+fn lobes_tell_how_bright_a_lamp_is_and_what_is_told_of_one_part_goes_for_the_next() {
+    let mesh = ellipsoid(Vec3::ZERO, Vec3::splat(0.5), 16);
+    let probes = Probes::on_mesh(&mesh, 20);
+    let black = LitPlace {
+        radiance: Vec3::ZERO,
+        trust: 1.0,
+        rest: Vec3::ONE,
+        lamps: vec![Vec3::ZERO; 2],
+    };
+    let black = vec![black; probes.probes().len()];
+    let gain = Vec3::new(30.0, 25.0, 20.0);
+    let lobe = |i: usize| {
+        let (rest, lamp) = (Vec3::splat(0.2), Vec3::splat(0.01 * (i + 1) as f32));
+        LitPlace {
+            radiance: rest + gain * lamp,
+            trust: 1.0,
+            rest,
+            lamps: vec![lamp, Vec3::ZERO],
+        }
+    };
+    let found = lamp_gains(&probes, black, (0..20).map(lobe).collect(), 2);
+    let off = (found[0] / gain - 1.0).abs().max_element();
+    assert!(off < 0.15, "{}, not {gain}", found[0]);
+    assert!(
+        (found[1] / gain - 1.0).abs().max_element() < 0.3,
+        "{}",
+        found[1]
+    );
+}
+
+/// A place whose mirror image of the eye is straight up.
+fn facing_up(position: Vec3) -> SurfacePoint {
+    SurfacePoint {
+        position,
+        normal: Vec3::Z,
+        to_eye: Vec3::Z,
+        ..SurfacePoint::default()
+    }
+}
+
+#[test]
+fn a_wide_lobe_gathers_lamps_from_their_points_and_a_mirror_from_its_cones() {
+    let ball = ellipsoid(Vec3::ZERO, Vec3::splat(0.5), 24);
+    let tracer = SurfaceTracer::new(ball.into());
+    let lamps = Arc::new(Lamps::of(&sky(Vec3::Z), &NEVER).expect("not cancelled"));
+    let points = |lamps: &Lamps| lamps.points_for_lobes(&still());
+    assert!(
+        Highlights::new(Arc::clone(&lamps), points(&lamps)).is_none(),
+        "as learned"
+    );
+    let parts = lamps.parts();
+    let lamps = Arc::new(lamps.gained(&parts, &vec![Vec3::splat(4.0); parts.len()]));
+    let highlights = Highlights::new(Arc::clone(&lamps), points(&lamps)).expect("a lamp");
+    let (seen, dim) = ([LAMP; 3], [0.3, 0.2, 0.1]);
+    for roughness in [0.3, 0.6] {
+        let free = facing_up(Vec3::new(0.0, 0.0, 0.6));
+        let mut cones = [seen, dim];
+        let found = highlights.take(&tracer, (&free, roughness), &mut cones);
+        // At the middle of the lobe GGX's directions have a density of 1 / (4 pi alpha^2).
+        let expected = 4.0 * LAMP * 2.0 * PI * (1.0 - RIM) / (4.0 * PI * roughness.powi(4));
+        assert!(
+            found.max_element() > 0.6 * expected && found.max_element() < 1.05 * expected,
+            "{found}, {expected}"
+        );
+        assert!(cones[0].iter().all(|v| *v <= 1.0), "{cones:?}");
+        assert_eq!(cones[1], dim, "no lamp");
+        let below = facing_up(Vec3::new(0.0, 0.0, -0.6));
+        let hidden = highlights.take(&tracer, (&below, roughness), &mut [seen]);
+        assert_eq!(hidden, Vec3::ZERO, "in the shadow");
+    }
+    let mut cones = [seen];
+    let mirror = (&facing_up(Vec3::Z), 0.05);
+    assert_eq!(highlights.take(&tracer, mirror, &mut cones), Vec3::ZERO);
+    assert_eq!(cones, [seen]);
 }
