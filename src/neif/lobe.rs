@@ -3,7 +3,7 @@
 //! Eq. 4 of the paper, normalised; roughness is glTF's and Blender's perceptual one (GGX alpha = r²).
 
 /// Concentration times alpha²: median fit to the GGX reflection lobe at normal incidence.
-const KAPPA_ALPHA2: f32 = 0.35;
+pub(super) const KAPPA_ALPHA2: f32 = 0.35;
 /// Sharpest lobe; beyond it single precision cannot tell the lobe from a ray.
 const KAPPA_MAX: f32 = 1e6;
 /// Below this concentration the closed form of [`mean_length`] cancels: three terms of its series are exact.

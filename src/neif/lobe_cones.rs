@@ -8,7 +8,7 @@ use std::f32::consts::TAU;
 
 use glam::Vec3;
 
-use super::lobe::Lobe;
+use super::lobe::{KAPPA_ALPHA2, Lobe};
 use super::shading::SurfacePoint;
 use crate::geometry::orthonormal_basis;
 
@@ -26,9 +26,6 @@ const NARROWED_FROM: f32 = 0.2;
 const FEW: u32 = 16;
 /// Widest variance of a cone per axis, radians squared: of the rare directions far from the mirror's.
 const WIDEST: f32 = 0.1;
-
-/// Square of GGX's alpha whose lobe has a variance of 1 an axis ([`Lobe::from_roughness`]).
-const ALPHA2_OF_VARIANCE: f32 = 0.35;
 
 /// Which of a pixel's paths asks for cones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -105,7 +102,7 @@ pub fn lobe_cone(point: &SurfacePoint, roughness: f32, u: [f32; 2], n: u32) -> O
 /// Density of the lobe at `point` in the unit direction `toward`, per steradian, blurred by `spread` (a variance an axis,
 /// radians squared).
 pub fn lobe_density(point: &SurfacePoint, roughness: f32, spread: f32, toward: Vec3) -> f32 {
-    let alpha2 = roughness.powi(4) + ALPHA2_OF_VARIANCE * spread;
+    let alpha2 = roughness.powi(4) + KAPPA_ALPHA2 * spread;
     let h = (point.to_eye + toward).normalize_or(point.normal);
     ggx_pdf(point.normal, point.to_eye, h, alpha2.sqrt())
 }

@@ -244,8 +244,8 @@ pub struct DiffuseLight {
 }
 
 impl DiffuseLight {
-    /// Gathers the light of moved or other surroundings, or that of the captured ones as it was, but not their gain: the ratio is proportional to that. `None`
-    /// when cancelled; `gathered` then keeps what was done, for the same arguments.
+    /// Gathers the light of moved or other surroundings, or takes that of the captured ones as it was, but not their gain:
+    /// the ratio is proportional to that. `None` when cancelled; `gathered` then keeps what was done, for the same arguments.
     pub(super) fn gather(
         trained: &Arc<TrainedLight>,
         (key, lamps): (&LightKey, &Arc<Lamps>),
@@ -253,7 +253,7 @@ impl DiffuseLight {
         cancel: &AtomicBool,
     ) -> Option<Self> {
         let motion = key.transform.environment_from_world();
-        let highlights = Highlights::new(Arc::clone(lamps), lamps.points_for_lobes(&motion));
+        let highlights = Highlights::new(lamps, &motion);
         if key.is_captured() {
             return Some(Self {
                 light: Arc::clone(&trained.light),

@@ -11,6 +11,7 @@ use glam::Vec3;
 
 use super::{Lamps, MovedLamps, is_hidden};
 use crate::geometry::SurfaceTracer;
+use crate::neif::EnvironmentFromWorld;
 use crate::neif::lobe::Lobe;
 use crate::neif::lobe_cones::lobe_density;
 use crate::neif::shading::SurfacePoint;
@@ -32,12 +33,15 @@ pub(in crate::render) struct Highlights {
 }
 
 impl Highlights {
-    /// Of lamps and the points that stand for them; `None` where these say no more than the cones.
-    pub(in crate::render) fn new(lamps: Arc<Lamps>, points: MovedLamps) -> Option<Self> {
+    /// Of lamps, in a world in which the environment was moved; `None` where points say no more of them than the cones.
+    pub(in crate::render) fn new(
+        lamps: &Arc<Lamps>,
+        motion: &EnvironmentFromWorld,
+    ) -> Option<Self> {
         let weight = lamps.correction.min(1.0);
-        (weight > 0.0 && !points.is_empty()).then_some(Self {
-            lamps,
-            points,
+        (weight > 0.0).then(|| Self {
+            lamps: Arc::clone(lamps),
+            points: lamps.points_of(&lamps.parts(), motion),
             weight,
         })
     }

@@ -148,11 +148,6 @@ impl Lamps {
         self.points_of(&parts(&self.looks, N_POINTS), motion)
     }
 
-    /// The same for lobes, which tell more points apart.
-    pub(super) fn points_for_lobes(&self, motion: &EnvironmentFromWorld) -> MovedLamps {
-        self.points_of(&self.parts(), motion)
-    }
-
     /// A point for each part, in a world in which the environment was moved.
     pub(super) fn points_of(
         &self,

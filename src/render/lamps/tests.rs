@@ -192,14 +192,10 @@ fn a_wide_lobe_gathers_lamps_from_their_points_and_a_mirror_from_its_cones() {
     let ball = ellipsoid(Vec3::ZERO, Vec3::splat(0.5), 24);
     let tracer = SurfaceTracer::new(ball.into());
     let lamps = Arc::new(Lamps::of(&sky(Vec3::Z), &NEVER).expect("not cancelled"));
-    let points = |lamps: &Lamps| lamps.points_for_lobes(&still());
-    assert!(
-        Highlights::new(Arc::clone(&lamps), points(&lamps)).is_none(),
-        "as learned"
-    );
+    assert!(Highlights::new(&lamps, &still()).is_none(), "as learned");
     let parts = lamps.parts();
     let lamps = Arc::new(lamps.gained(&parts, &vec![Vec3::splat(4.0); parts.len()]));
-    let highlights = Highlights::new(Arc::clone(&lamps), points(&lamps)).expect("a lamp");
+    let highlights = Highlights::new(&lamps, &still()).expect("a lamp");
     let (seen, dim) = ([LAMP; 3], [0.3, 0.2, 0.1]);
     for roughness in [0.3, 0.6] {
         let free = facing_up(Vec3::new(0.0, 0.0, 0.6));
