@@ -228,11 +228,12 @@ impl Environment {
 
     /// Linear radiance along `batch.rays`, into `batch.radiance`.
     pub fn light(&self, batch: &mut FieldBatch, scratch: &mut LightScratch) {
-        self.light_by(self.n_samples(), batch, scratch);
+        self.light_by(usize::MAX, batch, scratch);
     }
 
-    /// [`Self::light`] with `n_samples` a ray, at least 1.
-    pub fn light_by(&self, n_samples: usize, batch: &mut FieldBatch, scratch: &mut LightScratch) {
+    /// [`Self::light`] with at most so many samples a ray, at least 1.
+    pub fn light_by(&self, most: usize, batch: &mut FieldBatch, scratch: &mut LightScratch) {
+        let n_samples = self.n_samples().min(most);
         match &self.field {
             EnvironmentField::Grid { field, density } => {
                 field.place(batch, density, n_samples, UNIFORM_SHARE, |_| [0.0; 2]);

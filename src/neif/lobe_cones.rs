@@ -19,7 +19,7 @@ const CONES_AT_04: f32 = 64.0;
 /// Least and most cones of a pixel whose lobe is split.
 const CONES: [f32; 2] = [8.0, 128.0];
 /// Most cones of a pixel that has one path only: a picture in motion.
-const CONES_IN_MOTION: f32 = 4.0;
+const CONES_IN_MOTION: f32 = 3.0;
 /// Roughness from which cones are narrower than their share of the lobe, in proportion: photos teach the field few wide
 /// cones away from the object's own, and those it was not taught gather too much. Lobes of few cones need all their width.
 const NARROWED_FROM: f32 = 0.2;

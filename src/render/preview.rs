@@ -340,6 +340,7 @@ impl Worker {
             Step::Sketch { scale, purpose } => sketch.picture(picture, scale, purpose, cancel),
             Step::Fine => {
                 if picture.layer.is_lit() {
+                    lights.prepare(&picture.scene, cancel);
                     picture.scene = lights.fine(&picture.scene, &[picture.layer], cancel)?;
                 }
                 progressive.pass(picture, PassKind::FINE, cancel)

@@ -20,6 +20,8 @@ use crate::neif::radiance_field::{FieldBatch, FieldRay};
 use crate::neif::shading::{fresnel, outgoing};
 use crate::neif::{EditedSurfaces, Environment};
 
+/// Most samples a ray in a picture in motion.
+pub(super) const MOTION_SAMPLES: usize = 8;
 /// Pixels shaded together: their samples stay in the core's cache.
 pub(super) const TILE: usize = 64;
 /// Rays evaluated together: split lobes have thousands in a tile, whose samples would take gigabytes.
@@ -455,13 +457,12 @@ impl ShadeScratch {
     /// Evaluates the environment along the rays, [`PIECE`] at a time.
     pub(super) fn light(&mut self, scene: &Scene) {
         let environment = &scene.environment;
-        let n_samples = environment.n_samples();
-        let n_samples = self.most_samples.map_or(n_samples, |n| n.min(n_samples));
         self.radiance.clear();
         for rays in self.rays.chunks(PIECE) {
             self.batch.rays.clear();
             self.batch.rays.extend_from_slice(rays);
-            environment.light_by(n_samples, &mut self.batch, &mut self.light);
+            let most = self.most_samples.unwrap_or(usize::MAX);
+            environment.light_by(most, &mut self.batch, &mut self.light);
             if let Some(ground) = &scene.ground {
                 ground.apply(&mut self.batch);
             }

@@ -54,9 +54,9 @@ impl Around {
             .extend(pixels.iter().map(|(direction, solid_angle)| {
                 FieldRay::of_cone(middle, *direction, solid_angle / (4.0 * PI), 0.0)
             }));
-        stand
-            .environment
-            .light(&mut batch, &mut LightScratch::default());
+        let scratch = &mut LightScratch::default();
+        let most = resolution.most_samples;
+        stand.environment.light_by(most, &mut batch, scratch);
         let (mut sum, mut weights) = (Vec3::ZERO, 0.0_f32);
         let mut seen = Vec::with_capacity(pixels.len());
         for (ray, (direction, solid_angle)) in pixels.iter().enumerate() {

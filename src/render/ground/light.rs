@@ -75,20 +75,19 @@ impl Stand<'_> {
 
     /// Where the object stands on what faces `up` (unit, of the environment).
     pub(super) fn foot(&self, up: Vec3) -> Foot {
-        let points = &self.object.tracer.mesh().positions;
-        let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
+        let points = self.object.tracer.mesh().positions.par_iter();
         let middle = self.middle();
-        let mut radius = 0.0_f32;
-        for &p in points {
+        // Down, up and out.
+        let around = points.map(|&p| {
             let from_middle = self.field(p) - middle;
             let height = from_middle.dot(up);
-            (low, high) = (low.min(height), high.max(height));
-            radius = radius.max((from_middle - height * up).length());
-        }
+            Vec3::new(-height, height, (from_middle - height * up).length())
+        });
+        let most = around.reduce(|| Vec3::NEG_INFINITY, Vec3::max);
         Foot {
-            center: middle + low * up,
-            radius,
-            height: high - low,
+            center: middle - most.x * up,
+            radius: most.z,
+            height: most.x + most.y,
         }
     }
 
@@ -102,7 +101,7 @@ impl Stand<'_> {
         };
         let (center, far) = (cells.center, cells.half_side);
         let outside = |direction: Vec3| self.extent(center, far * direction);
-        Surfaces::around(self.environment, cells, resolution.n_looks, outside)
+        Surfaces::around(self.environment, cells, resolution, outside)
     }
 
     /// How far the object reaches from `center` along `to_far`, which ends beyond it; 0 where it is not. Field coordinates.

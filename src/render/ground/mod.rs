@@ -40,6 +40,8 @@ pub struct GroundResolution {
     pub n_looks: usize,
     /// Directions that light comes from.
     pub n_directions: usize,
+    /// Most samples a ray into the environment.
+    pub most_samples: usize,
 }
 
 /// The work was given up.

@@ -7,6 +7,7 @@
 use glam::{IVec3, Vec3};
 use rayon::prelude::*;
 
+use super::GroundResolution;
 use super::sight::Sight;
 use super::square::Square;
 use crate::neif::Environment;
@@ -72,17 +73,29 @@ impl Cells {
     }
 
     fn middle(&self, index: usize) -> Vec3 {
+        self.middle_of(self.at(index))
+    }
+
+    fn middle_of(&self, at: IVec3) -> Vec3 {
         let low = self.center - self.half_side;
-        low + (self.at(index).as_vec3() + 0.5) * self.size()
+        low + (at.as_vec3() + 0.5) * self.size()
     }
 
     /// The cells around one, itself included, within `reach` of it along each axis.
     fn around(&self, index: usize, reach: i32) -> impl Iterator<Item = usize> + '_ {
-        let at = self.at(index);
+        let steps = self.steps(self.at(index), reach);
+        steps.map(|(cell, _)| cell)
+    }
+
+    /// The same, each with the way there.
+    fn steps(&self, at: IVec3, reach: i32) -> impl Iterator<Item = (usize, IVec3)> + '_ {
         let steps = move || -reach..=reach;
         steps().flat_map(move |z| {
             steps().flat_map(move |y| {
-                steps().filter_map(move |x| self.index(at + IVec3::new(x, y, z)))
+                steps().filter_map(move |x| {
+                    let step = IVec3::new(x, y, z);
+                    Some((self.index(at + step)?, step))
+                })
             })
         })
     }
@@ -133,18 +146,18 @@ impl Found {
 }
 
 impl Surfaces {
-    /// Looks around from the middle of the cube, `n_looks` x `n_looks` times through each of its faces. What lies nearer than
-    /// `outside` (of a unit direction) is inside the object.
+    /// Looks around from the middle of the cube, through each of its faces. What lies nearer than `outside` (of a unit
+    /// direction) is inside the object.
     pub(super) fn around(
         environment: &Environment,
         cells: Cells,
-        n_looks: usize,
+        resolution: GroundResolution,
         outside: impl Fn(Vec3) -> f32 + Sync,
     ) -> Self {
         let mut found = vec![Found::default(); cells.len()];
         // What is infinitely far has no surfaces; the paper's network does not tell where its light comes from.
         if matches!(environment.field(), EnvironmentField::Grid { .. }) {
-            look_around(environment, &cells, (n_looks, &outside), &mut found);
+            look_around(environment, &cells, (resolution, &outside), &mut found);
         }
         let patches = smoothed(&cells, &found);
         let mut surfaces = Self {
@@ -269,13 +282,13 @@ impl Surfaces {
     fn find_nearest(&mut self) {
         let mut nearest = vec![f32::INFINITY; self.cells.len()];
         for (number, patch) in self.patches.iter().enumerate() {
-            for cell in self.cells.around(patch.cell, NEAR) {
-                let steps = self.cells.at(cell) - self.cells.at(patch.cell);
-                let distance = if cell == patch.cell {
+            let at = self.cells.at(patch.cell);
+            for (cell, step) in self.cells.steps(at, NEAR) {
+                let distance = if step == IVec3::ZERO {
                     0.0
                 } else {
-                    let height = patch.height(self.cells.middle(cell)).abs();
-                    steps.as_vec3().length() * self.cells.size() + height
+                    let height = patch.height(self.cells.middle_of(at + step)).abs();
+                    step.as_vec3().length() * self.cells.size() + height
                 };
                 if distance < nearest[cell] {
                     nearest[cell] = distance;
@@ -290,14 +303,15 @@ impl Surfaces {
 fn look_around(
     environment: &Environment,
     cells: &Cells,
-    (n_looks, outside): (usize, &(impl Fn(Vec3) -> f32 + Sync)),
+    (resolution, outside): (GroundResolution, &(impl Fn(Vec3) -> f32 + Sync)),
     found: &mut [Found],
 ) {
+    let n_looks = resolution.n_looks;
     let ends: Vec<Vec<Option<Vec3>>> = (0..6 * n_looks)
         .into_par_iter()
         .map_init(Default::default, |scratch, row| {
             let row = (row / n_looks, row % n_looks);
-            look_through(environment, cells, row, (n_looks, outside), scratch)
+            look_through(environment, cells, row, (resolution, outside), scratch)
         })
         .collect();
     for face in ends.chunks_exact(n_looks) {
@@ -312,9 +326,10 @@ fn look_through(
     environment: &Environment,
     cells: &Cells,
     (face, row): (usize, usize),
-    (n_looks, outside): (usize, &impl Fn(Vec3) -> f32),
+    (resolution, outside): (GroundResolution, &impl Fn(Vec3) -> f32),
     (batch, scratch): &mut (FieldBatch, LightScratch),
 ) -> Vec<Option<Vec3>> {
+    let n_looks = resolution.n_looks;
     let axis = Vec3::AXES[face % 3] * if face < 3 { 1.0 } else { -1.0 };
     let (right, up) = (Vec3::AXES[(face + 1) % 3], Vec3::AXES[(face + 2) % 3]);
     let at = |i: usize| 2.0 * i as f32 / (n_looks - 1) as f32 - 1.0;
@@ -324,7 +339,7 @@ fn look_through(
         let direction = (axis + right * at(x) + up * at(row)).normalize_or(axis);
         FieldRay::of_pixel(cells.center.to_array(), direction.to_array(), 0.0, spread)
     }));
-    environment.light(batch, scratch);
+    environment.light_by(resolution.most_samples, batch, scratch);
     let end = |i: usize| {
         let sight = Sight::of(batch, i);
         let end = sight.end()?;

@@ -22,6 +22,7 @@ const RESOLUTION: GroundResolution = GroundResolution {
     side: 32,
     n_looks: 32,
     n_directions: 96,
+    most_samples: usize::MAX,
 };
 /// Height of the floor, world units.
 const FLOOR: f32 = -0.5;

@@ -26,18 +26,27 @@ impl LightKey {
     /// What the scene's light depends on; `None` where surfaces are shown as they were trained, but for a gain, and the
     /// light itself is not shown.
     pub fn of(scene: &Scene, is_shown: bool) -> Option<Self> {
-        let key = Self {
+        let key = Self::with(scene, scene.transform)?;
+        let is_needed = is_shown || scene.changes_roughness() || !key.is_captured();
+        is_needed.then_some(key)
+    }
+
+    /// Of the light that the scene's object was trained in; `None` without an object, or where the diffuse part is baked.
+    fn trained(scene: &Scene) -> Option<Self> {
+        Self::with(scene, EnvironmentTransform::default())
+    }
+
+    fn with(scene: &Scene, transform: EnvironmentTransform) -> Option<Self> {
+        Some(Self {
             object: Arc::clone(scene.object.as_ref()?),
             trained_in: Arc::clone(scene.trained_in.as_ref()?),
             environment: Arc::clone(&scene.environment),
             transform: EnvironmentTransform {
                 exposure_ev: 0.0,
                 white_balance: Vec3::ONE,
-                ..scene.transform
+                ..transform
             },
-        };
-        let is_needed = is_shown || scene.changes_roughness() || !key.is_captured();
-        is_needed.then_some(key)
+        })
     }
 
     /// Whether it is the environment that the object was trained in, where it was.
@@ -151,6 +160,14 @@ impl DiffuseLights {
         let level = (level, &mut self.lamps);
         let scene_lit = lit(level, (scene, &[layer]), &AtomicBool::new(false));
         scene_lit.unwrap_or_else(|| scene.clone())
+    }
+
+    /// Makes what every coarse light of the scene's object takes from the one that it was trained in, which is longer than a
+    /// hand waits for the first change; to be taken up again where cancelled.
+    pub fn prepare(&mut self, scene: &Scene, cancel: &AtomicBool) {
+        if let Some(key) = LightKey::trained(scene) {
+            self.coarse.trained(&key, &mut self.lamps, cancel);
+        }
     }
 
     /// Forgets everything.
@@ -287,11 +304,6 @@ impl Level {
 /// The light that the object of a scene was trained in, e.g. for its albedo; `None` without an object, where the diffuse
 /// part is baked, or when cancelled.
 pub fn trained_light(scene: &Scene, cancel: &AtomicBool) -> Option<Arc<TrainedLight>> {
-    let key = LightKey {
-        object: Arc::clone(scene.object.as_ref()?),
-        trained_in: Arc::clone(scene.trained_in.as_ref()?),
-        environment: Arc::clone(&scene.environment),
-        transform: EnvironmentTransform::default(),
-    };
+    let key = LightKey::trained(scene)?;
     Level::new(Resolution::FINE).trained(&key, &mut KnownLamps::default(), cancel)
 }

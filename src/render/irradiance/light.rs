@@ -112,7 +112,8 @@ impl TrainedWork {
             Some(known) => Arc::clone(known),
             None => Arc::new(Lamps::of(own, cancel)?),
         };
-        if !self.gathered.run(&self.beams, (own, &seen), &still, cancel) {
+        let from = (&**own, &*seen, self.transport.resolution.most_samples);
+        if !self.gathered.run(&self.beams, from, &still, cancel) {
             return None;
         }
         let radiance = &self.gathered.radiance;
@@ -265,11 +266,12 @@ impl DiffuseLight {
         if gathered.ground.is_none() {
             gathered.ground = Some(trained.ground_in(key, lamps, cancel)?);
         }
-        let environment = (&*key.environment, &**lamps);
-        if !gathered.run(&trained.beams, environment, &key.transform, cancel) {
+        let transport = &trained.transport;
+        let most_samples = transport.resolution.most_samples;
+        let from = (&*key.environment, &**lamps, most_samples);
+        if !gathered.run(&trained.beams, from, &key.transform, cancel) {
             return None;
         }
-        let transport = &trained.transport;
         let by_lamps = LampLight::new(transport, &trained.tracer, lamps.points(&motion));
         let lit = |bounce: &(dyn Fn(&Beam) -> Vec3 + Sync)| {
             let rest = irradiance(&trained.beams, &gathered.radiance, bounce);
@@ -421,11 +423,11 @@ fn blocked_beam(cone: &Cone, met: &Met, surface: &Surface) -> Beam {
 }
 
 impl Gathered {
-    /// Evaluates what is missing, probe by probe, in parallel; whether that is all.
+    /// Evaluates what is missing, probe by probe, in parallel, with a number of samples a ray at most; whether that is all.
     fn run(
         &mut self,
         beams: &[Vec<Beam>],
-        (environment, lamps): (&Environment, &Lamps),
+        (environment, lamps, most_samples): (&Environment, &Lamps, usize),
         transform: &EnvironmentTransform,
         cancel: &AtomicBool,
     ) -> bool {
@@ -453,7 +455,7 @@ impl Gathered {
                     radiance.push([0.0; 3]);
                     return;
                 }
-                environment.light(batch, scratch);
+                environment.light_by(most_samples, batch, scratch);
                 if let Some(ground) = &ground {
                     ground.apply(batch);
                 }

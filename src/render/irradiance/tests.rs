@@ -239,6 +239,36 @@ fn what_was_interrupted_goes_on_to_the_same_light() {
 }
 
 #[test]
+fn what_is_prepared_serves_every_change() {
+    let place = environment(5);
+    let scene = Scene {
+        transform: turned(70.0),
+        ..Scene::new(Some(ball()), Arc::clone(&place))
+    };
+    let mut prepared = DiffuseLights::default();
+    prepared.prepare(&scene, &AtomicBool::new(true));
+    prepared.prepare(&scene, &NEVER);
+    let trained = |lights: &mut DiffuseLights, degrees: f32| {
+        let transform = turned(degrees);
+        let scene = lights.quick(
+            &Scene {
+                transform,
+                ..scene.clone()
+            },
+            Layer::Final,
+        );
+        let light = scene.diffuse_light.expect("moved").light;
+        (
+            Arc::clone(light.trained()),
+            light.irradiance(0.5 * Vec3::X, Vec3::X),
+        )
+    };
+    let (first, light) = trained(&mut prepared, 70.0);
+    assert!(Arc::ptr_eq(&first, &trained(&mut prepared, 20.0).0));
+    assert_eq!(light, trained(&mut DiffuseLights::default(), 70.0).1);
+}
+
+#[test]
 fn the_coarse_light_is_near_the_fine_one() {
     let room = fog(-1.0, 2.0);
     let scene = Scene {

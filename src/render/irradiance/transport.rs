@@ -9,6 +9,7 @@ use rayon::prelude::*;
 use super::probes::{Probe, Probes};
 use crate::geometry::{GOLDEN_ANGLE, Hit, Ray, SurfaceTracer, irradiance_directions};
 use crate::render::ground::GroundResolution;
+use crate::render::shade::MOTION_SAMPLES;
 
 /// How finely light is gathered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,6 +20,8 @@ pub struct Resolution {
     pub n_cones: usize,
     /// Whether shadow rays go to the lamps from every point that is lit, not from the probes alone.
     pub traces_lamps: bool,
+    /// Most samples a ray into the environment.
+    pub most_samples: usize,
     /// Of the surfaces around the object.
     pub ground: GroundResolution,
 }
@@ -29,10 +32,12 @@ impl Resolution {
         n_probes: 1024,
         n_cones: 64,
         traces_lamps: true,
+        most_samples: usize::MAX,
         ground: GroundResolution {
             side: 64,
             n_looks: 96,
             n_directions: 192,
+            most_samples: usize::MAX,
         },
     };
     /// For pictures in motion.
@@ -40,10 +45,12 @@ impl Resolution {
         n_probes: 96,
         n_cones: 16,
         traces_lamps: false,
+        most_samples: MOTION_SAMPLES,
         ground: GroundResolution {
             side: 24,
             n_looks: 14,
             n_directions: 32,
+            most_samples: MOTION_SAMPLES,
         },
     };
 }

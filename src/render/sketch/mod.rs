@@ -18,7 +18,7 @@ use self::tone::Tone;
 use super::diagnostic::diagnostic_color;
 use super::gbuffer::PathOptions;
 use super::progressive::{PassOutput, PreviewScene, Recomputed, scaled};
-use super::shade::{SeenLight, ShadeScratch, TILE, see_background};
+use super::shade::{MOTION_SAMPLES, SeenLight, ShadeScratch, TILE, see_background};
 use super::thread_clock::thread_cpu;
 use crate::geometry::Camera;
 
@@ -30,8 +30,6 @@ const SWIFT_SECS: f64 = 0.025;
 const REST_SECS: f64 = 0.35;
 /// Seconds of a ray until one was measured.
 const USUAL_RAY_SECS: f64 = 5e-6;
-/// Samples a ray in motion.
-const MOTION_SAMPLES: usize = 8;
 /// Vertices of a path in motion.
 const MOTION_VERTICES: usize = 2;
 /// In motion, each point is renewed after so many pictures.
