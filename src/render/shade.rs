@@ -457,11 +457,11 @@ impl ShadeScratch {
     /// Evaluates the environment along the rays, [`PIECE`] at a time.
     pub(super) fn light(&mut self, scene: &Scene) {
         let environment = &scene.environment;
+        let most = self.most_samples.unwrap_or(usize::MAX);
         self.radiance.clear();
         for rays in self.rays.chunks(PIECE) {
             self.batch.rays.clear();
             self.batch.rays.extend_from_slice(rays);
-            let most = self.most_samples.unwrap_or(usize::MAX);
             environment.light_by(most, &mut self.batch, &mut self.light);
             if let Some(ground) = &scene.ground {
                 ground.apply(&mut self.batch);

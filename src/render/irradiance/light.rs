@@ -112,7 +112,8 @@ impl TrainedWork {
             Some(known) => Arc::clone(known),
             None => Arc::new(Lamps::of(own, cancel)?),
         };
-        let from = (&**own, &*seen, self.transport.resolution.most_samples);
+        let most_samples = self.transport.resolution.ground.most_samples;
+        let from = (&**own, &*seen, most_samples);
         if !self.gathered.run(&self.beams, from, &still, cancel) {
             return None;
         }
@@ -267,7 +268,7 @@ impl DiffuseLight {
             gathered.ground = Some(trained.ground_in(key, lamps, cancel)?);
         }
         let transport = &trained.transport;
-        let most_samples = transport.resolution.most_samples;
+        let most_samples = transport.resolution.ground.most_samples;
         let from = (&*key.environment, &**lamps, most_samples);
         if !gathered.run(&trained.beams, from, &key.transform, cancel) {
             return None;

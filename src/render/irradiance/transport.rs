@@ -20,9 +20,7 @@ pub struct Resolution {
     pub n_cones: usize,
     /// Whether shadow rays go to the lamps from every point that is lit, not from the probes alone.
     pub traces_lamps: bool,
-    /// Most samples a ray into the environment.
-    pub most_samples: usize,
-    /// Of the surfaces around the object.
+    /// Of the surfaces around the object, with the most samples of all rays into the environment.
     pub ground: GroundResolution,
 }
 
@@ -32,7 +30,6 @@ impl Resolution {
         n_probes: 1024,
         n_cones: 64,
         traces_lamps: true,
-        most_samples: usize::MAX,
         ground: GroundResolution {
             side: 64,
             n_looks: 96,
@@ -45,7 +42,6 @@ impl Resolution {
         n_probes: 96,
         n_cones: 16,
         traces_lamps: false,
-        most_samples: MOTION_SAMPLES,
         ground: GroundResolution {
             side: 24,
             n_looks: 14,
