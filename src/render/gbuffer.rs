@@ -10,11 +10,11 @@ use crate::neif::light_path::PathVertex;
 
 /// Sub-samples per axis of a silhouette pixel.
 const SUBSAMPLES: usize = 4;
-/// Turn of the mirror direction to the next pixel, radians, above which a pixel is sampled by quarters.
-const LARGEST_TURN: f32 = 0.25;
+/// [`PathOptions::largest_turn`] of pictures; `gpu/gbuffer.wgsl` has its cosine.
+const SHOWN_TURN: f32 = 0.25;
 
 /// How finely and how far pixels are traced.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PathOptions {
     /// Most vertices of a path, in `1..=MAX_VERTICES`.
     pub max_vertices: usize,
@@ -22,14 +22,17 @@ pub struct PathOptions {
     pub smooth: usize,
     /// Paths per axis of a pixel whose mirror image is torn, or that the silhouette passes: 1, 2 or 4.
     pub torn: usize,
+    /// Turn of the mirror direction to the next pixel, radians, above which a pixel's mirror image counts as torn.
+    pub largest_turn: f32,
 }
 
 impl PathOptions {
-    /// One path a pixel, four where that is not enough: for training and for pictures in motion.
+    /// One path a pixel, four where that is not enough: for pictures in motion.
     pub const PLAIN: Self = Self {
         max_vertices: MAX_VERTICES,
         smooth: 1,
         torn: 2,
+        largest_turn: SHOWN_TURN,
     };
     /// Four paths a pixel, sixteen where that is not enough: for pictures that stay. A reflection in a curved mirror is
     /// smaller than the mirror; one path a pixel measured 0.7 dB worse over all object pixels.
@@ -37,6 +40,7 @@ impl PathOptions {
         max_vertices: MAX_VERTICES,
         smooth: 2,
         torn: 4,
+        largest_turn: SHOWN_TURN,
     };
 }
 
@@ -129,7 +133,7 @@ impl GBuffer {
             points.clear();
             if is_wanted(self.first + i as u32) {
                 let (x, y) = ((i % width) as f32, (rows.start as usize + i / width) as f32);
-                self.coverage[i] = match (centers.kind(i), options) {
+                self.coverage[i] = match (centers.kind(i, options.largest_turn), options) {
                     (PixelKind::Empty, _) => 0.0,
                     (PixelKind::Edge, PathOptions { torn, .. }) => {
                         subsample_edge(tracer, camera, (x, y), torn.max(2), &mut points)
@@ -204,7 +208,7 @@ impl Centers {
         self.points[i + self.width]
     }
 
-    fn kind(&self, i: usize) -> PixelKind {
+    fn kind(&self, i: usize, largest_turn: f32) -> PixelKind {
         let (at, x) = (i + self.width, i % self.width);
         let beside = [
             at - self.width,
@@ -222,19 +226,16 @@ impl Centers {
         let Some(center) = center else {
             return PixelKind::Empty;
         };
-        let is_smooth =
-            |j: &usize| self.points[*j].is_some_and(|point| hang_together(&center, &point));
+        let least_cos = largest_turn.cos();
+        let hangs_together =
+            |other: &Seen| center.point.reflected().dot(other.point.reflected()) > least_cos;
+        let is_smooth = |j: &usize| self.points[*j].as_ref().is_some_and(hangs_together);
         if beside.iter().all(is_smooth) {
             PixelKind::Smooth
         } else {
             PixelKind::Torn
         }
     }
-}
-
-/// Whether the mirror directions of two neighbouring pixels are so near that one ray stands for the pixel.
-fn hang_together(a: &Seen, b: &Seen) -> bool {
-    a.point.reflected().dot(b.point.reflected()) > LARGEST_TURN.cos()
 }
 
 /// The points seen through the `n` by `n` equal squares of pixel `(x, y)`.

@@ -363,8 +363,8 @@ fn background_of(view: &View, camera: &Camera, tracer: Option<&SurfaceTracer>) -
         (None, Some(tracer)) => {
             let options = PathOptions {
                 max_vertices: 1,
-                smooth: 1,
                 torn: 1,
+                ..PathOptions::PLAIN
             };
             let trace = |rows| GBuffer::trace_some(tracer, camera, rows, options, |_| true);
             let is_background = |gbuffer: GBuffer| -> Vec<bool> {

@@ -9,6 +9,7 @@ use super::poses::slope_by_direction;
 use super::random::SlotRandom;
 use super::test_scene::{small_fields, sphere_in_a_box};
 use super::trainer::Trainer;
+use super::upkeep::RETRACE_AT;
 use crate::data::Dataset;
 use crate::geometry::{Camera, Distortion};
 
@@ -57,7 +58,14 @@ fn shaken_cameras_are_put_right_and_kept() {
     let (dataset, right) = shaken(40, 48);
     let given: Vec<Camera> = dataset.train.iter().map(|view| view.camera).collect();
     let mut first = trainer(&dataset);
+    let due = RETRACE_AT.map(|at| (at * 1500.0) as u32);
     for step in 0..1500 {
+        // As in a run: the object's light paths begin at the corrected cameras.
+        if due.contains(&step) {
+            first
+                .retrace(&dataset, &AtomicBool::new(false), &|_| ())
+                .unwrap();
+        }
         first.step(step as f32 / 1500.0);
     }
     let poses = first.poses().unwrap();

@@ -10,6 +10,10 @@ use crate::data::Dataset;
 use crate::geometry::{Camera, SurfaceTracer};
 use crate::render::gbuffer::PathOptions;
 
+/// [`PathOptions::largest_turn`] in training: a mirror image that a pixel squeezes further in one direction than in the
+/// other is no round cone's, and what was learned from cones would be too rough and its lamps too wide.
+const TAUGHT_TURN: f32 = 0.08;
+
 /// The mesh ready for rays, and every pixel that is trained on, traced once.
 #[derive(Debug)]
 pub(super) struct Prepared {
@@ -107,6 +111,7 @@ fn pixel_options(config: &TrainConfig, has_object: bool) -> PixelOptions {
             max_vertices: config.bounces + 1,
             smooth: 1,
             torn: if config.subpixels { 2 } else { 1 },
+            largest_turn: TAUGHT_TURN,
         },
     }
 }

@@ -33,7 +33,7 @@ const COOL_DOWN_SHARE: f64 = 0.15;
 
 /// Shares of the plan at which the pixels are traced anew where normals or poses are refined: most is learned early, and
 /// each tracing costs what the first did.
-const RETRACE_AT: [f32; 3] = [0.1, 0.3, 0.6];
+pub(super) const RETRACE_AT: [f32; 3] = [0.1, 0.3, 0.6];
 
 /// Keys of the session's own entries in the checkpoint.
 const PLAN_KEY: &str = "session.plan";
