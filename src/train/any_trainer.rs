@@ -136,6 +136,11 @@ impl AnyTrainer {
         }
     }
 
+    /// How far the outlines of the masks err about the mesh's silhouettes, pixels (standard deviation); 0 where they are exact.
+    pub fn outline_error_px(&self) -> f32 {
+        either!(self, trainer => trainer.pixels.outline_error_px())
+    }
+
     /// The model as it stands.
     pub fn snapshot(&self) -> Snapshot {
         either!(self, trainer => trainer.snapshot())

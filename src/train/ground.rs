@@ -7,8 +7,9 @@ use glam::{Affine3A, UVec2, Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::placement::up_direction;
-use super::relative_exposures::{median, relative_log_gains};
+use super::relative_exposures::relative_log_gains;
 use super::settled_plane::{Plane, settled_plane};
+use super::statistics::median;
 use crate::data::{Dataset, Mask, View};
 use crate::geometry::{Mesh, orthonormal_basis};
 use crate::neif::contraction::FieldFrame;

@@ -5,6 +5,7 @@ use std::ops::Range;
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::outlines::Sides;
 use super::packed_path::PackedPaths;
 use super::poses::slope_by_direction;
 use super::preconvolution::{BlurredImage, blurred_images};
@@ -16,8 +17,6 @@ use crate::neif::light_path::PathVertex;
 use crate::render::GBuffer;
 use crate::render::gbuffer::PathOptions;
 
-/// Coverage from which a pixel counts as all object; below its complement as all background.
-const SOLID: u8 = 250;
 /// Pixels traced at once: what is kept of them is smaller than what tracing needs.
 const BAND_PIXELS: usize = 1 << 15;
 
@@ -41,6 +40,8 @@ pub(super) struct PixelStore {
     objects_before: Vec<usize>,
     /// The same of background samples, one list a blur level, sharp first.
     backgrounds_before: Vec<Vec<usize>>,
+    /// [`PixelOptions::outline_error_px`] that they were collected with.
+    outline_error_px: f32,
 }
 
 /// A drawn background pixel.
@@ -73,6 +74,8 @@ pub(super) struct PixelOptions {
     pub clipped_radiance: f32,
     /// How far object pixels are traced.
     pub paths: PathOptions,
+    /// Standard deviation of the error of the masks' outlines, pixels; 0: exact.
+    pub outline_error_px: f32,
 }
 
 impl PixelStore {
@@ -87,10 +90,11 @@ impl PixelStore {
     ) -> Option<Self> {
         let photos = (dataset, cameras);
         let views = collect_views(photos, tracer, &options, |_| true, on_view)?;
-        Some(Self::of(views, options.n_blurred))
+        Some(Self::of(views, &options))
     }
 
-    /// Collects them again, on a mesh and from cameras that have changed a little; what masks say of the background stays.
+    /// Collects them again, on a mesh and from cameras that have changed a little; what exact masks say of the background
+    /// stays.
     /// Returns false, and leaves everything as it was, where `on_view` has stopped the work.
     pub(super) fn retrace(
         &mut self,
@@ -101,8 +105,8 @@ impl PixelStore {
     ) -> bool {
         let cameras = self.cameras();
         let photos = (dataset, cameras.as_slice());
-        let is_unmasked = |view: &View| view.mask.is_none();
-        let Some(mut views) = collect_views(photos, tracer, &options, is_unmasked, on_view) else {
+        let is_uncertain = |view: &View| view.mask.is_none() || options.outline_error_px > 0.0;
+        let Some(mut views) = collect_views(photos, tracer, &options, is_uncertain, on_view) else {
             return false;
         };
         for (view, former) in views.iter_mut().zip(&mut self.views) {
@@ -110,16 +114,17 @@ impl PixelStore {
                 view.backgrounds = std::mem::take(&mut former.backgrounds);
             }
         }
-        *self = Self::of(views, options.n_blurred);
+        *self = Self::of(views, &options);
         true
     }
 
-    fn of(views: Vec<ViewPixels>, n_blurred: usize) -> Self {
+    fn of(views: Vec<ViewPixels>, options: &PixelOptions) -> Self {
         let level_len =
             |view: &ViewPixels, level| view.backgrounds.get(level).map_or(0, BlurredImage::len);
         Self {
             objects_before: running_sums(views.iter().map(|view| view.smoothness.len())),
-            backgrounds_before: (0..=n_blurred)
+            outline_error_px: options.outline_error_px,
+            backgrounds_before: (0..=options.n_blurred)
                 .map(|level| running_sums(views.iter().map(|view| level_len(view, level))))
                 .collect(),
             views,
@@ -136,6 +141,11 @@ impl PixelStore {
         for (view, camera) in self.views.iter_mut().zip(cameras) {
             view.camera = *camera;
         }
+    }
+
+    /// Standard deviation of the error of the masks' outlines, pixels; 0: exact.
+    pub(super) fn outline_error_px(&self) -> f32 {
+        self.outline_error_px
     }
 
     /// Number of training views.
@@ -260,14 +270,14 @@ fn collect_views(
     (dataset, cameras): (&Dataset, &[Camera]),
     tracer: Option<&SurfaceTracer>,
     options: &PixelOptions,
-    has_backgrounds: fn(&View) -> bool,
+    has_backgrounds: impl Fn(&View) -> bool + Sync,
     on_view: &(dyn Fn() -> bool + Sync),
 ) -> Option<Vec<ViewPixels>> {
     let n_pixels: usize = dataset.train.iter().map(|v| v.photo.n_pixels()).sum();
     let keep = (options.max_pixels as f32 / n_pixels.max(1) as f32).min(1.0);
     let collect = |(index, (view, camera)): (usize, (&View, &Camera))| {
         on_view().then(|| {
-            let is_background = background_of(view, camera, tracer);
+            let sides = Sides::new(view, camera, tracer, options.outline_error_px);
             let mut pixels = ViewPixels {
                 camera: *camera,
                 paths: PackedPaths::default(),
@@ -277,10 +287,10 @@ fn collect_views(
             };
             let thinning = (index as u64, keep);
             if let Some(tracer) = tracer {
-                pixels.trace_objects(view, tracer, options, thinning, &is_background);
+                pixels.trace_objects(view, tracer, options, thinning, &sides.object);
             }
             if has_backgrounds(view) {
-                pixels.collect_backgrounds(view, options, thinning, &is_background);
+                pixels.collect_backgrounds(view, options, thinning, &sides.background);
             }
             pixels
         })
@@ -297,15 +307,11 @@ impl ViewPixels {
         tracer: &SurfaceTracer,
         options: &PixelOptions,
         (index, keep): (u64, f32),
-        is_background: &[bool],
+        is_object: &[bool],
     ) {
         let is_wanted = |i: u32| {
             let mut random = SlotRandom::new(options.seed ^ 0x5bd1, index, u64::from(i));
-            let is_solid = match &view.mask {
-                Some(mask) => mask.coverage[i as usize] >= SOLID,
-                None => !is_background[i as usize],
-            };
-            is_solid && random.uniform() < keep
+            is_object[i as usize] && random.uniform() < keep
         };
         let camera = self.camera;
         for rows in bands(&camera) {
@@ -344,38 +350,12 @@ impl ViewPixels {
 }
 
 /// Rows that are traced at once.
-fn bands(camera: &Camera) -> impl Iterator<Item = Range<u32>> {
+pub(super) fn bands(camera: &Camera) -> impl Iterator<Item = Range<u32>> {
     let (width, height) = (camera.width.max(1) as usize, camera.height);
     let step = (BAND_PIXELS / width).max(1);
     (0..height)
         .step_by(step)
         .map(move |y| y..(y + step as u32).min(height))
-}
-
-/// Which pixels of a view show only the surroundings, by its mask, or else by the mesh.
-fn background_of(view: &View, camera: &Camera, tracer: Option<&SurfaceTracer>) -> Vec<bool> {
-    match (&view.mask, tracer) {
-        (Some(mask), _) => mask
-            .coverage
-            .iter()
-            .map(|coverage| *coverage <= u8::MAX - SOLID)
-            .collect(),
-        (None, Some(tracer)) => {
-            let options = PathOptions {
-                max_vertices: 1,
-                torn: 1,
-                ..PathOptions::PLAIN
-            };
-            let trace = |rows| GBuffer::trace_some(tracer, camera, rows, options, |_| true);
-            let is_background = |gbuffer: GBuffer| -> Vec<bool> {
-                gbuffer.coverage().iter().map(|c| *c <= 0.0).collect()
-            };
-            bands(camera)
-                .flat_map(|rows| is_background(trace(rows)))
-                .collect()
-        }
-        (None, None) => vec![true; view.photo.n_pixels()],
-    }
 }
 
 /// `exp(-|image gradient|)` at pixel `i`, in 255ths.

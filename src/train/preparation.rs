@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use super::TrainError;
 use super::config::TrainConfig;
+use super::outlines::outline_error_px;
 use super::pixels::{PixelOptions, PixelStore};
 use crate::data::Dataset;
 use crate::geometry::{Camera, SurfaceTracer};
@@ -64,7 +65,7 @@ fn collect_pixels(
     cancel: &AtomicBool,
     on_progress: &(dyn Fn(f32) + Sync),
 ) -> Result<PixelStore, TrainError> {
-    let options = pixel_options(config, tracer.is_some());
+    let options = pixel_options(config, (dataset, cameras), tracer);
     let on_view = watched(dataset.train.len(), cancel, on_progress);
     let pixels = PixelStore::collect(dataset, cameras, tracer, options, &on_view)
         .ok_or(TrainError::Cancelled)?;
@@ -87,7 +88,7 @@ pub(super) fn retrace_pixels(
     cancel: &AtomicBool,
     on_progress: &(dyn Fn(f32) + Sync),
 ) -> Result<(), TrainError> {
-    let options = pixel_options(config, tracer.is_some());
+    let options = pixel_options(config, (dataset, &pixels.cameras()), tracer);
     let on_view = watched(dataset.train.len(), cancel, on_progress);
     if pixels.retrace(dataset, tracer, options, &on_view) {
         Ok(())
@@ -96,13 +97,17 @@ pub(super) fn retrace_pixels(
     }
 }
 
-fn pixel_options(config: &TrainConfig, has_object: bool) -> PixelOptions {
+fn pixel_options(
+    config: &TrainConfig,
+    (dataset, cameras): (&Dataset, &[Camera]),
+    tracer: Option<&SurfaceTracer>,
+) -> PixelOptions {
     PixelOptions {
         seed: config.seed,
         max_pixels: config.max_pixels,
         n_blurred: config.preconvolved_levels,
         // With an object the lamps' radiance is learned from what they shine on.
-        clipped_radiance: if has_object {
+        clipped_radiance: if tracer.is_some() {
             1.0
         } else {
             config.clipped_radiance
@@ -113,6 +118,7 @@ fn pixel_options(config: &TrainConfig, has_object: bool) -> PixelOptions {
             torn: if config.subpixels { 2 } else { 1 },
             largest_turn: TAUGHT_TURN,
         },
+        outline_error_px: outline_error_px(dataset, cameras, tracer),
     }
 }
 

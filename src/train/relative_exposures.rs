@@ -3,6 +3,8 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::statistics::median;
+
 /// Fewest points that two photos must both show.
 const LEAST_SHARED: usize = 50;
 /// Most photos that one photo is compared with.
@@ -42,27 +44,6 @@ fn compare(photos: [usize; 2], seen: &[Vec<Option<Vec3>>]) -> Option<Pair> {
         photos,
         log_ratio: median(&ratios),
     })
-}
-
-/// The median of each coordinate.
-///
-/// # Panics
-/// When there is no value.
-pub(super) fn median(values: &[Vec3]) -> Vec3 {
-    let of_axis = |axis: usize| {
-        let mut values: Vec<f32> = values.iter().map(|v| v[axis]).collect();
-        middle(&mut values)
-    };
-    Vec3::new(of_axis(0), of_axis(1), of_axis(2))
-}
-
-/// The median of numbers, which are put into another order.
-///
-/// # Panics
-/// When there are none.
-pub(super) fn middle(values: &mut [f32]) -> f32 {
-    let half = values.len() / 2;
-    *values.select_nth_unstable_by(half, f32::total_cmp).1
 }
 
 /// The logarithms that explain the pairs with about the least sum of absolute errors, by reweighted least squares.

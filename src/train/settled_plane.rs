@@ -7,7 +7,7 @@ use glam::{Affine3A, UVec2, Vec3};
 use rayon::prelude::*;
 
 use super::ground::log_color;
-use super::relative_exposures::middle;
+use super::statistics::middle;
 use crate::data::View;
 use crate::geometry::{Projector, orthonormal_basis};
 

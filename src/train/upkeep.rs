@@ -75,14 +75,14 @@ impl Run<'_> {
     pub(super) fn begin(&mut self) -> Result<(), SessionError> {
         let first = self.dataset.train.first();
         let (width, height) = first.map_or((0, 0), |view| (view.camera.width, view.camera.height));
-        let problems = self.dataset.problems.iter();
+        let problems = self.dataset.problems.iter().map(ToString::to_string);
         self.tell(TrainEvent::Loaded {
             n_train: self.dataset.train.len(),
             n_val: self.dataset.val.len(),
             width,
             height,
             has_object: self.trainer.snapshot().object.is_some(),
-            problems: problems.map(ToString::to_string).collect(),
+            problems: problems.chain(self.outlines_told()).collect(),
         });
         let begun = Instant::now();
         self.publish();
@@ -102,6 +102,16 @@ impl Run<'_> {
         self.due.report = self.clock.secs() + EARLY_REPORT_SECS;
         self.due.save = self.clock.secs() + AUTOSAVE_SECS;
         Ok(())
+    }
+
+    /// What is done about masks whose outlines are uncertain.
+    fn outlines_told(&self) -> Option<String> {
+        let error_px = self.trainer.outline_error_px();
+        (error_px > 0.0).then(|| {
+            format!(
+                "the masks' outlines are uncertain by {error_px:.1} pixels: beside them the mesh decides what is object"
+            )
+        })
     }
 
     /// Takes what is spent already, and what the end will take, from a budget in seconds.

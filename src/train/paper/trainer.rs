@@ -35,7 +35,7 @@ pub struct PaperTrainer {
     paper: PaperConfig,
     name: String,
     up: Vec3,
-    pixels: PixelStore,
+    pub(in crate::train) pixels: PixelStore,
     tracer: Option<Arc<SurfaceTracer>>,
     frame: FieldFrame,
     pub(super) field: Learned<PaperField>,

@@ -27,6 +27,12 @@ pub(super) const REACH: f32 = 6.0;
 const DOUBT: f32 = 1.0;
 /// Least difference of curvature between neighbours, a cell, whose weight is a half, however sure the outlines are.
 const LEAST_CREASE: f32 = 0.04;
+/// Standard deviation in cells of outlines that are as sure as can be; others weigh less by the ratio of the variances.
+const LEAST_ERROR: f32 = 0.16;
+/// Mean distance of rays from the true surface, in standard deviations of their outlines' error.
+const MEAN_ERROR: f32 = 0.8;
+/// Share of the outlines' error that the surface follows, however even it is.
+const FOLLOWED_ERROR: f32 = 0.4;
 /// Cells below the surface that a ray within an outline reaches at least. A sheet two cells thick bends in no even way, and
 /// would dissolve between its rims.
 const LEAST_DEPTH: f32 = 0.3;
@@ -39,10 +45,10 @@ const MAX_STEPS: usize = 2048;
 /// How a surface is faired.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Fairing {
-    /// Weight of the curvature's differences between neighbours, in cells.
+    /// Weight of the curvature's differences between neighbours, in cells, where outlines are sure.
     pub(super) evenness: f32,
     /// Difference of curvature between neighbours, a cell, whose weight is a half, over the mean distance of the rays from
-    /// the surface or the depth maps' noise: outlines that err would rip it.
+    /// the surface, beyond what their error explains, or the depth maps' noise: outlines that err would rip it.
     pub(super) crease: f32,
     /// Weight of the curvature itself, in cells.
     pub(super) stiffness: f32,
@@ -63,6 +69,8 @@ pub(super) struct Evidence {
     pub(super) hull: ScalarGrid,
     /// The outlines.
     pub(super) silhouettes: Vec<Silhouette>,
+    /// Standard deviation of the outlines' error, cells.
+    pub(super) outline_error: f32,
     /// What depth maps say, where there are any.
     pub(super) seen: Option<Seen>,
 }
@@ -88,7 +96,7 @@ pub(super) fn round(phi: &mut ScalarGrid, evidence: &Evidence, fairing: &Fairing
         rays.filter_map(|ray| condition(phi, &band, &ray, depth, enough))
             .collect()
     };
-    let mut conditions = every(|s| &s.outline, 0.0, f32::NEG_INFINITY);
+    let mut conditions = every(|s| &s.outline.middles, 0.0, f32::NEG_INFINITY);
     let sum: f32 = conditions.iter().map(|c| c.value.abs()).sum();
     let residual = sum / conditions.len().max(1) as f32;
     conditions.extend(every(|s| &s.inner, LEAST_DEPTH, -LEAST_DEPTH));
@@ -96,7 +104,11 @@ pub(super) fn round(phi: &mut ScalarGrid, evidence: &Evidence, fairing: &Fairing
         .seen
         .as_ref()
         .map_or(0.0, |seen| seen.noise / phi.cell);
-    let crease = (fairing.crease * residual.max(noise)).max(LEAST_CREASE);
+    let error = evidence.outline_error;
+    let unexplained = residual.max(noise) - MEAN_ERROR * error;
+    let crease = (fairing.crease * unexplained)
+        .max(FOLLOWED_ERROR * error)
+        .max(LEAST_CREASE);
     let system = System::new(phi, evidence, &band, &conditions, fairing, crease);
     let change = system.solve();
     for (slot, node) in band.nodes.iter().enumerate() {
@@ -138,7 +150,7 @@ fn condition(
 }
 
 /// Where along the ray the value is least; `None` for rays that miss the grid, and where it falls to `enough`.
-fn nearest_approach(phi: &ScalarGrid, ray: &Ray, enough: f32) -> Option<Vec3> {
+pub(super) fn nearest_approach(phi: &ScalarGrid, ray: &Ray, enough: f32) -> Option<Vec3> {
     let (start, end) = phi.bounds().span(ray)?;
     let (mut t, mut best_t, mut best) = (start, start, f32::INFINITY);
     // Bounded, as a step may be lost in the rounding of a far camera's distances.
@@ -201,8 +213,9 @@ impl<'a> System<'a> {
         let mut curvature = vec![0.0; band.len()];
         band.laplacian(&values, &mut curvature);
         let mut evenness = band.evenness(&curvature, crease);
+        let doubt = 1.0 + (evidence.outline_error / LEAST_ERROR).powi(2);
         for weight in evenness.as_flattened_mut() {
-            *weight *= fairing.evenness;
+            *weight *= fairing.evenness * doubt;
         }
         let mut right = vec![0.0; band.len()];
         let mut bent = vec![0.0; band.len()];

@@ -2,7 +2,8 @@
 //!
 //! A draft comes first, as signed distances on a grid: depth maps fused within the visual hull of the masks, or the hull
 //! alone; then the fairest surface that is where the maps saw it and whose outlines are those of the masks, to a fraction of
-//! a pixel. Nothing is asked of the photos' colours, which on glossy surfaces tell of the surroundings.
+//! a pixel, or as near as these agree. Nothing is asked of the photos' colours, which on glossy surfaces tell of the
+//! surroundings.
 //!
 //! Where there are neither maps nor masks, the reconstruction's points give coarse maps, which are fused and left at that.
 
@@ -15,6 +16,7 @@ mod fusion;
 mod fusion_tests;
 mod growth;
 mod hull;
+mod outline_error;
 mod point_maps;
 mod silhouette;
 #[cfg(test)]
@@ -24,6 +26,7 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use glam::Vec3;
 use rayon::prelude::*;
 
 use self::fairing::{Evidence, Fairing};
@@ -33,6 +36,7 @@ use crate::data::{Dataset, View};
 use crate::geometry::{Aabb, Mesh, MeshError, ScalarGrid, iso_surface};
 use crate::train::placement::up_direction;
 use crate::train::plan::Budget;
+use crate::train::statistics::middle;
 
 pub use compare::{MeshDifference, compare, silhouette_agreement};
 pub use growth::GrowthPicture;
@@ -41,6 +45,12 @@ pub use growth::GrowthPicture;
 const MIN_VIEWS: usize = 3;
 /// Radius in pixels below which a silhouette shows no shape.
 const MIN_RADIUS_PX: f32 = 4.0;
+/// Cells along the longest side of the hull that outlines are compared with.
+const COMPARED_CELLS: usize = 72;
+/// Standard deviations of the outlines' error that a cell is wide at least: finer ones would show nothing but it.
+const CELL_ERRORS: f32 = 2.0;
+/// Cells that there are nevertheless.
+const FEWEST_CELLS: usize = 24;
 /// Cells around the hull in which the surface can move.
 const MARGIN_CELLS: usize = 8;
 
@@ -224,21 +234,38 @@ fn from_masks(
         dataset: dataset.root.clone(),
     })?;
     on_progress(0.1);
-    let mut hull = grid_around(&bounds, options.n_cells);
-    if !hull::fill(&silhouettes, &mut hull, go_on) {
-        return Err(StageOneError::Cancelled);
-    }
-    hull::cut(&mut hull, &bounds);
+    let hull = |silhouettes: &[Silhouette], n_cells: usize| {
+        let mut hull = grid_around(&bounds, n_cells);
+        if !hull::fill(silhouettes, &mut hull, go_on) {
+            return Err(StageOneError::Cancelled);
+        }
+        hull::cut(&mut hull, &bounds);
+        Ok(hull)
+    };
+    let compared = hull(&silhouettes, options.n_cells.min(COMPARED_CELLS))?;
+    let error_px = outline_error::find_px(&silhouettes, compared);
+    let error = error_px * middle(&mut pixels_at(&silhouettes, bounds.center()));
+    let finest = bounds.extent().max_element() / (CELL_ERRORS * error);
+    let n_cells = options.n_cells.min((finest as usize).max(FEWEST_CELLS));
+    let with_error = |silhouette: Silhouette| silhouette.with_error(error_px);
+    let silhouettes: Vec<_> = silhouettes.into_iter().map(with_error).collect();
+    let hull = hull(&silhouettes, n_cells)?;
     let mut phi = hull.clone();
     phi.redistance(fairing::REACH);
     Ok(Draft {
         phi,
         evidence: Evidence {
+            outline_error: error / hull.cell,
             hull,
             silhouettes,
             seen: None,
         },
     })
+}
+
+/// Width of a pixel of each silhouette at `p`, scene units.
+fn pixels_at(silhouettes: &[Silhouette], p: Vec3) -> Vec<f32> {
+    silhouettes.iter().map(|s| s.pixel_at(p)).collect()
 }
 
 /// What the depth maps show, within the hull of the silhouettes where there are masks too; `None` where there are too few
@@ -283,6 +310,7 @@ fn from_depths(
         evidence: Evidence {
             hull,
             silhouettes,
+            outline_error: 0.0,
             seen: Some(seen),
         },
     }))

@@ -9,6 +9,7 @@ use glam::{Vec2, Vec3};
 use super::*;
 use crate::data::{Mask, Photo, View};
 use crate::geometry::Camera;
+use crate::train::outlines::tests::wander;
 
 /// Pixels on a side.
 const SIDE: u32 = 96;
@@ -192,6 +193,26 @@ fn a_few_wrong_mask_pixels_do_not_carve_the_object() {
     let (distance, angle) = errors(&make(&dataset).unwrap(), ball);
     assert!(distance < 0.02, "{distance} units off");
     assert!(angle < 6.0, "normals {angle} degrees off");
+}
+
+#[test]
+fn outlines_that_wander_do_not_shrink_or_ripple_the_object() {
+    let exact = capture(40, ball);
+    let mut dataset = capture(40, ball);
+    for (i, view) in dataset.train.iter_mut().enumerate() {
+        wander(view.mask.as_mut().unwrap(), 1.3, i);
+    }
+    let (distance, angle) = errors(&make(&dataset).unwrap(), ball);
+    assert!(distance < 0.006, "{distance} units off");
+    assert!(angle < 4.5, "normals {angle} degrees off");
+    for (dataset, expected) in [(exact, 0.0..0.1), (dataset, 0.8..1.7)] {
+        let silhouettes = silhouettes(&dataset).unwrap();
+        let bounds = hull::bounds(&silhouettes, &|| true).unwrap();
+        let mut hull = grid_around(&bounds, COMPARED_CELLS);
+        hull::fill(&silhouettes, &mut hull, &|| true);
+        let found = outline_error::find_px(&silhouettes, hull);
+        assert!(expected.contains(&found), "{found} pixels");
+    }
 }
 
 #[test]

@@ -1,0 +1,39 @@
+//! Middle and scatter of numbers, some of which are off.
+
+use glam::Vec3;
+
+/// A normal distribution's standard deviation over the median distance from its median.
+const STD_OVER_MAD: f32 = 1.4826;
+
+/// The median of each coordinate.
+///
+/// # Panics
+/// When there is no value.
+pub(super) fn median(values: &[Vec3]) -> Vec3 {
+    let of_axis = |axis: usize| {
+        let mut values: Vec<f32> = values.iter().map(|v| v[axis]).collect();
+        middle(&mut values)
+    };
+    Vec3::new(of_axis(0), of_axis(1), of_axis(2))
+}
+
+/// The median of numbers, which are put into another order.
+///
+/// # Panics
+/// When there are none.
+pub(super) fn middle(values: &mut [f32]) -> f32 {
+    let half = values.len() / 2;
+    *values.select_nth_unstable_by(half, f32::total_cmp).1
+}
+
+/// The standard deviation of the normal distribution that `values` are of, but for fewer than half of them; 0 of none.
+pub(super) fn scatter(mut values: Vec<f32>) -> f32 {
+    if values.is_empty() {
+        return 0.0;
+    }
+    let median = middle(&mut values);
+    for value in &mut values {
+        *value = (*value - median).abs();
+    }
+    STD_OVER_MAD * middle(&mut values)
+}
