@@ -233,7 +233,9 @@ fn evaluation_keeps_its_promised_form_and_finds_a_trained_scene() {
     );
     let views = report["views"].as_array().expect("views");
     assert_eq!(views.len(), 3, "{report}");
-    for metrics in views.iter().chain([&report["mean"]]) {
+    let fitted = views.iter().map(|view| &view["fitted"]);
+    let means = [&report["mean"], &report["mean_fitted"]];
+    for metrics in views.iter().chain(fitted).chain(means) {
         for key in [
             "psnr",
             "psnr_object",

@@ -13,10 +13,10 @@ use neif::neif::Environment;
 use neif::render::{Layer, Picture, Scene};
 use neif::train::eval::{
     AlbedoError, EvalReport, NormalError, RoughnessError, ViewMetrics, after_one_gain,
-    after_own_gain, evaluate_views, mean_of_views, panorama_psnr, relit,
+    evaluate_views, mean_fitted, mean_of_views, panorama_psnr, relit,
 };
 use neif::train::lpips::{Backbone, Lpips};
-use neif::train::metrics::{ImageMetrics, mean};
+use neif::train::metrics::ImageMetrics;
 use neif::train::photo_exposures::PhotoExposures;
 
 use super::capture::PhotoArgs;
@@ -90,14 +90,8 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
         lpips: lpips.as_ref(),
     };
     let exposures = run.exposures.as_deref();
-    let mut pictures = exposures.map(|_| Vec::new());
     let set = (args.split.as_str(), exposures);
-    let results = bench.measure(&run.scene, &views, set, pictures.as_mut())?;
-    let exposed = pictures.map(|pictures| {
-        let pairs = views.iter().zip(&pictures);
-        let metrics: Vec<_> = pairs.map(|(v, p)| after_own_gain(v, p)).collect();
-        mean(&metrics)
-    });
+    let results = bench.measure(&run.scene, &views, set, None)?;
     let Relit { relight, gained } = if args.relight {
         bench.relight(&run.scene, &root, &args.env, args.env_match)?
     } else {
@@ -115,11 +109,12 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
         steps: trained.map(|trained| trained.steps),
         exposures_foretold: exposures.is_some(),
         mean: mean_of_views(&results),
+        mean_fitted: mean_fitted(&results),
         views: results,
-        mean_exposed: exposed,
         relight,
         relight_gained: gained,
         normal_mae_deg: truth.normals.mean_deg(),
+        normal_median_deg: truth.normals.median_deg(),
         roughness_mae: truth.roughness.mean(),
         albedo_psnr: truth.albedo.psnr(),
         pano_psnr: panorama_psnr(&run.scene, &root, bench.cancel).or_unusable()?,
@@ -364,8 +359,7 @@ fn table(report: &EvalReport, lpips: Option<Backbone>) -> String {
                 .to_owned(),
         );
     }
-    let exposed = report.mean_exposed.as_ref();
-    lines.extend(exposed.map(|metrics| row("mean, own exposures", metrics)));
+    lines.push(row("mean, exposures fitted", &report.mean_fitted));
     lines.extend(
         report
             .relight
@@ -374,8 +368,10 @@ fn table(report: &EvalReport, lpips: Option<Backbone>) -> String {
     );
     let gained = report.relight_gained.iter();
     lines.extend(gained.map(|(name, metrics)| row(&format!("{name}, gain matched"), metrics)));
-    let normals = report.normal_mae_deg;
-    lines.extend(normals.map(|deg| format!("normals: mean error {deg:.2} degrees")));
+    let normals = report.normal_mae_deg.zip(report.normal_median_deg);
+    lines.extend(normals.map(|(mean, median)| {
+        format!("normals: mean error {mean:.2} degrees, median {median:.2}")
+    }));
     let roughness = report.roughness_mae;
     lines.extend(roughness.map(|error| format!("roughness: mean error {error:.3}")));
     let albedo = report.albedo_psnr;

@@ -23,6 +23,7 @@ use crate::render::{
 use crate::train::lpips::Lpips;
 use crate::train::metrics::{ImageMetrics, SquaredError, compare, compare_object, mean};
 use crate::train::photo_exposures::PhotoExposures;
+use crate::train::statistics::middle;
 
 /// Photo value from which a pixel counts as clipped.
 const CLIPPED: f32 = 0.998;
@@ -35,6 +36,8 @@ pub struct ViewMetrics {
     /// The measures.
     #[serde(flatten)]
     pub metrics: ImageMetrics,
+    /// The same after the photo's own exposure and white balance are undone ([`after_fitted_gain`]).
+    pub fitted: ImageMetrics,
 }
 
 /// Everything that `neif eval --json` prints.
@@ -53,16 +56,16 @@ pub struct EvalReport {
     pub views: Vec<ViewMetrics>,
     /// Means over the views.
     pub mean: ImageMetrics,
-    /// The same after the gain a colour, fitted to each photo, that undoes its own exposure and white balance: where the
-    /// run learned those of its training photos.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub mean_exposed: Option<ImageMetrics>,
+    /// Means of [`ViewMetrics::fitted`].
+    pub mean_fitted: ImageMetrics,
     /// Means over the views of each relighting or edit with ground truth.
     pub relight: BTreeMap<String, ImageMetrics>,
     /// The same after one gain a colour for all views of an edit: what is left when the exposure is matched.
     pub relight_gained: BTreeMap<String, ImageMetrics>,
     /// Mean angle between true and rendered shading normals in degrees, where there is truth.
     pub normal_mae_deg: Option<f64>,
+    /// The median of these angles.
+    pub normal_median_deg: Option<f64>,
     /// Mean absolute error of roughness where the surface reflects, where there is truth.
     pub roughness_mae: Option<f64>,
     /// PSNR of the albedo in dB, where there is truth.
@@ -91,8 +94,11 @@ pub fn evaluate_views(
         let width = picture.width as usize;
         let mut metrics = compare(&picture.pixels, &truth, mask.as_deref(), width);
         metrics.lpips = lpips.and_then(|lpips| lpips.distance(&truth, &picture.pixels, width));
-        let name = view.name.clone();
-        results.push(ViewMetrics { name, metrics });
+        results.push(ViewMetrics {
+            name: view.name.clone(),
+            metrics,
+            fitted: after_fitted_gain(view, &picture),
+        });
         on_view(index, view, &picture);
     }
     Some(results)
@@ -112,8 +118,11 @@ pub fn evaluate_object(
         let metrics = mask
             .map(|mask| compare_object(&picture.pixels, &truth, &mask))
             .unwrap_or_default();
-        let name = view.name.clone();
-        results.push(ViewMetrics { name, metrics });
+        results.push(ViewMetrics {
+            name: view.name.clone(),
+            metrics,
+            fitted: ImageMetrics::default(),
+        });
     }
     Some(results)
 }
@@ -134,6 +143,12 @@ pub fn mean_of_views(views: &[ViewMetrics]) -> ImageMetrics {
     mean(&metrics)
 }
 
+/// The mean over views of what is left when each photo's exposure is undone.
+pub fn mean_fitted(views: &[ViewMetrics]) -> ImageMetrics {
+    let metrics: Vec<ImageMetrics> = views.iter().map(|view| view.fitted).collect();
+    mean(&metrics)
+}
+
 /// Measures pictures of views after the gain a colour, one for all views, that brings the object's pixels (all pixels
 /// without masks) nearest to the photos in linear light. Clipped photo pixels have no say in the gain.
 ///
@@ -144,16 +159,25 @@ pub fn after_one_gain(views: &[View], pictures: &[Picture]) -> ImageMetrics {
     let is_object = |view: &View, i: usize| view.mask.as_ref().is_none_or(|m| m.share(i) > 0.5);
     let gain = nearest_gain(views, pictures, is_object);
     let pairs = views.iter().zip(pictures);
-    let metrics: Vec<ImageMetrics> = pairs.map(|(v, p)| after_gain(v, p, gain)).collect();
+    let metrics: Vec<ImageMetrics> = pairs.map(|(v, p)| after_gain(v, p, |_| gain)).collect();
     mean(&metrics)
 }
 
-/// Measures a picture of a view after the gain a colour that brings it nearest to the photo, as [`after_one_gain`] but
-/// over all pixels: what is left when the photo's own exposure is known.
-pub fn after_own_gain(view: &View, picture: &Picture) -> ImageMetrics {
+/// Measures a picture of a view after the gain a colour that brings it nearest to the photo, over all pixels in linear
+/// light: each half, left and right, after the gain that fits the other one, so that nothing is measured where it was fitted.
+pub fn after_fitted_gain(view: &View, picture: &Picture) -> ImageMetrics {
     let (views, pictures) = (std::slice::from_ref(view), std::slice::from_ref(picture));
-    let gain = nearest_gain(views, pictures, |_, _| true);
-    after_gain(view, picture, gain)
+    let width = picture.width as usize;
+    let is_left = |i: usize| i % width < width / 2;
+    let for_left = nearest_gain(views, pictures, |_, i| !is_left(i));
+    let for_right = nearest_gain(views, pictures, |_, i| is_left(i));
+    after_gain(
+        view,
+        picture,
+        |i| {
+            if is_left(i) { for_left } else { for_right }
+        },
+    )
 }
 
 /// The gain a colour that brings the pictures nearest to the photos in linear light, over unclipped pixels that are
@@ -183,11 +207,14 @@ fn nearest_gain(
     sums.map(|[a, b]| if b > 0.0 { (a / b) as f32 } else { 1.0 })
 }
 
-fn after_gain(view: &View, picture: &Picture, gain: [f32; 3]) -> ImageMetrics {
+/// Measures a picture of a view after the gain a colour of each pixel.
+fn after_gain(view: &View, picture: &Picture, gain: impl Fn(usize) -> [f32; 3]) -> ImageMetrics {
     let gained: Vec<[f32; 3]> = picture
         .pixels
         .iter()
-        .map(|pixel| {
+        .enumerate()
+        .map(|(i, pixel)| {
+            let gain = gain(i);
             std::array::from_fn(|c| {
                 srgb_from_linear((linear_from_srgb(pixel[c]) * gain[c]).clamp(0.0, 1.0))
             })
@@ -397,10 +424,10 @@ impl AlbedoError {
 }
 
 /// A sum of angles between normals.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct NormalError {
-    sum_deg: f64,
-    count: usize,
+    /// Of every pixel.
+    angles_deg: Vec<f32>,
 }
 
 impl NormalError {
@@ -419,15 +446,22 @@ impl NormalError {
             let (x, y) = (i as u32 % camera.width, i as u32 / camera.width);
             let ray = camera.ray(x as f32 + 0.5, y as f32 + 0.5);
             if let Some(hit) = object.tracer.intersect(&ray, 0.0, f32::INFINITY) {
-                self.sum_deg += f64::from(hit.normal.angle_between(truth).to_degrees());
-                self.count += 1;
+                self.angles_deg
+                    .push(hit.normal.angle_between(truth).to_degrees());
             }
         }
     }
 
     /// Mean angle in degrees; none without pixels.
     pub fn mean_deg(&self) -> Option<f64> {
-        (self.count > 0).then(|| self.sum_deg / self.count as f64)
+        let sum: f64 = self.angles_deg.iter().copied().map(f64::from).sum();
+        (!self.angles_deg.is_empty()).then(|| sum / self.angles_deg.len() as f64)
+    }
+
+    /// Median angle in degrees; none without pixels.
+    pub fn median_deg(&self) -> Option<f64> {
+        let mut angles = self.angles_deg.clone();
+        (!angles.is_empty()).then(|| f64::from(middle(&mut angles)))
     }
 }
 
@@ -475,9 +509,31 @@ mod tests {
         let psnr = after_one_gain(views, &uneven).psnr.expect("far from equal");
         assert!(psnr < 40.0, "two exposures: {psnr}");
         for (view, picture) in views.iter().zip(&uneven) {
-            let psnr = after_own_gain(view, picture).psnr;
+            let psnr = after_fitted_gain(view, picture).psnr;
             assert!(psnr.is_some_and(|psnr| psnr > 60.0), "its own: {psnr:?}");
         }
+    }
+
+    #[test]
+    fn a_gain_is_not_measured_on_the_half_that_it_was_fitted_to() {
+        let capture = crate::train::test_scene::sphere_in_a_box(4, 16);
+        let view = &capture.train[0];
+        let picture = Picture {
+            width: 16,
+            height: 16,
+            pixels: (0..16 * 16)
+                .map(|i| {
+                    let gain = if i % 16 < 8 { 0.5 } else { 0.25 };
+                    let srgb = view.photo.srgb(i);
+                    srgb.map(|v| srgb_from_linear(gain * linear_from_srgb(v)))
+                })
+                .collect(),
+        };
+        // A gain for each half would make them equal, and one for both nearly.
+        let psnr = after_fitted_gain(view, &picture).psnr.expect("not equal");
+        let views = std::slice::from_ref(view);
+        let own = after_one_gain(views, std::slice::from_ref(&picture)).psnr;
+        assert!(psnr < own.expect("not equal") - 3.0, "{psnr}, {own:?}");
     }
 
     #[test]
@@ -485,6 +541,7 @@ mod tests {
         let view = ViewMetrics {
             name: "r_000".to_owned(),
             metrics: ImageMetrics::default(),
+            fitted: ImageMetrics::default(),
         };
         let report = EvalReport {
             split: "test".to_owned(),
@@ -492,11 +549,12 @@ mod tests {
             steps: None,
             exposures_foretold: false,
             mean: mean_of_views(std::slice::from_ref(&view)),
+            mean_fitted: mean_fitted(std::slice::from_ref(&view)),
             views: vec![view],
-            mean_exposed: None,
             relight: BTreeMap::from([("rough_02".to_owned(), ImageMetrics::default())]),
             relight_gained: BTreeMap::new(),
             normal_mae_deg: None,
+            normal_median_deg: None,
             roughness_mae: None,
             albedo_psnr: None,
             pano_psnr: Some(20.0),
@@ -505,7 +563,7 @@ mod tests {
         assert_eq!(
             serde_json::to_string(&report).unwrap(),
             format!(
-                r#"{{"split":"test","train_seconds":1.5,"steps":null,"views":[{{"name":"r_000",{keys}}}],"mean":{{{keys}}},"relight":{{"rough_02":{{{keys}}}}},"relight_gained":{{}},"normal_mae_deg":null,"roughness_mae":null,"albedo_psnr":null,"pano_psnr":20.0}}"#
+                r#"{{"split":"test","train_seconds":1.5,"steps":null,"views":[{{"name":"r_000",{keys},"fitted":{{{keys}}}}}],"mean":{{{keys}}},"mean_fitted":{{{keys}}},"relight":{{"rough_02":{{{keys}}}}},"relight_gained":{{}},"normal_mae_deg":null,"normal_median_deg":null,"roughness_mae":null,"albedo_psnr":null,"pano_psnr":20.0}}"#
             )
         );
     }
