@@ -3,6 +3,7 @@
 //! Where masks and the mesh agree, the masks say. Where masks wander about the mesh that all of them together gave, a pixel near
 //! the outline of a mask is on the side of the mesh's silhouette that it lies on, and neither as near to that silhouette as it errs.
 
+use glam::{Mat2, Vec2};
 use rayon::prelude::*;
 
 use super::mask_outline::MaskOutline;
@@ -21,6 +22,9 @@ const SEARCHED_PX: f32 = 8.0;
 const SAMPLING_PX: f32 = 0.35;
 /// Error up to which outlines count as exact, pixels: masks cut hard err by as much.
 const EXACT_PX: f32 = 0.5;
+/// Rounds of reweighting in which a picture's shift is found, and what keeps it at nothing, in pieces of the outline.
+const SHIFTINGS: usize = 4;
+const RIDGE: f32 = 1.0;
 /// Standard deviations of the outlines' error within which the mesh says what is object, and within which of its silhouette
 /// nothing does.
 const UNCERTAIN: f32 = 3.0;
@@ -133,8 +137,8 @@ fn traced_coverage(
         .collect()
 }
 
-/// Standard deviation of the masks' outlines about the mesh's silhouettes as `cameras` see them, pixels; 0 where they are exact,
-/// and without masks or mesh.
+/// Standard deviation of the masks' outlines about the mesh's silhouettes as `cameras` see them, pixels, but for what cameras
+/// are off; 0 where they are exact, and without masks or mesh.
 pub(super) fn outline_error_px(
     dataset: &Dataset,
     cameras: &[Camera],
@@ -143,17 +147,40 @@ pub(super) fn outline_error_px(
     let Some(tracer) = tracer else {
         return 0.0;
     };
-    let off_px = |(view, camera): (&View, &Camera)| -> Option<Vec<f32>> {
+    let of_view = |(view, camera): (&View, &Camera)| -> Option<Vec<f32>> {
         let mask = view.mask.as_ref()?;
         let outline = MaskOutline::new(mask)?;
         let silhouette = traced_near(mask, &outline, camera, tracer, SEARCHED_PX);
-        let silhouette = MaskOutline::new(&silhouette)?;
-        let places = outline.middles.iter();
-        Some(places.map(|at| silhouette.distance_at(*at)).collect())
+        Some(off_px(&outline, &MaskOutline::new(&silhouette)?))
     };
     let views = dataset.train.par_iter().zip(cameras);
-    let off_px: Vec<f32> = views.filter_map(off_px).flatten_iter().collect();
-    error_from(off_px)
+    error_from(views.filter_map(of_view).flatten_iter().collect())
+}
+
+/// Distances of a mask's outline from a silhouette in pixels, less what a shift of the whole picture explains: there the camera
+/// is off and the mask is right.
+fn off_px(outline: &MaskOutline, silhouette: &MaskOutline) -> Vec<f32> {
+    let slope_at = |at: Vec2| {
+        let along =
+            |step: Vec2| silhouette.distance_at(at + step) - silhouette.distance_at(at - step);
+        0.5 * Vec2::new(along(Vec2::X), along(Vec2::Y))
+    };
+    let places = outline.middles.iter();
+    let off: Vec<(f32, Vec2)> = places
+        .map(|at| (silhouette.distance_at(*at), slope_at(*at)))
+        .collect();
+    let rest = |shift: Vec2| off.iter().map(move |(off, slope)| off - slope.dot(shift));
+    let mut shift = Vec2::ZERO;
+    for _ in 0..SHIFTINGS {
+        let (mut matrix, mut right) = (RIDGE * Mat2::IDENTITY, Vec2::ZERO);
+        for ((off, slope), rest) in off.iter().zip(rest(shift)) {
+            let weight = 1.0 / (1.0 + rest * rest);
+            matrix += weight * Mat2::from_cols(*slope * slope.x, *slope * slope.y);
+            right += weight * off * *slope;
+        }
+        shift = matrix.inverse() * right;
+    }
+    rest(shift).collect()
 }
 
 /// Standard deviation of the error of outlines that lie `off_px` pixels from a surface's; 0 where sampling explains them.
@@ -209,6 +236,14 @@ pub(super) mod tests {
         assert_eq!(error_of(&exact), 0.0);
         let error_px = error_of(&wandering);
         assert!((1.0..1.6).contains(&error_px), "{error_px} pixels");
+
+        let turned = exact.train.iter().map(|view| {
+            let mut camera = view.camera;
+            camera.cx += 1.5;
+            camera
+        });
+        let turned: Vec<Camera> = turned.collect();
+        assert_eq!(outline_error_px(&exact, &turned, Some(&tracer)), 0.0);
 
         let (mut n_wrong, mut n_wrong_by_mask, mut n_sure) = (0, 0, 0);
         for (view, truth) in wandering.train.iter().zip(&exact.train) {

@@ -28,11 +28,11 @@ const DOUBT: f32 = 1.0;
 /// Least difference of curvature between neighbours, a cell, whose weight is a half, however sure the outlines are.
 const LEAST_CREASE: f32 = 0.04;
 /// Standard deviation in cells of outlines that are as sure as can be; others weigh less by the ratio of the variances.
-const LEAST_ERROR: f32 = 0.16;
+const LEAST_ERROR: f32 = 0.11;
 /// Mean distance of rays from the true surface, in standard deviations of their outlines' error.
 const MEAN_ERROR: f32 = 0.8;
 /// Share of the outlines' error that the surface follows, however even it is.
-const FOLLOWED_ERROR: f32 = 0.4;
+const FOLLOWED_ERROR: f32 = 0.15;
 /// Cells below the surface that a ray within an outline reaches at least. A sheet two cells thick bends in no even way, and
 /// would dissolve between its rims.
 const LEAST_DEPTH: f32 = 0.3;

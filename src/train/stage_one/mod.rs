@@ -251,6 +251,10 @@ fn from_masks(
     let silhouettes: Vec<_> = silhouettes.into_iter().map(with_error).collect();
     let hull = hull(&silhouettes, n_cells)?;
     let mut phi = hull.clone();
+    // It begins as the outlines are, too small: clefts are open, and narrow ones would not open again.
+    for value in &mut phi.values {
+        *value += silhouette::SLACK_ERRORS * error;
+    }
     phi.redistance(fairing::REACH);
     Ok(Draft {
         phi,

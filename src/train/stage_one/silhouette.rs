@@ -26,7 +26,7 @@ const RIM_PX: f32 = 1.5;
 const RIM_ERRORS: f32 = 2.5;
 /// Standard deviations by which the object may reach beyond an uncertain outline: one of many views cuts it off where it errs
 /// the most.
-const SLACK_ERRORS: f32 = 1.5;
+pub(super) const SLACK_ERRORS: f32 = 1.5;
 
 impl Silhouette {
     /// The silhouette of a view; `None` without a mask or where it shows nothing of the object's edge.
