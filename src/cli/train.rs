@@ -9,7 +9,7 @@ use anyhow::Context as _;
 use glam::Vec3;
 use neif::data::MeshPlacement;
 use neif::neif::Storage;
-use neif::train::config::{Normals, TrainConfig};
+use neif::train::config::{Normals, PhotoFit, TrainConfig};
 use neif::train::plan::Budget;
 use neif::train::run_folder::RunFolder;
 use neif::train::session::SessionOptions;
@@ -78,13 +78,14 @@ pub(crate) struct TrainArgs {
     /// Worker threads; 0 is one for each core [default: 0]
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
-    /// Learn the exposure and white balance of each photo, where the ground under the object does not tell them: for cameras that
-    /// chose them anew for every one
-    #[arg(long, conflicts_with = "resume")]
-    photo_exposures: bool,
-    /// Refine the poses of the photos: for cameras that structure from motion has left a pixel off
-    #[arg(long, conflicts_with = "resume")]
-    refine_poses: bool,
+    /// Whether each photo has an exposure and a white balance of its own [default: where the photos say so]
+    #[arg(long, value_name = "on|off", conflicts_with = "resume")]
+    #[arg(num_args = 0..=1, require_equals = true, default_missing_value = "on")]
+    photo_exposures: Option<Fit>,
+    /// Whether the poses of the photos are refined [default: where the photos say that they are off]
+    #[arg(long, value_name = "on|off", conflicts_with = "resume")]
+    #[arg(num_args = 0..=1, require_equals = true, default_missing_value = "on")]
+    refine_poses: Option<Fit>,
     /// Refine the mesh's normals while training: for meshes that are good to a degree or two. It is done anyway where the
     /// mesh was made from masks or depth maps
     #[arg(long, conflicts_with = "resume")]
@@ -182,10 +183,11 @@ fn options(args: &TrainArgs, started: Instant) -> Result<SessionOptions, Failure
     if args.half {
         options.storage = Storage::F16;
     }
-    if args.photo_exposures {
-        options.config.exposure_rate = TrainConfig::EXPOSURE_RATE;
-    }
-    options.config.refine_poses |= args.refine_poses;
+    let config = &mut options.config;
+    config.photo_exposures = args
+        .photo_exposures
+        .map_or(config.photo_exposures, Fit::of_photo);
+    config.refine_poses = args.refine_poses.map_or(config.refine_poses, Fit::of_photo);
     if args.refine_normals {
         options.config.normals = Normals::Refined;
     }
@@ -193,6 +195,22 @@ fn options(args: &TrainArgs, started: Instant) -> Result<SessionOptions, Failure
     options.config.early_stop &= !args.no_early_stop;
     options.config.validate().or_unusable()?;
     Ok(options)
+}
+
+/// What the person wants of something that the program decides otherwise.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum Fit {
+    On,
+    Off,
+}
+
+impl Fit {
+    fn of_photo(self) -> PhotoFit {
+        match self {
+            Self::On => PhotoFit::On,
+            Self::Off => PhotoFit::Off,
+        }
+    }
 }
 
 /// The settings of a preset by name or file, with another seed where one is given.

@@ -34,13 +34,13 @@ impl Trainer {
             ],
         );
         if let Some(exposures) = &self.exposures {
-            let [log_gains, first, second] = exposures.state();
-            insert(&mut file, "exposures.log_gains", log_gains);
-            insert(&mut file, "exposures.first", first);
-            insert(&mut file, "exposures.second", second);
+            let [log_gains, sums] = exposures.state();
+            insert(&mut file, "exposures.log_gains", &log_gains);
+            insert(&mut file, "exposures.sums", &sums);
         }
         if let Some(poses) = &self.poses {
             insert(&mut file, "poses.corrections", &poses.state());
+            poses.store_sums(&mut file);
         }
         if let Some(refinement) = &self.refinement {
             let [total, moments] = refinement.offsets.state();
@@ -90,13 +90,11 @@ impl Trainer {
         let material = self.material.as_ref();
         let material = material.map(|m| learned("material", "params", m.value.params.len()));
         let material = material.transpose()?;
-        // Runs made before exposures were read off the ground took them as equal, and go on so.
-        let are_stored = file.tensor("exposures.log_gains").is_ok();
-        let learns_exposures = self.config.exposure_rate > 0.0;
-        let exposures = self.exposures.as_ref();
-        let exposures = exposures.filter(|_| are_stored || learns_exposures);
-        let exposures = exposures.map(|e| learned("exposures", "log_gains", e.state()[0].len()));
-        let exposures = exposures.transpose()?;
+        let [n_gains, n_sums] = self.exposures.as_ref().map_or([0; 2], |exposures| {
+            exposures.state().map(|values| values.len())
+        });
+        let log_gains = where_stored(file, "exposures.log_gains", n_gains)?;
+        let gain_sums = where_stored(file, "exposures.sums", n_sums)?;
         let normals = match &self.refinement {
             Some(refinement) => {
                 let n = refinement.offsets.n_values();
@@ -104,14 +102,13 @@ impl Trainer {
             }
             None => None,
         };
-        let poses = self.poses.as_ref();
-        let poses = poses.map(|poses| vector("poses.corrections", poses.state().len()));
-        let poses = poses.transpose()?;
+        let n_poses = self.poses.as_ref().map_or(0, |poses| poses.state().len());
+        let poses = where_stored(file, "poses.corrections", n_poses)?;
         let gamma = vector("gamma", 3)?;
         let counters = file.u64("counters", &[3])?.to_vec();
         let density = stored_density(file, self.density.len())?;
-        let optional = material.iter().chain(&exposures).flatten();
-        let optional = optional.chain(normals.iter().flatten()).chain(&poses);
+        let optional = material.iter().flatten().chain(normals.iter().flatten());
+        let optional = optional.chain(&log_gains).chain(&gain_sums).chain(&poses);
         let all = field.iter().chain(optional).flatten();
         if !all.chain(&gamma).all(|v| v.is_finite()) {
             return Err(TrainError::Checkpoint {
@@ -132,12 +129,15 @@ impl Trainer {
             self.gamma_adam.first[0],
             self.gamma_adam.second[0],
         ) = (gamma[0], gamma[1], gamma[2]);
-        match (&mut self.exposures, exposures) {
-            (Some(exposures), Some(stored)) => exposures.set_state(stored),
+        match (&mut self.exposures, &log_gains) {
+            (Some(exposures), Some(log_gains)) => {
+                exposures.set_state([log_gains, gain_sums.as_deref().unwrap_or_default()]);
+            }
             (exposures, _) => *exposures = None,
         }
         if let (Some(poses), Some(stored)) = (&mut self.poses, &poses) {
             poses.set_state(stored);
+            poses.set_sums(file);
             self.pixels.set_cameras(&poses.cameras());
         }
         if let (Some(refinement), Some([total, moments])) = (&mut self.refinement, &normals) {
@@ -148,6 +148,18 @@ impl Trainer {
         self.derive();
         Ok(())
     }
+}
+
+/// The `n` values of an array; `None` where there is none of that name, as in runs from before it was kept.
+fn where_stored(
+    file: &TensorFile,
+    name: &str,
+    n: usize,
+) -> Result<Option<Vec<f32>>, TensorFileError> {
+    let is_stored = n > 0 && file.tensor(name).is_ok();
+    is_stored
+        .then(|| Ok(file.f32(name, &[n])?.to_vec()))
+        .transpose()
 }
 
 /// The density cache of a checkpoint with `n` cells.

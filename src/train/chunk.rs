@@ -11,6 +11,7 @@ use super::agreement;
 use super::batch_size::BatchSize;
 use super::config::TrainConfig;
 use super::distortion::distortion;
+use super::exposures::ExposureRow;
 use super::loss::{clipped_pull, pixel_loss};
 use super::normal_offsets::{NormalOffsets, OffsetBatch};
 use super::pixels::{BackgroundSample, PixelStore};
@@ -60,6 +61,8 @@ pub(super) struct StepContext<'a> {
     pub(super) display: Display,
     /// What each photo's exposure multiplies radiance by; empty where all are alike.
     pub(super) gains: &'a [Vec3],
+    /// Whether exposures are sought.
+    pub(super) finds_exposures: bool,
     /// Whether the photos' poses are refined.
     pub(super) finds_poses: bool,
     /// Where no photo looks.
@@ -153,8 +156,8 @@ pub(super) struct Chunk {
     pub(super) batch: FieldBatch,
     pub(super) d_field_networks: Vec<f32>,
     pub(super) d_material_network: Vec<f32>,
-    /// By the logarithms of the views' gains, a pixel each; empty where all are alike.
-    pub(super) d_log_gains: Vec<(usize, Vec3)>,
+    /// What each pixel says of its photo's exposure, where that is sought.
+    pub(super) exposure_rows: Vec<ExposureRow>,
     /// What background pixels tell of their photos' poses.
     pub(super) pose_rows: Vec<PoseRow>,
     pub(super) loss: ChunkLoss,
@@ -340,7 +343,7 @@ impl Chunk {
     /// Radiance, loss, and all gradients but the grids'.
     pub(super) fn run(&mut self, context: &StepContext<'_>) {
         self.loss = ChunkLoss::default();
-        self.d_log_gains.clear();
+        self.exposure_rows.clear();
         self.pose_rows.clear();
         self.d_field_networks.clear();
         self.d_field_networks
@@ -407,9 +410,9 @@ impl Chunk {
             self.loss.background += f64::from(clipped_weight * value);
             let d = d * clipped_weight;
             self.batch.d_radiance[ray] = ((loss.d_linear + d) * gain * scale).to_array();
-            if !context.gains.is_empty() {
-                let d = loss.d_linear * exposed * scale;
-                self.d_log_gains.push((sample.view, d));
+            if context.finds_exposures {
+                let row = ExposureRow::new(sample.view, exposed, &loss);
+                self.exposure_rows.push(row);
             }
             if context.finds_poses
                 && let Some(slope) = context.pixels.slope(sample)
@@ -500,9 +503,9 @@ impl Chunk {
         let scale = 1.0 / context.batch_size.objects as f32;
         self.loss.object += f64::from(loss.value);
         self.loss.d_gamma += f64::from(loss.d_gamma * scale);
-        if !context.gains.is_empty() {
-            let d = loss.d_linear * exposed * scale;
-            self.d_log_gains.push((slot.view, d));
+        if context.finds_exposures {
+            let row = ExposureRow::new(slot.view, exposed, &loss);
+            self.exposure_rows.push(row);
         }
         let d_out = loss.d_linear * gain * (scale * share);
         for path in &self.paths[slot.paths.clone()] {

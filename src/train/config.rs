@@ -28,6 +28,46 @@ pub enum Normals {
     Refined,
 }
 
+/// Whether something of each photo, its exposure or its pose, is found while training.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase", try_from = "NotedFit")]
+pub enum PhotoFit {
+    /// Where the photos ask for it: what is found is used once it is more than the fields are wrong.
+    #[default]
+    Auto,
+    /// Always.
+    On,
+    /// Never.
+    Off,
+}
+
+/// [`PhotoFit`] in a file; runs from before noted a flag, or the rate of learning it.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum NotedFit {
+    Flag(bool),
+    Rate(f32),
+    Name(String),
+}
+
+impl TryFrom<NotedFit> for PhotoFit {
+    type Error = String;
+
+    fn try_from(noted: NotedFit) -> Result<Self, String> {
+        let is_on = match noted {
+            NotedFit::Flag(is_on) => is_on,
+            NotedFit::Rate(rate) => rate > 0.0,
+            NotedFit::Name(name) => match name.as_str() {
+                "auto" => return Ok(Self::Auto),
+                "on" => true,
+                "off" => false,
+                _ => return Err(format!("`{name}` is none of auto, on, off")),
+            },
+        };
+        Ok(if is_on { Self::On } else { Self::Off })
+    }
+}
+
 /// Settings of a training run. Lengths are relative to the capture unless a unit is named.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -62,11 +102,12 @@ pub struct TrainConfig {
     pub network_rate: f32,
     /// Learning rate of the display gamma.
     pub gamma_rate: f32,
-    /// Learning rate of the exposure and white balance of each training photo (logarithms of a gain a colour, 1 in the
-    /// mean over the photos); 0 takes them as equal where they are not read off the ground.
-    pub exposure_rate: f32,
+    /// Whether exposure and white balance of each training photo are found (a gain a colour, 1 in the mean over the photos)
+    /// where they are not read off the ground.
+    #[serde(alias = "exposure_rate")]
+    pub photo_exposures: PhotoFit,
     /// Whether the poses of the training photos are refined.
-    pub refine_poses: bool,
+    pub refine_poses: PhotoFit,
     /// Whether the mesh's normals are refined.
     pub normals: Normals,
     /// Steps over which the learning rates rise from zero.
@@ -169,8 +210,8 @@ impl Default for TrainConfig {
             grid_rate: 1e-2,
             network_rate: 1e-2,
             gamma_rate: 5e-4,
-            exposure_rate: 0.0,
-            refine_poses: false,
+            photo_exposures: PhotoFit::Auto,
+            refine_poses: PhotoFit::Auto,
             normals: Normals::Auto,
             warmup_steps: 50,
             final_rate: 0.1,
@@ -207,14 +248,13 @@ impl Default for TrainConfig {
 }
 
 impl TrainConfig {
-    /// [`Self::exposure_rate`] where exposures are learned.
-    pub const EXPOSURE_RATE: f32 = 0.03;
-
     /// The paper's model, losses and weights: the slow reference. What the paper leaves open is mip-NeRF's (rates,
     /// decay), with a batch that suits a CPU: a ray costs a billion operations.
     fn paper() -> Self {
         Self {
             paper: Some(PaperConfig::default()),
+            photo_exposures: PhotoFit::Off,
+            refine_poses: PhotoFit::Off,
             object_pixels: 32,
             background_pixels: 32,
             batch_growth: 0.0,
@@ -299,7 +339,7 @@ impl TrainConfig {
     pub fn validate(&self) -> Result<(), TrainError> {
         let positive = |v: f32| v.is_finite() && v > 0.0;
         let not_negative = |v: f32| v.is_finite() && v >= 0.0;
-        let checks: [(&'static str, bool); 23] = [
+        let checks: [(&'static str, bool); 22] = [
             ("threads", self.threads <= 1024),
             ("object_pixels", (1..=1 << 16).contains(&self.object_pixels)),
             (
@@ -323,7 +363,6 @@ impl TrainConfig {
                 positive(self.grid_rate) && positive(self.network_rate),
             ),
             ("gamma_rate", not_negative(self.gamma_rate)),
-            ("exposure_rate", not_negative(self.exposure_rate)),
             (
                 "final_rate",
                 positive(self.final_rate) && self.final_rate <= 1.0,
@@ -356,7 +395,7 @@ impl TrainConfig {
                 "paper (one path a pixel: bounces = 0, subpixels = false, uniform_share up to 1; no exposures or poses)",
                 self.paper.is_none_or(|paper| {
                     let has_one_path = self.bounces == 0 && !self.subpixels;
-                    let is_plain = self.exposure_rate == 0.0 && !self.refine_poses;
+                    let is_plain = [self.photo_exposures, self.refine_poses] == [PhotoFit::Off; 2];
                     let is_share = (0.0..=1.0).contains(&self.uniform_share);
                     paper.is_sane() && has_one_path && is_plain && is_share
                 }),

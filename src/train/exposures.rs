@@ -1,121 +1,224 @@
-//! Exposure and white balance of each training photo: known before ([`super::ground::gains_by_ground`]), or learned beside the fields.
+//! Exposure and white balance of each training photo: known before ([`super::ground::SeenGround::log_gains`]), or found while the
+//! fields are learned.
 //!
-//! A photo shows `gain * radiance`, a gain a colour. Only the photos' differences can be told: the gains' geometric mean
-//! over the photos is held at 1, which is how held-out photos are shown.
+//! A photo shows `gain * radiance`, a gain a colour. Linear least squares over its pixels, in what is shown, give by how much
+//! the logarithms of its gain are off, again and again as the fields sharpen. Where that differs from photo to photo by no more
+//! than the fields are wrong, the photos are taken as alike. Only the photos' differences can be told: the gains' geometric
+//! mean over the photos is held at 1, which is how held-out photos are shown.
 
 use glam::Vec3;
 
-use super::adam::{Adam, Rates};
+use super::config::PhotoFit;
+use super::loss::PixelLoss;
+use super::trainer::Trainer;
 
-/// Pull of the logarithms towards 0, against the squared error of the photos' colours: what hardly any pixel tells of
-/// keeps the mean exposure.
-const PULL: f32 = 0.01;
+/// Steps before exposures are found. Much later the field would have learned them itself, from where each photo was taken.
+const DELAY: u64 = 50;
+/// Steps between two updates: a photo of fifty gives some thousand pixels in that time.
+const EVERY: u64 = 50;
+/// Share of what is found that is taken up: the fields follow the gains, as they follow these.
+const SHARE: f32 = 0.5;
+/// Root mean square of the logarithms up to which photos count as alike.
+const ALIKE: f32 = 0.04;
+/// Difference, in sRGB, from which a pixel counts less: it shows something else, not the same thing exposed otherwise.
+const USUAL_DIFFERENCE: f32 = 0.1;
+/// Pull of the logarithms towards 0, in pixels' squared slopes: what hardly any pixel tells of keeps the mean exposure.
+const PULL: f32 = 0.1;
 /// Largest logarithm: a black photo would have its gain fall without end.
 const MOST: f32 = 3.0;
 
-/// The gains and their moments.
+/// A pixel's equation: `slope * correction = -difference`, a colour each.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ExposureRow {
+    view: usize,
+    /// Of what is shown, by the logarithm of the gain.
+    slope: Vec3,
+    /// What is shown less the target, sRGB.
+    difference: Vec3,
+}
+
+impl ExposureRow {
+    /// Of a pixel that shows `exposed`, gain times radiance.
+    pub(super) fn new(view: usize, exposed: Vec3, loss: &PixelLoss) -> Self {
+        Self {
+            view,
+            slope: loss.slope * exposed,
+            difference: loss.difference,
+        }
+    }
+}
+
+/// The gains, and what the photos have told of them since they were last updated.
 #[derive(Clone, Debug)]
 pub(super) struct Exposures {
-    /// `[n_views * 3]`.
-    log_gains: Vec<f32>,
-    gradient: Vec<f32>,
-    adam: Adam,
+    /// `Off` where they are known.
+    fit: PhotoFit,
+    /// `[n_views]` logarithms.
+    log_gains: Vec<Vec3>,
+    /// `[n_views]` sums of `slope^2` and `slope * difference`.
+    sums: Vec<[Vec3; 2]>,
+    /// What they are as applied.
     gains: Vec<Vec3>,
-    /// Whether they are known, not learned.
-    is_held: bool,
+    are_applied: bool,
 }
 
 impl Exposures {
-    /// All alike, to be learned.
-    pub(super) fn new(n_views: usize) -> Self {
-        let mut exposures = Self::held(&vec![Vec3::ZERO; n_views]);
-        exposures.is_held = false;
+    /// All alike, to be found.
+    pub(super) fn new(n_views: usize, fit: PhotoFit) -> Self {
+        let mut exposures = Self {
+            fit,
+            log_gains: vec![Vec3::ZERO; n_views],
+            sums: vec![[Vec3::ZERO; 2]; n_views],
+            gains: Vec::new(),
+            are_applied: false,
+        };
+        exposures.apply();
         exposures
     }
 
     /// Known from logarithms of the gains, whose mean is 0.
     pub(super) fn held(log_gains: &[Vec3]) -> Self {
-        let n = 3 * log_gains.len();
-        let mut exposures = Self {
-            log_gains: log_gains.iter().flat_map(Vec3::to_array).collect(),
-            gradient: vec![0.0; n],
-            adam: Adam::new(n),
-            gains: vec![Vec3::ONE; log_gains.len()],
-            is_held: true,
-        };
-        exposures.derive();
+        let mut exposures = Self::new(log_gains.len(), PhotoFit::Off);
+        exposures.log_gains = log_gains.to_vec();
+        exposures.apply();
         exposures
     }
 
-    /// By training view, in linear light.
-    pub(super) fn gains(&self) -> &[Vec3] {
-        &self.gains
+    /// By training view, in linear light; `None` where all are alike.
+    pub(super) fn gains(&self) -> Option<&[Vec3]> {
+        self.are_applied.then_some(&self.gains)
     }
 
-    /// One step, the `step`-th (from 1), from gradients by the logarithms of single views' gains; none where they are known.
-    pub(super) fn update<'a>(
-        &mut self,
-        gradients: impl Iterator<Item = &'a (usize, Vec3)>,
-        rate: f32,
-        step: u64,
-    ) {
-        if self.is_held {
-            return;
+    /// Whether they are still to be found, not known.
+    pub(super) fn are_sought(&self) -> bool {
+        self.fit != PhotoFit::Off
+    }
+
+    /// Takes up the equations of a step.
+    fn add<'a>(&mut self, rows: impl Iterator<Item = &'a ExposureRow>) {
+        for row in rows {
+            let ratio = row.difference / USUAL_DIFFERENCE;
+            let weighted = row.slope / (1.0 + ratio * ratio);
+            let [slopes, differences] = &mut self.sums[row.view];
+            *slopes += weighted * row.slope;
+            *differences += weighted * row.difference;
         }
-        for (view, d) in gradients {
-            let sums = &mut self.gradient[3 * view..3 * view + 3];
-            for (sum, d) in sums.iter_mut().zip(d.to_array()) {
-                *sum += d;
+    }
+
+    /// Corrects all by what was taken up since the last time.
+    fn correct(&mut self) {
+        for (i, sums) in self.sums.iter_mut().enumerate() {
+            let [slopes, differences] = std::mem::take(sums);
+            let applied = self.gains[i].map(f32::ln);
+            let found = applied - (differences + PULL * applied) / (slopes + PULL);
+            if found.is_finite() {
+                let log_gain = &mut self.log_gains[i];
+                *log_gain = log_gain.lerp(found, SHARE);
             }
         }
-        let pull = PULL / self.gains.len().max(1) as f32;
-        for (d, log_gain) in self.gradient.iter_mut().zip(&self.log_gains) {
-            *d += pull * log_gain;
+        let mean = self.log_gains.iter().sum::<Vec3>() / self.log_gains.len().max(1) as f32;
+        for log_gain in &mut self.log_gains {
+            *log_gain = (*log_gain - mean).clamp(Vec3::splat(-MOST), Vec3::splat(MOST));
         }
-        let rates = Rates {
-            n_head: self.log_gains.len(),
-            head: rate,
-            tail: 0.0,
-        };
-        self.adam
-            .update(&mut self.log_gains, &mut self.gradient, rates, step);
-        self.center();
-        self.derive();
+        self.apply();
     }
 
-    /// Logarithms, first and second moments.
-    pub(super) fn state(&self) -> [&[f32]; 3] {
-        [&self.log_gains, &self.adam.first, &self.adam.second]
+    /// Root mean square of the logarithms, over photos and colours.
+    fn spread(&self) -> f32 {
+        let squares = self
+            .log_gains
+            .iter()
+            .map(|log_gain| log_gain.length_squared());
+        (squares.sum::<f32>() / (3 * self.log_gains.len().max(1)) as f32).sqrt()
+    }
+
+    fn apply(&mut self) {
+        self.are_applied = self.fit != PhotoFit::Auto || self.spread() > ALIKE;
+        let applied = |log_gain: &Vec3| {
+            if self.are_applied {
+                log_gain.exp()
+            } else {
+                Vec3::ONE
+            }
+        };
+        self.gains = self.log_gains.iter().map(applied).collect();
+    }
+
+    /// `[n_views * 3]` logarithms, and `[n_views * 6]` sums.
+    pub(super) fn state(&self) -> [Vec<f32>; 2] {
+        let log_gains = self.log_gains.iter().flat_map(Vec3::to_array);
+        let sums = self.sums.as_flattened().iter().flat_map(Vec3::to_array);
+        [log_gains.collect(), sums.collect()]
     }
 
     /// Goes on from there; the lengths must be those of [`Self::state`].
-    pub(super) fn set_state(&mut self, [log_gains, first, second]: [Vec<f32>; 3]) {
-        assert_eq!(log_gains.len(), self.log_gains.len(), "gains of all views");
-        self.log_gains = log_gains;
-        self.adam = Adam { first, second };
-        self.derive();
+    pub(super) fn set_state(&mut self, [log_gains, sums]: [&[f32]; 2]) {
+        let pairs = self.log_gains.iter_mut().zip(log_gains.chunks_exact(3));
+        pairs.for_each(|(log_gain, stored)| *log_gain = Vec3::from_slice(stored));
+        let pairs = self
+            .sums
+            .as_flattened_mut()
+            .iter_mut()
+            .zip(sums.chunks_exact(3));
+        pairs.for_each(|(sum, stored)| *sum = Vec3::from_slice(stored));
+        self.apply();
     }
+}
 
-    /// Holds the mean of the logarithms at 0, by colour.
-    fn center(&mut self) {
-        for c in 0..3 {
-            let of_color = || self.log_gains.iter().skip(c).step_by(3);
-            let mean = of_color().sum::<f32>() / self.gains.len().max(1) as f32;
-            let of_color = self.log_gains.iter_mut().skip(c).step_by(3);
-            of_color.for_each(|log_gain| *log_gain = (*log_gain - mean).clamp(-MOST, MOST));
+impl Trainer {
+    /// Takes up the step's equations and corrects the exposures when it is time.
+    pub(super) fn find_exposures(&mut self) {
+        let Some(exposures) = &mut self.exposures else {
+            return;
+        };
+        if self.step <= DELAY || !exposures.are_sought() {
+            return;
+        }
+        exposures.add(self.chunks.iter().flat_map(|chunk| &chunk.exposure_rows));
+        if self.step.is_multiple_of(EVERY) {
+            exposures.correct();
         }
     }
 
-    fn derive(&mut self) {
-        for (gain, log_gain) in self.gains.iter_mut().zip(self.log_gains.chunks_exact(3)) {
-            *gain = Vec3::from_slice(log_gain).exp();
-        }
+    /// What each training photo's exposure multiplies radiance by, in the capture's order; `None` where all are alike.
+    pub fn gains(&self) -> Option<&[Vec3]> {
+        self.exposures.as_ref().and_then(Exposures::gains)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::color::srgb_from_linear;
+    use crate::neif::display::Display;
+    use crate::train::loss::pixel_loss;
+
+    /// The equations of pixels of every photo as bright as `truth` says, under gains as they are applied.
+    fn rows(exposures: &Exposures, truth: &[Vec3]) -> Vec<ExposureRow> {
+        let shown =
+            |radiance: f32, log_gain: Vec3| (radiance * log_gain.exp()).map(srgb_from_linear);
+        let row = |k: usize| {
+            let (view, radiance) = (k % truth.len(), 0.05 + 0.01 * (k % 40) as f32);
+            let exposed = radiance * exposures.gains[view];
+            let target = shown(radiance, truth[view]).to_array();
+            ExposureRow::new(
+                view,
+                exposed,
+                &pixel_loss(Display { gamma: 1.0 }, exposed, target),
+            )
+        };
+        (0..600).map(row).collect()
+    }
+
+    fn found(truth: &[Vec3], fit: PhotoFit) -> Exposures {
+        let mut exposures = Exposures::new(truth.len(), fit);
+        for _ in 0..20 {
+            let rows = rows(&exposures, truth);
+            exposures.add(rows.iter());
+            exposures.correct();
+        }
+        exposures
+    }
 
     #[test]
     fn gains_that_differ_are_found_around_a_mean_of_one() {
@@ -124,18 +227,25 @@ mod tests {
             Vec3::new(-0.4, 0.2, 0.0),
             Vec3::new(0.0, -0.2, 0.1),
         ];
-        let mut exposures = Exposures::new(3);
-        for step in 1..=1500 {
-            let gradients: Vec<(usize, Vec3)> = (0..3)
-                .map(|view| (view, exposures.gains()[view] - truth[view].exp()))
-                .collect();
-            exposures.update(gradients.iter(), 0.01, step);
-        }
-        for (found, truth) in exposures.gains().iter().zip(truth) {
+        let exposures = found(&truth, PhotoFit::Auto);
+        let gains = exposures.gains().expect("they differ");
+        for (found, truth) in gains.iter().zip(truth) {
             let apart = (found.map(f32::ln) - truth).abs().max_element();
-            assert!(apart < 0.1, "{found} for {truth}");
+            assert!(apart < 0.01, "{found} for {truth}");
         }
-        let mean = exposures.gains().iter().map(|g| g.x.ln()).sum::<f32>() / 3.0;
+        let mean = gains.iter().map(|g| g.x.ln()).sum::<f32>() / 3.0;
         assert!(mean.abs() < 1e-5, "{mean}");
+    }
+
+    #[test]
+    fn photos_that_hardly_differ_are_alike_unless_somebody_says_otherwise() {
+        let truth = [Vec3::splat(0.02), Vec3::splat(-0.02)];
+        assert_eq!(found(&truth, PhotoFit::Auto).gains(), None);
+        let forced = found(&truth, PhotoFit::On);
+        let ratio = forced.gains().map(|gains| gains[0] / gains[1]);
+        assert!(
+            ratio.is_some_and(|ratio| (ratio.x - 1.04).abs() < 0.005),
+            "{ratio:?}"
+        );
     }
 }

@@ -19,6 +19,9 @@ pub(super) struct PixelLoss {
     pub value: f32,
     /// By the linear radiance.
     pub d_linear: Vec3,
+    /// What is shown less the target, and its slope by the linear radiance; 0 where a clipped target tells nothing.
+    pub difference: Vec3,
+    pub slope: Vec3,
     /// By the exponent.
     pub d_gamma: f32,
 }
@@ -39,6 +42,8 @@ pub(super) fn pixel_loss(display: Display, linear: Vec3, target: [f32; 3]) -> Pi
         let d_shown = 2.0 * difference;
         // d srgb^g = g srgb^(g-1); the ratio shown/srgb is 1 where both vanish.
         let ratio = if srgb > TINY { shown / srgb } else { 1.0 };
+        loss.difference[c] = difference;
+        loss.slope[c] = display.gamma * ratio * srgb_slope(x);
         loss.d_linear[c] = d_shown * display.gamma * ratio * srgb_slope(x);
         loss.d_gamma += d_shown * shown * srgb.max(TINY).ln();
     }

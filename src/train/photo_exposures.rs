@@ -6,6 +6,7 @@ use std::path::Path;
 use std::sync::{Mutex, OnceLock, PoisonError};
 
 use glam::Vec3;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::exposure_law::{ExposureLaw, LawSums, Meter, log_light, mean_color};
@@ -66,7 +67,8 @@ impl PhotoExposures {
             gain: *gain,
             mean: Some(mean_color(&view.photo)),
         };
-        Self::new(dataset.train.iter().zip(gains).map(of_photo).collect())
+        let photos = dataset.train.par_iter().zip(gains);
+        Self::new(photos.map(of_photo).collect())
     }
 
     fn new(photos: Vec<PhotoExposure>) -> Self {

@@ -4,13 +4,16 @@
 //! blurred by it. Where the field shows a pixel of a photo brighter than the photo is there, the photo is shifted, by its own
 //! slope: linear least squares over its background pixels give the six numbers of its pose (Lucas and Kanade 1981; inverse
 //! compositional, Baker and Matthews 2004), again and again as the field sharpens. The photo's slope is used, not the
-//! field's: that of a hash grid is noise below the size of its cells.
+//! field's: that of a hash grid is noise below the size of its cells. Where all that is found is as little as the field is
+//! wrong, the cameras stay as they are given.
 
 use glam::{DMat3, DVec3, Quat, Vec3};
 
+use super::config::PhotoFit;
 use super::preparation::given_cameras;
 use super::trainer::Trainer;
 use crate::data::Dataset;
+use crate::data::tensor_file::TensorFile;
 use crate::geometry::Camera;
 use crate::neif::contraction::FieldFrame;
 
@@ -27,10 +30,15 @@ const LEAST_OPACITY: f32 = 0.5;
 /// How far off poses are expected to be, pixels; and the most that is corrected.
 const EXPECTED_PX: f64 = 3.0;
 const MOST_PX: f64 = 20.0;
+/// Root mean square of the corrections in pixels up to which cameras count as right.
+const RIGHT_PX: f32 = 0.13;
 /// Rounds in which the mean is taken off along one set of axes and the other.
 const CENTERINGS: usize = 4;
 /// Ridge, relative to the diagonal of the least squares.
 const RIDGE: f64 = 0.05;
+
+/// Array of a checkpoint.
+const SUMS: &str = "poses.sums";
 
 /// A background pixel's equation: `slopes · correction = difference`.
 #[derive(Clone, Copy, Debug)]
@@ -93,6 +101,31 @@ impl Sums {
         by_shift: DVec3::ZERO,
     };
 
+    /// The bits of all its numbers.
+    fn to_bits(self) -> [u64; 33] {
+        let blocks = [self.turns, self.mixed, self.shifts].map(|block| block.to_cols_array());
+        let by = [self.by_turn, self.by_shift].map(|v| v.to_array());
+        let numbers = blocks.as_flattened().iter().chain(by.as_flattened());
+        let mut bits = [0; 33];
+        bits.iter_mut()
+            .zip(numbers)
+            .for_each(|(bits, v)| *bits = v.to_bits());
+        bits
+    }
+
+    fn from_bits(bits: &[u64; 33]) -> Self {
+        let numbers = bits.map(f64::from_bits);
+        let block = |at: usize| DMat3::from_cols_slice(&numbers[at..]);
+        let vector = |at: usize| DVec3::from_slice(&numbers[at..]);
+        Self {
+            turns: block(0),
+            mixed: block(9),
+            shifts: block(18),
+            by_turn: vector(27),
+            by_shift: vector(30),
+        }
+    }
+
     fn add(&mut self, row: &PoseRow) {
         let [a, b, c, d, e, f] = row.slopes.map(f64::from);
         let (turn, shift) = (DVec3::new(a, b, c), DVec3::new(d, e, f));
@@ -145,27 +178,44 @@ pub struct Poses {
     half_side: f32,
     /// Mean distance of the cameras from the object, or from their middle, half sides.
     distance: f64,
+    /// As they are found to be off.
     corrections: Vec<Correction>,
     sums: Vec<Sums>,
+    /// Whether the corrections are used however small they are.
+    is_forced: bool,
+    are_corrected: bool,
 }
 
 impl Poses {
-    /// Those of the capture, none of them corrected yet.
-    pub(super) fn of(dataset: &Dataset, frame: &FieldFrame) -> Self {
+    /// Those of the capture, none of them corrected yet; `None` where they are never to be.
+    pub(super) fn of(dataset: &Dataset, frame: &FieldFrame, fit: PhotoFit) -> Option<Self> {
+        if fit == PhotoFit::Off {
+            return None;
+        }
         let given = given_cameras(dataset);
         let distances = given.iter().map(|c| c.position().distance(frame.center));
         let distance = distances.sum::<f32>() / given.len().max(1) as f32 / frame.half_side;
-        Self {
+        Some(Self {
             corrections: vec![Correction::default(); given.len()],
             sums: vec![Sums::ZERO; given.len()],
             distance: f64::from(distance.max(0.1)),
             half_side: frame.half_side,
             given,
-        }
+            is_forced: fit == PhotoFit::On,
+            are_corrected: fit == PhotoFit::On,
+        })
     }
 
-    /// The corrected cameras.
+    /// Whether the cameras are used as corrected, not as given.
+    pub(super) fn are_corrected(&self) -> bool {
+        self.are_corrected
+    }
+
+    /// The cameras as they are used: corrected, where they are not right.
     pub fn cameras(&self) -> Vec<Camera> {
+        if !self.are_corrected {
+            return self.given.clone();
+        }
         let corrected = |(camera, correction): (&Camera, &Correction)| {
             let turn = Quat::from_scaled_axis(correction.turn.as_vec3());
             let mut camera = *camera;
@@ -181,7 +231,7 @@ impl Poses {
             .collect()
     }
 
-    /// How far the middle of each photo has moved on what it shows, pixels.
+    /// How far the middle of each photo is found to be off on what it shows, pixels.
     pub fn moved_px(&self) -> Vec<f32> {
         let moved = |(camera, correction): (&Camera, &Correction)| {
             let forward = camera.forward().as_dvec3();
@@ -214,16 +264,30 @@ impl Poses {
             let expected = EXPECTED_PX * f64::from(camera.pixel_angle());
             let pull = |expected: f64| (f64::from(USUAL_DIFFERENCE) / expected).powi(2);
             let pulls = [pull(expected), pull(expected * self.distance)];
-            let found = std::mem::replace(sums, Sums::ZERO).solve(*correction, pulls);
+            let used = if self.are_corrected {
+                *correction
+            } else {
+                Correction::default()
+            };
+            let found = std::mem::replace(sums, Sums::ZERO).solve(used, pulls);
             if found.turn.is_finite() && found.shift.is_finite() {
                 let most = expected * MOST_PX / EXPECTED_PX;
-                let (turn, shift) = (found.turn * SHARE, found.shift * SHARE);
-                correction.turn = (correction.turn + turn).clamp_length_max(most);
+                let turn = used.turn + found.turn - correction.turn;
+                let shift = used.shift + found.shift - correction.shift;
+                correction.turn = (correction.turn + turn * SHARE).clamp_length_max(most);
                 correction.shift =
-                    (correction.shift + shift).clamp_length_max(most * self.distance);
+                    (correction.shift + shift * SHARE).clamp_length_max(most * self.distance);
             }
         }
         self.center();
+        self.decide();
+    }
+
+    /// Whether what is found is more than the field is wrong.
+    fn decide(&mut self) {
+        let squares = self.moved_px().into_iter().map(|px| px * px);
+        let mean = squares.sum::<f32>() / self.given.len().max(1) as f32;
+        self.are_corrected = self.is_forced || mean.sqrt() > RIGHT_PX;
     }
 
     /// Holds the mean correction at zero, along the world's axes and along the cameras' own: what all photos have in common
@@ -256,6 +320,20 @@ impl Poses {
             .collect()
     }
 
+    /// Keeps what was taken up since the last correction, `[n_views][33]` bits.
+    pub(super) fn store_sums(&self, file: &mut TensorFile) {
+        let bits: Vec<u64> = self.sums.iter().flat_map(|sums| sums.to_bits()).collect();
+        file.insert_u64(SUMS, &[bits.len()], bits);
+    }
+
+    /// Goes on from there; runs from before have none.
+    pub(super) fn set_sums(&mut self, file: &TensorFile) {
+        if let Ok(bits) = file.u64(SUMS, &[33 * self.sums.len()]) {
+            let bits = bits.as_chunks::<33>().0;
+            self.sums = bits.iter().map(Sums::from_bits).collect();
+        }
+    }
+
     /// Goes on from there; `state` has the length of [`Self::state`].
     pub(super) fn set_state(&mut self, state: &[f32]) {
         for (correction, numbers) in self.corrections.iter_mut().zip(state.chunks_exact(6)) {
@@ -264,6 +342,7 @@ impl Poses {
                 shift: Vec3::from_slice(&numbers[3..]).as_dvec3(),
             };
         }
+        self.decide();
     }
 }
 
@@ -285,6 +364,6 @@ impl Trainer {
 
     /// The poses of the training photos as they are known by now; `None` where they are taken as given.
     pub fn poses(&self) -> Option<&Poses> {
-        self.poses.as_ref()
+        self.poses.as_ref().filter(|poses| poses.are_corrected())
     }
 }

@@ -4,8 +4,9 @@ use std::sync::atomic::AtomicBool;
 
 use glam::{Mat3A, Quat, Vec3, Vec3A};
 
-use super::config::TrainConfig;
+use super::config::{PhotoFit, TrainConfig};
 use super::poses::slope_by_direction;
+use super::preparation::given_cameras;
 use super::random::SlotRandom;
 use super::test_scene::{small_fields, sphere_in_a_box};
 use super::trainer::Trainer;
@@ -45,9 +46,9 @@ fn off_px(cameras: &[Camera], right: &[Camera]) -> f32 {
     off.sum::<f32>() / right.len() as f32
 }
 
-fn trainer(dataset: &Dataset) -> Trainer {
+fn trainer(dataset: &Dataset, fit: PhotoFit) -> Trainer {
     let config = TrainConfig {
-        refine_poses: true,
+        refine_poses: fit,
         ..small_fields()
     };
     Trainer::new(&config, dataset, &AtomicBool::new(false), &|_| ()).unwrap()
@@ -57,7 +58,7 @@ fn trainer(dataset: &Dataset) -> Trainer {
 fn shaken_cameras_are_put_right_and_kept() {
     let (dataset, right) = shaken(40, 48);
     let given: Vec<Camera> = dataset.train.iter().map(|view| view.camera).collect();
-    let mut first = trainer(&dataset);
+    let mut first = trainer(&dataset, PhotoFit::On);
     let due = RETRACE_AT.map(|at| (at * 1500.0) as u32);
     for step in 0..1500 {
         // As in a run: the object's light paths begin at the corrected cameras.
@@ -77,7 +78,7 @@ fn shaken_cameras_are_put_right_and_kept() {
     );
     let moved: f32 = poses.moved_px().iter().sum();
     assert!(moved / right.len() as f32 > 0.3 * before, "{moved}");
-    let mut second = trainer(&dataset);
+    let mut second = trainer(&dataset, PhotoFit::On);
     second.restore(&first.checkpoint()).unwrap();
     let off = off_px(&second.poses().unwrap().cameras(), &poses.cameras());
     assert!(off < 1e-3, "{off} px lost by the checkpoint");
@@ -89,6 +90,24 @@ fn shaken_cameras_are_put_right_and_kept() {
         second.pixels.cameras()[3],
         second.poses().unwrap().cameras()[3]
     );
+}
+
+#[test]
+fn cameras_that_are_right_stay_as_they_are_until_found_wrong() {
+    let right = sphere_in_a_box(40, 48);
+    let mut trainer = trainer(&right, PhotoFit::Auto);
+    for step in 0..700 {
+        trainer.step(step as f32 / 700.0);
+    }
+    let mut poses = trainer.poses.take().expect("they are looked at");
+    let found: f32 = poses.moved_px().iter().sum();
+    assert!(found > 0.0, "something is always found");
+    assert_eq!(poses.cameras(), given_cameras(&right));
+    assert!(!poses.are_corrected());
+    // A quarter of a degree about each axis.
+    poses.set_state(&vec![0.0044; 6 * right.train.len()]);
+    assert!(poses.are_corrected());
+    assert_ne!(poses.cameras(), given_cameras(&right));
 }
 
 #[test]

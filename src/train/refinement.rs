@@ -70,7 +70,7 @@ impl Trainer {
 
     /// Whether the pixels' light paths change while training, as normals or poses are refined.
     pub fn needs_retracing(&self) -> bool {
-        self.tracer.is_some() && (self.refinement.is_some() || self.poses.is_some())
+        self.tracer.is_some() && (self.refinement.is_some() || self.poses().is_some())
     }
 
     /// Traces every training pixel anew, on the mesh and from the cameras as they are known by now, on the current thread

@@ -9,7 +9,7 @@ use super::TrainError;
 use super::adam::{Adam, Rates, store_bf16};
 use super::batch_size::BatchSize;
 use super::chunk::{Chunk, N_CHUNKS, StepContext};
-use super::config::TrainConfig;
+use super::config::{PhotoFit, TrainConfig};
 use super::exposures::Exposures;
 use super::ground::SeenGround;
 use super::learned::{Learned, sum_in_order};
@@ -41,9 +41,6 @@ use crate::neif::skip_counts::SkipCounts;
 const PROBE_EVERY: u64 = 16;
 /// Cells looked into a round.
 const N_PROBES: usize = 8192;
-/// Steps before the photos' exposures are learned. Much later the field would have learned them itself, from where each
-/// photo was taken.
-const EXPOSURE_DELAY: u64 = 50;
 
 /// Parameters, moments and pixels of a run.
 #[derive(Debug)]
@@ -157,18 +154,19 @@ impl Trainer {
         let up = up_direction(dataset);
         let mut density = clear_density(dataset, traced, &frame, up, refinement.is_none());
         density.seen = Some(SeenGrid::default());
-        let has_exposures = has_haze || config.exposure_rate > 0.0;
+        let fit = config.photo_exposures;
+        let has_exposures = has_haze || fit == PhotoFit::On;
         let ground = has_exposures.then(|| SeenGround::of(dataset)).flatten();
         if let Some(ground) = ground.as_ref().filter(|_| has_haze) {
             lay_floor(&mut density, dataset, &frame, ground);
         }
         let exposures = match ground {
             Some(ground) => Some(Exposures::held(ground.log_gains())),
-            None => (config.exposure_rate > 0.0).then(|| Exposures::new(pixels.n_views())),
+            None => (fit != PhotoFit::Off).then(|| Exposures::new(pixels.n_views(), fit)),
         };
-        let photos = exposures
-            .as_ref()
-            .map(|e| PhotoExposures::of(dataset, e.gains()));
+        let alike = vec![glam::Vec3::ONE; pixels.n_views()];
+        let photos = exposures.as_ref();
+        let photos = photos.map(|_| PhotoExposures::of(dataset, &alike));
         let mut trainer = Self {
             config: TrainConfig {
                 distortion_weight: config.distortion_weight * if has_haze { 1.0 } else { 0.0 },
@@ -188,7 +186,7 @@ impl Trainer {
             gamma_adam: Adam::new(1),
             exposures,
             photos,
-            poses: config.refine_poses.then(|| Poses::of(dataset, &frame)),
+            poses: Poses::of(dataset, &frame, config.refine_poses),
             refinement,
             unseen: UnseenDirections::of(dataset, &frame),
             step: 0,
@@ -268,11 +266,6 @@ impl Trainer {
         self.gamma
     }
 
-    /// What each training photo's exposure multiplies radiance by, in the capture's order; `None` where all are alike.
-    pub fn gains(&self) -> Option<&[glam::Vec3]> {
-        self.exposures.as_ref().map(Exposures::gains)
-    }
-
     /// The mesh's tracer, when there is an object.
     pub fn tracer(&self) -> Option<&Arc<SurfaceTracer>> {
         self.tracer.as_ref()
@@ -321,6 +314,7 @@ impl Trainer {
             material_transposed: self.material.as_ref().map_or(&EMPTY, |m| &m.transposed),
             display: Display { gamma: self.gamma },
             gains: self.gains().unwrap_or_default(),
+            finds_exposures: self.exposures.as_ref().is_some_and(Exposures::are_sought),
             finds_poses: self.poses.is_some(),
             unseen: &self.unseen,
             offsets: self.refinement.as_ref().map(|r| &r.offsets),
@@ -536,13 +530,6 @@ impl Trainer {
             // Outside this range the transform is no display transform any more.
             self.gamma = gamma[0].clamp(0.2, 5.0);
         }
-        if let Some(exposures) = &mut self.exposures
-            && self.step > EXPOSURE_DELAY
-        {
-            let gradients = self.chunks.iter().flat_map(|c| &c.d_log_gains);
-            let rate = decay * self.config.exposure_rate;
-            exposures.update(gradients, rate, self.updates);
-        }
         if let Some(refinement) = &mut self.refinement
             && self.step > refinement::DELAY
         {
@@ -551,6 +538,7 @@ impl Trainer {
             let n_pixels = self.batch_size.objects;
             refinement.offsets.update(&batches, rate, n_pixels);
         }
+        self.find_exposures();
         self.refine_poses();
         self.transpose();
     }

@@ -4,7 +4,7 @@ use std::sync::atomic::AtomicBool;
 
 use glam::Vec3;
 
-use super::config::TrainConfig;
+use super::config::{PhotoFit, TrainConfig};
 use super::test_scene::{FLOOR, TINT, small_fields, sphere_in_a_box, sphere_on_a_floor};
 use super::trainer::{StepStats, Trainer};
 use crate::color::{linear_from_srgb, srgb_from_linear};
@@ -236,7 +236,7 @@ fn unevenly_exposed(gain: f32) -> Dataset {
 #[test]
 fn exposures_that_jump_from_photo_to_photo_are_found_in_part() {
     let config = TrainConfig {
-        exposure_rate: 0.03,
+        photo_exposures: PhotoFit::On,
         ..small_fields()
     };
     let mut trainer = trainer(&config, &unevenly_exposed(0.6));
@@ -358,7 +358,7 @@ fn the_same_seed_gives_the_same_bits_on_any_number_of_threads() {
 fn a_resumed_run_equals_an_uninterrupted_one() {
     let dataset = sphere_in_a_box(6, 24);
     let config = TrainConfig {
-        exposure_rate: 0.01,
+        photo_exposures: PhotoFit::On,
         ..small_fields()
     };
     // Exposures are learned from step 50.

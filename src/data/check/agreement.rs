@@ -57,7 +57,7 @@ pub(super) fn compare(dataset: &Dataset, problems: &mut Vec<Problem>) -> Option<
         problems.push(explain(mesh, &tracer, &rasters, mean_iou));
     } else if mean_iou < FAIR_IOU {
         let what = format!("masks and mesh agree only fairly (mean overlap {mean_iou:.2})");
-        let advice = "poses, masks or mesh are a little off, and reflections will blur: if it is the poses, --refine-poses helps";
+        let advice = "poses, masks or mesh are a little off, and reflections will blur: if it is the poses, training corrects them in part";
         problems.push(Problem::new(Severity::Warning, what, advice));
     }
     let few_are_off = mean_iou >= LOW_IOU && worst_iou < 0.5 * mean_iou;

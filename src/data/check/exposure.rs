@@ -50,8 +50,8 @@ pub(super) fn measure(dataset: &Dataset, thumbs: &[Thumb], center: Vec3) -> Expo
 impl Exposures {
     /// What is wrong with them, if anything is.
     pub(super) fn problem(&self) -> Option<Problem> {
-        const ADVICE: &str = "one light is learned for all photos: fix exposure and white balance of the camera; training finds them \
-             where the object stands on a ground that the photos show, else --photo-exposures learns them";
+        const ADVICE: &str = "one light is learned for all photos: training finds what each photo's exposure and white balance are; \
+             fixed by the camera they are surer";
         let noted = self.noted_range_ev.filter(|range| *range > NOTED_FAIR_EV);
         let seen = self.seen_jitter_ev.filter(|seen| *seen > FAIR_EV);
         let what = match (noted, seen) {

@@ -177,7 +177,7 @@ pub(super) fn point_problem(points: &PointSummary) -> Option<Problem> {
     let what = format!(
         "the reconstruction's points are {error:.1} pixels off in the median: so are the cameras"
     );
-    let advice = "reflections will blur: train with --refine-poses, which corrects them, or reconstruct from sharper photos";
+    let advice = "reflections will blur: training corrects them in part; a reconstruction from sharper photos is surer";
     Some(Problem::new(Severity::Warning, what, advice))
 }
 
@@ -217,7 +217,7 @@ mod tests {
         };
         let text = finding(1.3).expect("off").to_string();
         assert!(
-            text.contains("1.3 pixels") && text.contains("--refine-poses"),
+            text.contains("1.3 pixels") && text.contains("training corrects them"),
             "{text}"
         );
         assert!(finding(0.6).is_none());
