@@ -14,6 +14,8 @@ use super::trainer::Trainer;
 
 /// Steps before exposures are found. Much later the field would have learned them itself, from where each photo was taken.
 const DELAY: u64 = 50;
+/// Steps after which photos that are alike until then are taken as alike for good: looking takes a twentieth of a step.
+const LOOKED_AT: u64 = 1000;
 /// Steps between two updates: a photo of fifty gives some thousand pixels in that time.
 const EVERY: u64 = 50;
 /// Share of what is found that is taken up: the fields follow the gains, as they follow these.
@@ -89,9 +91,10 @@ impl Exposures {
         self.are_applied.then_some(&self.gains)
     }
 
-    /// Whether they are still to be found, not known.
-    pub(super) fn are_sought(&self) -> bool {
-        self.fit != PhotoFit::Off
+    /// Whether the pixels of step `step` are asked for them.
+    pub(super) fn are_sought(&self, step: u64) -> bool {
+        let may_differ = self.are_applied || step < LOOKED_AT;
+        self.fit != PhotoFit::Off && step >= DELAY && may_differ
     }
 
     /// Takes up the equations of a step.
@@ -171,7 +174,7 @@ impl Trainer {
         let Some(exposures) = &mut self.exposures else {
             return;
         };
-        if self.step <= DELAY || !exposures.are_sought() {
+        if !exposures.are_sought(self.step) {
             return;
         }
         exposures.add(self.chunks.iter().flat_map(|chunk| &chunk.exposure_rows));

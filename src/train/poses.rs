@@ -19,6 +19,8 @@ use crate::neif::contraction::FieldFrame;
 
 /// Steps before poses are corrected: until then the surroundings have no features to go by.
 const DELAY: u64 = 300;
+/// Steps after which cameras that are right until then are taken as right for good: looking takes a twelfth of a step.
+const LOOKED_AT: u64 = 2000;
 /// Steps between two corrections: a photo of fifty gives some thousand pixels in that time.
 const EVERY: u64 = 100;
 /// Share of a correction that is made: the field follows the poses, as they follow it.
@@ -211,6 +213,11 @@ impl Poses {
         self.are_corrected
     }
 
+    /// Whether the pixels of step `step` are asked for them.
+    pub(super) fn are_sought(&self, step: u64) -> bool {
+        step >= DELAY && (self.are_corrected || step < LOOKED_AT)
+    }
+
     /// The cameras as they are used: corrected, where they are not right.
     pub fn cameras(&self) -> Vec<Camera> {
         if !self.are_corrected {
@@ -352,7 +359,7 @@ impl Trainer {
         let Some(poses) = &mut self.poses else {
             return;
         };
-        if self.step <= DELAY {
+        if !poses.are_sought(self.step) {
             return;
         }
         poses.add(self.chunks.iter().flat_map(|chunk| &chunk.pose_rows));
