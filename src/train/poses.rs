@@ -34,6 +34,11 @@ const EXPECTED_PX: f64 = 3.0;
 const MOST_PX: f64 = 20.0;
 /// Root mean square of the corrections in pixels up to which cameras count as right.
 const RIGHT_PX: f32 = 0.13;
+/// The same square in those of the corrections' noise: few small photos tell little.
+const RIGHT_NOISES: f32 = 2.0;
+/// Square of a running mean's noise in squares of what each new value differs from it by: values of variance 1 give a mean of
+/// variance `SHARE / (2 - SHARE)`, from which the next differs by 1 more.
+const NOISE_OF_CHANGE: f32 = 0.25;
 /// Rounds in which the mean is taken off along one set of axes and the other.
 const CENTERINGS: usize = 4;
 /// Ridge, relative to the diagonal of the least squares.
@@ -186,6 +191,12 @@ pub struct Poses {
     /// Whether the corrections are used however small they are.
     is_forced: bool,
     are_corrected: bool,
+    /// Mean square of the corrections' noise, pixels.
+    noise: f32,
+}
+
+fn mean_square(values: &[f32]) -> f32 {
+    values.iter().map(|v| v * v).sum::<f32>() / values.len().max(1) as f32
 }
 
 impl Poses {
@@ -205,6 +216,7 @@ impl Poses {
             given,
             is_forced: fit == PhotoFit::On,
             are_corrected: fit == PhotoFit::On,
+            noise: 0.0,
         })
     }
 
@@ -240,17 +252,18 @@ impl Poses {
 
     /// How far the middle of each photo is found to be off on what it shows, pixels.
     pub fn moved_px(&self) -> Vec<f32> {
+        self.px(&self.corrections)
+    }
+
+    /// By how many pixels corrections move the middle of each photo.
+    fn px(&self, corrections: &[Correction]) -> Vec<f32> {
         let moved = |(camera, correction): (&Camera, &Correction)| {
             let forward = camera.forward().as_dvec3();
             let across = correction.turn.cross(forward)
                 + correction.shift.reject_from(forward) / self.distance;
             across.length() as f32 / camera.pixel_angle()
         };
-        self.given
-            .iter()
-            .zip(&self.corrections)
-            .map(moved)
-            .collect()
+        self.given.iter().zip(corrections).map(moved).collect()
     }
 
     /// Takes up the equations of a step.
@@ -262,6 +275,7 @@ impl Poses {
 
     /// Corrects all poses by what was taken up since the last time.
     fn correct(&mut self) {
+        let mut changes = Vec::with_capacity(self.given.len());
         for ((sums, correction), camera) in self
             .sums
             .iter_mut()
@@ -271,6 +285,7 @@ impl Poses {
             let expected = EXPECTED_PX * f64::from(camera.pixel_angle());
             let pull = |expected: f64| (f64::from(USUAL_DIFFERENCE) / expected).powi(2);
             let pulls = [pull(expected), pull(expected * self.distance)];
+            let before = *correction;
             let used = if self.are_corrected {
                 *correction
             } else {
@@ -285,16 +300,25 @@ impl Poses {
                 correction.shift =
                     (correction.shift + shift * SHARE).clamp_length_max(most * self.distance);
             }
+            changes.push(Correction {
+                turn: (correction.turn - before.turn) / SHARE,
+                shift: (correction.shift - before.shift) / SHARE,
+            });
         }
         self.center();
-        self.decide();
+        let change = mean_square(&self.px(&changes));
+        // A camera that is used as corrected is not looked at as if it were not.
+        if !self.are_corrected {
+            self.noise = NOISE_OF_CHANGE * change;
+            self.decide();
+        }
     }
 
     /// Whether what is found is more than the field is wrong.
     fn decide(&mut self) {
-        let squares = self.moved_px().into_iter().map(|px| px * px);
-        let mean = squares.sum::<f32>() / self.given.len().max(1) as f32;
-        self.are_corrected = self.is_forced || mean.sqrt() > RIGHT_PX;
+        let found = mean_square(&self.moved_px());
+        let right = (RIGHT_PX * RIGHT_PX).max(RIGHT_NOISES * self.noise);
+        self.are_corrected = self.is_forced || found > right;
     }
 
     /// Holds the mean correction at zero, along the world's axes and along the cameras' own: what all photos have in common
@@ -327,17 +351,24 @@ impl Poses {
             .collect()
     }
 
-    /// Keeps what was taken up since the last correction, `[n_views][33]` bits.
+    /// Keeps what was taken up since the last correction, `[n_views][33]` bits, and what was decided.
     pub(super) fn store_sums(&self, file: &mut TensorFile) {
-        let bits: Vec<u64> = self.sums.iter().flat_map(|sums| sums.to_bits()).collect();
+        let mut bits: Vec<u64> = self.sums.iter().flat_map(|sums| sums.to_bits()).collect();
+        bits.extend([
+            u64::from(self.noise.to_bits()),
+            u64::from(self.are_corrected),
+        ]);
         file.insert_u64(SUMS, &[bits.len()], bits);
     }
 
     /// Goes on from there; runs from before have none.
     pub(super) fn set_sums(&mut self, file: &TensorFile) {
-        if let Ok(bits) = file.u64(SUMS, &[33 * self.sums.len()]) {
-            let bits = bits.as_chunks::<33>().0;
-            self.sums = bits.iter().map(Sums::from_bits).collect();
+        if let Ok(bits) = file.u64(SUMS, &[33 * self.sums.len() + 2])
+            && let (sums, [noise, are_corrected]) = bits.as_chunks::<33>()
+        {
+            self.sums = sums.iter().map(Sums::from_bits).collect();
+            self.noise = f32::from_bits(*noise as u32);
+            self.are_corrected = *are_corrected == 1;
         }
     }
 
