@@ -22,20 +22,36 @@ pub(super) struct MaskOutline {
     /// object is cut, and there is no outline.
     pub(super) middles: Vec<Vec2>,
     /// `[height * width]` distance of each pixel's centre to the outline in pixels, positive on
-    /// the object; cut at [`FAR_PX`] either way.
+    /// the object; cut at [`FAR_PX`], or where they were asked for no further, either way.
     pub(super) distance: Vec<f32>,
 }
 
 impl MaskOutline {
     /// `None` where the mask shows nothing of the object's edge.
     pub(super) fn new(mask: &Mask) -> Option<Self> {
+        Self::measured(mask, distances)
+    }
+
+    /// The same with distances up to `reach` pixels only, which takes a tenth of the time.
+    pub(super) fn near(mask: &Mask, reach: f32) -> Option<Self> {
+        Self::measured(mask, |size, pieces| distances_near(size, pieces, reach))
+    }
+
+    fn measured(mask: &Mask, distances: impl Fn([usize; 2], &[Piece]) -> Vec<f32>) -> Option<Self> {
         let soft = softened(mask);
         let (width, height) = (mask.width as usize, mask.height as usize);
         let pieces = outline_pieces(&soft, width, height);
-        (!pieces.is_empty()).then(|| Self {
+        if pieces.is_empty() {
+            return None;
+        }
+        let mut distance = distances([width, height], &pieces);
+        for (distance, soft) in distance.iter_mut().zip(&soft) {
+            *distance *= if *soft > 0.5 { 1.0 } else { -1.0 };
+        }
+        Some(Self {
             size: [width, height],
             middles: pieces.iter().map(|[a, b]| 0.5 * (*a + *b)).collect(),
-            distance: distances(&soft, width, height, &pieces),
+            distance,
         })
     }
 
@@ -131,8 +147,28 @@ fn outline_pieces(soft: &[f32], width: usize, height: usize) -> Vec<Piece> {
     pieces
 }
 
-/// Signed distances by carrying the nearest piece from neighbour to neighbour, forth and back.
-fn distances(soft: &[f32], width: usize, height: usize, pieces: &[Piece]) -> Vec<f32> {
+/// `[height * width]` distances of the pixels' centres from the nearest piece, no larger than `reach`.
+fn distances_near([width, height]: [usize; 2], pieces: &[Piece], reach: f32) -> Vec<f32> {
+    let mut distance = vec![reach; width * height];
+    for piece in pieces {
+        let middle = 0.5 * (piece[0] + piece[1]) - 0.5;
+        let around = |at: f32, n: usize| {
+            let first = (at - reach).ceil().max(0.0) as usize;
+            first..n.min((at + reach + 1.0).max(0.0) as usize)
+        };
+        for y in around(middle.y, height) {
+            for x in around(middle.x, width) {
+                let centre = Vec2::new(x as f32, y as f32) + 0.5;
+                let distance = &mut distance[y * width + x];
+                *distance = distance.min(distance_to_piece(centre, *piece));
+            }
+        }
+    }
+    distance
+}
+
+/// The same without an end, by carrying the nearest piece from neighbour to neighbour, forth and back.
+fn distances([width, height]: [usize; 2], pieces: &[Piece]) -> Vec<f32> {
     const NONE: u32 = u32::MAX;
     let mut nearest = vec![NONE; width * height];
     let mut distance = vec![FAR_PX; width * height];
@@ -181,12 +217,7 @@ fn distances(soft: &[f32], width: usize, height: usize, pieces: &[Piece]) -> Vec
             }
         }
     }
-    let sign = |i: usize| if soft[i] > 0.5 { 1.0 } else { -1.0 };
     distance
-        .iter()
-        .enumerate()
-        .map(|(i, d)| sign(i) * d)
-        .collect()
 }
 
 fn distance_to_piece(p: Vec2, [a, b]: Piece) -> f32 {

@@ -30,6 +30,7 @@ mod outlines;
 mod packed_path;
 pub mod paper;
 pub mod photo_exposures;
+mod picture_shift;
 mod pixel_set;
 mod pixels;
 mod placement;

@@ -12,6 +12,7 @@ use crate::neif::hash_grid::{
     FEATURES, FeatureColumns, GridConfig, Level, SamplePoints, encode_level, scatter_level,
 };
 use crate::neif::kernels::math::all_finite;
+use crate::train::picture_shift::SAMPLING_PX;
 
 /// The grid, in a cube around the object. A mesh of outlines has 144 cells along its longest side.
 const GRID: GridConfig = GridConfig {
@@ -25,7 +26,8 @@ const GRID: GridConfig = GridConfig {
 const BETA1: f32 = 0.9;
 const BETA2: f32 = 0.99;
 /// Strength of the pull towards the mesh's own normals: a pixel's squared error (sRGB, summed over the colours) that is
-/// worth a correction of one radian. What hardly shows, as on rough and diffuse surfaces, is left to the mesh.
+/// worth a correction of one radian. What hardly shows, as on rough and diffuse surfaces, is left to the mesh. It is for
+/// meshes of exact outlines: the square of the ripples of others grows as that of the outlines' error.
 const PULL: f32 = 3.0;
 /// Gradient below which a value moves less than the rate, of a pixel's squared error by radians.
 const LEAST_GRADIENT: f32 = 0.005;
@@ -35,6 +37,7 @@ const LEAST_GRADIENT: f32 = 0.005;
 pub(super) struct NormalOffsets {
     corner: Vec3,
     side: f32,
+    pull: f32,
     tables: Vec<LevelTable>,
 }
 
@@ -65,13 +68,14 @@ pub(super) struct OffsetBatch {
 }
 
 impl NormalOffsets {
-    /// No correction anywhere in the cube around `bounds`.
-    pub(super) fn new(bounds: &Aabb) -> Self {
+    /// No correction anywhere in the cube around `bounds`, of a mesh of outlines that err by `outline_error_px` pixels.
+    pub(super) fn new(bounds: &Aabb, outline_error_px: f32) -> Self {
         // A margin, so that the rim of the cube is never needed.
         let side = 1.05 * bounds.extent().max_element();
         Self {
             corner: bounds.center() - Vec3::splat(0.5 * side),
             side,
+            pull: PULL / (1.0 + (outline_error_px / SAMPLING_PX).powi(2)),
             tables: GRID.levels().into_iter().map(LevelTable::new).collect(),
         }
     }
@@ -158,7 +162,7 @@ impl NormalOffsets {
             for batch in batches {
                 table.scatter(batch);
             }
-            table.update(rate, epsilon);
+            table.update(rate, epsilon, self.pull);
         });
     }
 }
@@ -189,7 +193,7 @@ impl LevelTable {
 
     /// A step of Adam (Kingma and Ba, arXiv:1412.6980) with one second moment an entry, so that it does not matter how the
     /// axes lie. What no pixel touched is left alone.
-    fn update(&mut self, rate: f32, epsilon: f32) {
+    fn update(&mut self, rate: f32, epsilon: f32, pull: f32) {
         let entries = self
             .total
             .as_chunks_mut::<FEATURES>()
@@ -208,7 +212,7 @@ impl LevelTable {
             let weight = gradient[3];
             let mut square = 0.0;
             for k in 0..3 {
-                let d = gradient[k] + weight * PULL * total[k];
+                let d = gradient[k] + weight * pull * total[k];
                 moments[k] += (1.0 - BETA1) * (d - moments[k]);
                 square += d * d;
             }
@@ -242,5 +246,35 @@ impl OffsetBatch {
         for (sum, d) in self.d_values[i * FEATURES..].iter_mut().zip(d) {
             *sum += d;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn meshes_of_uncertain_outlines_are_corrected_further() {
+        let bounds = Aabb {
+            min: -Vec3::ONE,
+            max: Vec3::ONE,
+        };
+        // The pixels ask for a correction by 0.1 with as much force as the pull at an exact mesh.
+        let wanted = Vec3::new(0.1, 0.0, 0.0);
+        let force = PULL / GRID.n_levels as f32;
+        let corrected = |error_px: f32| {
+            let mut offsets = NormalOffsets::new(&bounds, error_px);
+            let mut batch = OffsetBatch::default();
+            for _ in 0..3000 {
+                offsets.evaluate(std::iter::once(Vec3::splat(0.1)), &mut batch);
+                let off = Vec3::from_slice(&batch.values) - wanted;
+                batch.add(0, force * off, 1.0);
+                offsets.update(&[&batch], 1e-4, 1);
+            }
+            batch.values[0] / wanted.x
+        };
+        let [exact, uncertain] = [0.0, 1.2].map(corrected);
+        assert!((exact - 0.5).abs() < 0.05, "{exact}");
+        assert!((uncertain - 0.93).abs() < 0.05, "{uncertain}");
     }
 }

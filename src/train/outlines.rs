@@ -3,10 +3,11 @@
 //! Where masks and the mesh agree, the masks say. Where masks wander about the mesh that all of them together gave, a pixel near
 //! the outline of a mask is on the side of the mesh's silhouette that it lies on, and neither as near to that silhouette as it errs.
 
-use glam::{Mat2, Vec2};
+use glam::Vec2;
 use rayon::prelude::*;
 
 use super::mask_outline::MaskOutline;
+use super::picture_shift::{Off, PictureShift, SAMPLING_PX, rests};
 use super::pixels::bands;
 use super::statistics::scatter;
 use crate::data::{Dataset, Mask, View};
@@ -18,13 +19,8 @@ use crate::render::gbuffer::PathOptions;
 const SOLID: u8 = 250;
 /// Distance in pixels up to which the mesh's silhouette is searched about a mask's outline.
 const SEARCHED_PX: f32 = 8.0;
-/// Scatter of exact outlines about those of an exact surface, pixels: both are sampled.
-const SAMPLING_PX: f32 = 0.35;
 /// Error up to which outlines count as exact, pixels: masks cut hard err by as much.
 const EXACT_PX: f32 = 0.5;
-/// Rounds of reweighting in which a picture's shift is found, and what keeps it at nothing, in pieces of the outline.
-const SHIFTINGS: usize = 4;
-const RIDGE: f32 = 1.0;
 /// Standard deviations of the outlines' error within which the mesh says what is object, and within which of its silhouette
 /// nothing does.
 const UNCERTAIN: f32 = 3.0;
@@ -79,11 +75,12 @@ impl Sides {
     fn by_mesh_near(mask: &Mask, camera: &Camera, tracer: &SurfaceTracer, error_px: f32) -> Self {
         let mut sides = Self::of_coverage(&mask.coverage);
         let (near, band) = (UNCERTAIN * error_px, NEITHER * error_px);
-        let Some(outline) = MaskOutline::new(mask) else {
+        let reach = near + band;
+        let Some(outline) = MaskOutline::near(mask, reach) else {
             return sides;
         };
-        let silhouette = traced_near(mask, &outline, camera, tracer, near + band);
-        let silhouette = MaskOutline::new(&silhouette);
+        let silhouette = traced_near(mask, &outline, camera, tracer, reach);
+        let silhouette = MaskOutline::near(&silhouette, reach);
         for (pixel, by_mask) in outline.distance.iter().enumerate() {
             // Without a silhouette the mesh lies elsewhere.
             let by_mesh = silhouette.as_ref().map_or(0.0, |s| s.distance[pixel]);
@@ -137,50 +134,55 @@ fn traced_coverage(
         .collect()
 }
 
-/// Standard deviation of the masks' outlines about the mesh's silhouettes as `cameras` see them, pixels, but for what cameras
-/// are off; 0 where they are exact, and without masks or mesh.
-pub(super) fn outline_error_px(
-    dataset: &Dataset,
-    cameras: &[Camera],
-    tracer: Option<&SurfaceTracer>,
-) -> f32 {
-    let Some(tracer) = tracer else {
-        return 0.0;
-    };
-    let of_view = |(view, camera): (&View, &Camera)| -> Option<Vec<f32>> {
-        let mask = view.mask.as_ref()?;
-        let outline = MaskOutline::new(mask)?;
-        let silhouette = traced_near(mask, &outline, camera, tracer, SEARCHED_PX);
-        Some(off_px(&outline, &MaskOutline::new(&silhouette)?))
-    };
-    let views = dataset.train.par_iter().zip(cameras);
-    error_from(views.filter_map(of_view).flatten_iter().collect())
+/// How masks lie about the mesh's silhouettes.
+#[derive(Debug, Default)]
+pub(super) struct OutlineFit {
+    /// Standard deviation of the outlines' error but for the pictures' shifts, pixels: where a whole picture is shifted, its
+    /// camera is off and its mask is right. 0 where they are exact, and without masks or mesh.
+    pub(super) error_px: f32,
+    /// `[n_views]` shift of each picture; empty without a mesh.
+    pub(super) shifts: Vec<PictureShift>,
 }
 
-/// Distances of a mask's outline from a silhouette in pixels, less what a shift of the whole picture explains: there the camera
-/// is off and the mask is right.
-fn off_px(outline: &MaskOutline, silhouette: &MaskOutline) -> Vec<f32> {
+impl OutlineFit {
+    /// Of the masks of the training views, taken by `cameras`.
+    pub(super) fn new(
+        dataset: &Dataset,
+        cameras: &[Camera],
+        tracer: Option<&SurfaceTracer>,
+    ) -> Self {
+        let Some(tracer) = tracer else {
+            return Self::default();
+        };
+        let of_view = |(view, camera): (&View, &Camera)| -> Option<_> {
+            let mask = view.mask.as_ref()?;
+            let outline = MaskOutline::near(mask, SEARCHED_PX)?;
+            let silhouette = traced_near(mask, &outline, camera, tracer, SEARCHED_PX);
+            let off = off(&outline, &MaskOutline::near(&silhouette, SEARCHED_PX)?);
+            let shift = PictureShift::of(&off);
+            Some((shift, rests(&off, shift.by).collect()))
+        };
+        let views = dataset.train.par_iter().zip(cameras);
+        let (shifts, rests): (Vec<_>, Vec<Vec<f32>>) =
+            views.map(|view| of_view(view).unwrap_or_default()).unzip();
+        Self {
+            error_px: error_from(rests.concat()),
+            shifts,
+        }
+    }
+}
+
+/// How far the places of a mask's outline are from a silhouette.
+fn off(outline: &MaskOutline, silhouette: &MaskOutline) -> Vec<Off> {
     let slope_at = |at: Vec2| {
         let along =
             |step: Vec2| silhouette.distance_at(at + step) - silhouette.distance_at(at - step);
         0.5 * Vec2::new(along(Vec2::X), along(Vec2::Y))
     };
     let places = outline.middles.iter();
-    let off: Vec<(f32, Vec2)> = places
+    places
         .map(|at| (silhouette.distance_at(*at), slope_at(*at)))
-        .collect();
-    let rest = |shift: Vec2| off.iter().map(move |(off, slope)| off - slope.dot(shift));
-    let mut shift = Vec2::ZERO;
-    for _ in 0..SHIFTINGS {
-        let (mut matrix, mut right) = (RIDGE * Mat2::IDENTITY, Vec2::ZERO);
-        for ((off, slope), rest) in off.iter().zip(rest(shift)) {
-            let weight = 1.0 / (1.0 + rest * rest);
-            matrix += weight * Mat2::from_cols(*slope * slope.x, *slope * slope.y);
-            right += weight * off * *slope;
-        }
-        shift = matrix.inverse() * right;
-    }
-    rest(shift).collect()
+        .collect()
 }
 
 /// Standard deviation of the error of outlines that lie `off_px` pixels from a surface's; 0 where sampling explains them.
@@ -197,6 +199,7 @@ pub(super) mod tests {
     use std::sync::Arc;
 
     use super::*;
+    use crate::train::picture_shift::known_share;
     use crate::train::preparation::given_cameras;
     use crate::train::test_scene::sphere_in_a_box;
 
@@ -232,9 +235,13 @@ pub(super) mod tests {
         }
         let tracer = SurfaceTracer::new(Arc::clone(exact.mesh.as_ref().unwrap()));
         let cameras = given_cameras(&exact);
-        let error_of = |dataset: &Dataset| outline_error_px(dataset, &cameras, Some(&tracer));
-        assert_eq!(error_of(&exact), 0.0);
-        let error_px = error_of(&wandering);
+        let fit = |dataset: &Dataset, cameras: &[Camera]| {
+            OutlineFit::new(dataset, cameras, Some(&tracer))
+        };
+        let fitting = fit(&exact, &cameras);
+        assert_eq!(fitting.error_px, 0.0);
+        assert_eq!(known_share(&fitting.shifts), 0.0);
+        let error_px = fit(&wandering, &cameras).error_px;
         assert!((1.0..1.6).contains(&error_px), "{error_px} pixels");
 
         let turned = exact.train.iter().map(|view| {
@@ -242,8 +249,13 @@ pub(super) mod tests {
             camera.cx += 1.5;
             camera
         });
-        let turned: Vec<Camera> = turned.collect();
-        assert_eq!(outline_error_px(&exact, &turned, Some(&tracer)), 0.0);
+        let turned = fit(&exact, &turned.collect::<Vec<Camera>>());
+        assert_eq!(turned.error_px, 0.0);
+        for shift in &turned.shifts {
+            assert!(shift.by.distance(Vec2::new(-1.5, 0.0)) < 0.1, "{shift:?}");
+        }
+        let share = known_share(&turned.shifts);
+        assert!(share > 0.9, "a share of {share}");
 
         let (mut n_wrong, mut n_wrong_by_mask, mut n_sure) = (0, 0, 0);
         for (view, truth) in wandering.train.iter().zip(&exact.train) {

@@ -7,9 +7,10 @@
 //! field's: that of a hash grid is noise below the size of its cells. Where all that is found is as little as the field is
 //! wrong, the cameras stay as they are given.
 
-use glam::{DMat3, DVec3, Quat, Vec3};
+use glam::{DMat3, DVec2, DVec3, Quat, Vec3};
 
 use super::config::PhotoFit;
+use super::picture_shift::{PictureShift, known_share};
 use super::preparation::given_cameras;
 use super::trainer::Trainer;
 use crate::data::Dataset;
@@ -200,24 +201,49 @@ fn mean_square(values: &[f32]) -> f32 {
 }
 
 impl Poses {
-    /// Those of the capture, none of them corrected yet; `None` where they are never to be.
-    pub(super) fn of(dataset: &Dataset, frame: &FieldFrame, fit: PhotoFit) -> Option<Self> {
+    /// Those of the capture, corrected by as much as is known of the `shifts` that outlines show, where there are any; `None`
+    /// where they are never to be.
+    pub(super) fn of(
+        dataset: &Dataset,
+        frame: &FieldFrame,
+        fit: PhotoFit,
+        shifts: &[PictureShift],
+    ) -> Option<Self> {
         if fit == PhotoFit::Off {
             return None;
         }
         let given = given_cameras(dataset);
         let distances = given.iter().map(|c| c.position().distance(frame.center));
         let distance = distances.sum::<f32>() / given.len().max(1) as f32 / frame.half_side;
-        Some(Self {
+        let mut poses = Self {
             corrections: vec![Correction::default(); given.len()],
             sums: vec![Sums::ZERO; given.len()],
             distance: f64::from(distance.max(0.1)),
             half_side: frame.half_side,
             given,
             is_forced: fit == PhotoFit::On,
-            are_corrected: fit == PhotoFit::On,
+            are_corrected: false,
             noise: 0.0,
-        })
+        };
+        poses.shift(known_share(shifts), shifts);
+        poses.decide();
+        Some(poses)
+    }
+
+    /// Corrects poses by a share of their pictures' shifts, half by a rotation and half by a translation: an outline does not
+    /// tell one from the other.
+    fn shift(&mut self, share: f32, shifts: &[PictureShift]) {
+        let distance = self.distance;
+        let poses = self.corrections.iter_mut().zip(&self.given).zip(shifts);
+        for ((correction, camera), shift) in poses {
+            let axes = camera.world_from_camera.matrix3.as_dmat3();
+            let by = f64::from(0.5 * share) * shift.by.as_dvec2();
+            let by = by / DVec2::new(camera.fx.into(), camera.fy.into());
+            let by = axes.x_axis * by.x - axes.y_axis * by.y;
+            correction.turn = by.cross(camera.forward().as_dvec3());
+            correction.shift = -by * distance;
+        }
+        self.center();
     }
 
     /// Whether the cameras are used as corrected, not as given.

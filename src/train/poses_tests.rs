@@ -93,6 +93,28 @@ fn shaken_cameras_are_put_right_and_kept() {
 }
 
 #[test]
+fn cameras_begin_where_outlines_show_them_to_be() {
+    let (dataset, right) = shaken(40, 48);
+    let given = given_cameras(&dataset);
+    let begun = trainer(&dataset, PhotoFit::Auto).pixels.cameras();
+    let at_object = |cameras: &[Camera]| {
+        let off = cameras.iter().zip(&right).map(|(camera, right)| {
+            let [a, b] = [camera, right].map(|c| c.project(Vec3::ZERO).expect("in front"));
+            a.distance(b)
+        });
+        off.sum::<f32>() / right.len() as f32
+    };
+    let (before, after) = (at_object(&given), at_object(&begun));
+    assert!(before > 0.9, "{before} px: nothing to put right");
+    assert!(after < 0.4 * before, "{before} px before, {after} px after");
+    let (before, after) = (off_px(&given, &right), off_px(&begun, &right));
+    assert!(
+        after < before,
+        "walls: {before} px before, {after} px after"
+    );
+}
+
+#[test]
 fn cameras_that_are_right_stay_as_they_are_until_found_wrong() {
     let right = sphere_in_a_box(40, 48);
     let mut trainer = trainer(&right, PhotoFit::Auto);

@@ -5,8 +5,10 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use super::TrainError;
 use super::config::TrainConfig;
-use super::outlines::outline_error_px;
+use super::outlines::OutlineFit;
 use super::pixels::{PixelOptions, PixelStore};
+use super::placement::field_frame;
+use super::poses::Poses;
 use crate::data::Dataset;
 use crate::geometry::{Camera, SurfaceTracer};
 use crate::render::gbuffer::PathOptions;
@@ -15,10 +17,11 @@ use crate::render::gbuffer::PathOptions;
 /// other is no round cone's, and what was learned from cones would be too rough and its lamps too wide.
 const TAUGHT_TURN: f32 = 0.08;
 
-/// The mesh ready for rays, and every pixel that is trained on, traced once.
+/// The mesh ready for rays, and every pixel that is trained on, traced once, from cameras as the masks show them to be.
 #[derive(Debug)]
 pub(super) struct Prepared {
     pub(super) tracer: Option<Arc<SurfaceTracer>>,
+    pub(super) poses: Option<Poses>,
     pub(super) pixels: PixelStore,
 }
 
@@ -38,43 +41,31 @@ impl Prepared {
             .mesh
             .as_ref()
             .map(|mesh| Arc::new(SurfaceTracer::new(Arc::clone(mesh))));
-        let pixels = collect_pixels(
-            config,
-            (dataset, &given_cameras(dataset)),
-            tracer.as_deref(),
-            cancel,
-            on_progress,
-        )?;
-        Ok(Self { tracer, pixels })
+        let given = given_cameras(dataset);
+        let outlines = OutlineFit::new(dataset, &given, tracer.as_deref());
+        let frame = field_frame(dataset, config.inner_box_scale);
+        let poses = Poses::of(dataset, &frame, config.refine_poses, &outlines.shifts);
+        let options = pixel_options(config, tracer.is_some(), outlines.error_px);
+        let on_view = watched(dataset.train.len(), cancel, on_progress);
+        let cameras = poses.as_ref().map_or(given, Poses::cameras);
+        let pixels = PixelStore::collect(dataset, &cameras, tracer.as_deref(), options, &on_view)
+            .ok_or(TrainError::Cancelled)?;
+        if pixels.n_objects() == 0 && pixels.n_backgrounds() == 0 {
+            return Err(TrainError::NoPixels {
+                dataset: dataset.root.clone(),
+            });
+        }
+        Ok(Self {
+            tracer,
+            poses,
+            pixels,
+        })
     }
 }
 
 /// The cameras of the training photos as the capture has them.
 pub(super) fn given_cameras(dataset: &Dataset) -> Vec<Camera> {
     dataset.train.iter().map(|view| view.camera).collect()
-}
-
-/// Every pixel that is trained on, as `cameras` took it, traced on the current thread pool; `on_progress` gets 0..1.
-///
-/// # Errors
-/// When cancelled, or when no pixel can be trained on.
-fn collect_pixels(
-    config: &TrainConfig,
-    (dataset, cameras): (&Dataset, &[Camera]),
-    tracer: Option<&SurfaceTracer>,
-    cancel: &AtomicBool,
-    on_progress: &(dyn Fn(f32) + Sync),
-) -> Result<PixelStore, TrainError> {
-    let options = pixel_options(config, (dataset, cameras), tracer);
-    let on_view = watched(dataset.train.len(), cancel, on_progress);
-    let pixels = PixelStore::collect(dataset, cameras, tracer, options, &on_view)
-        .ok_or(TrainError::Cancelled)?;
-    if pixels.n_objects() == 0 && pixels.n_backgrounds() == 0 {
-        return Err(TrainError::NoPixels {
-            dataset: dataset.root.clone(),
-        });
-    }
-    Ok(pixels)
 }
 
 /// Traces the pixels again, on a mesh and from cameras that have changed a little; `on_progress` gets 0..1.
@@ -88,7 +79,8 @@ pub(super) fn retrace_pixels(
     cancel: &AtomicBool,
     on_progress: &(dyn Fn(f32) + Sync),
 ) -> Result<(), TrainError> {
-    let options = pixel_options(config, (dataset, &pixels.cameras()), tracer);
+    let outlines = OutlineFit::new(dataset, &pixels.cameras(), tracer);
+    let options = pixel_options(config, tracer.is_some(), outlines.error_px);
     let on_view = watched(dataset.train.len(), cancel, on_progress);
     if pixels.retrace(dataset, tracer, options, &on_view) {
         Ok(())
@@ -97,17 +89,13 @@ pub(super) fn retrace_pixels(
     }
 }
 
-fn pixel_options(
-    config: &TrainConfig,
-    (dataset, cameras): (&Dataset, &[Camera]),
-    tracer: Option<&SurfaceTracer>,
-) -> PixelOptions {
+fn pixel_options(config: &TrainConfig, has_object: bool, outline_error_px: f32) -> PixelOptions {
     PixelOptions {
         seed: config.seed,
         max_pixels: config.max_pixels,
         n_blurred: config.preconvolved_levels,
         // With an object the lamps' radiance is learned from what they shine on.
-        clipped_radiance: if tracer.is_some() {
+        clipped_radiance: if has_object {
             1.0
         } else {
             config.clipped_radiance
@@ -118,7 +106,7 @@ fn pixel_options(
             torn: if config.subpixels { 2 } else { 1 },
             largest_turn: TAUGHT_TURN,
         },
-        outline_error_px: outline_error_px(dataset, cameras, tracer),
+        outline_error_px,
     }
 }
 

@@ -42,9 +42,9 @@ pub(super) fn is_wanted(config: &TrainConfig, dataset: &Dataset) -> bool {
 
 impl Refinement {
     /// Nothing is corrected yet.
-    pub(super) fn new(tracer: &SurfaceTracer) -> Self {
+    pub(super) fn new(tracer: &SurfaceTracer, outline_error_px: f32) -> Self {
         Self {
-            offsets: NormalOffsets::new(&tracer.mesh().bounds()),
+            offsets: NormalOffsets::new(&tracer.mesh().bounds(), outline_error_px),
             traced: Arc::clone(tracer.mesh()),
             settled_at: 0,
         }

@@ -125,16 +125,16 @@ impl Trainer {
         cancel: &AtomicBool,
         on_progress: &(dyn Fn(f32) + Sync),
     ) -> Result<Self, TrainError> {
-        let Prepared { tracer, pixels } = Prepared::new(config, dataset, cancel, on_progress)?;
-        Ok(Self::with_pixels(config, dataset, tracer, pixels))
+        let prepared = Prepared::new(config, dataset, cancel, on_progress)?;
+        Ok(Self::of(config, dataset, prepared))
     }
 
-    fn with_pixels(
-        config: &TrainConfig,
-        dataset: &Dataset,
-        tracer: Option<Arc<SurfaceTracer>>,
-        pixels: PixelStore,
-    ) -> Self {
+    fn of(config: &TrainConfig, dataset: &Dataset, prepared: Prepared) -> Self {
+        let Prepared {
+            tracer,
+            poses,
+            pixels,
+        } = prepared;
         let mut random = SlotRandom::new(config.seed, u64::MAX, 0);
         let frame = field_frame(dataset, config.inner_box_scale);
         let field = RadianceField::new(config.field, || random.uniform());
@@ -149,7 +149,14 @@ impl Trainer {
             });
         let traced = tracer.as_deref();
         let refined = traced.filter(|_| refinement::is_wanted(config, dataset));
-        let refinement = refined.map(Refinement::new);
+        // Of a given mesh the outlines tell nothing.
+        let is_made = dataset.mesh_path.is_none();
+        let error_px = if is_made {
+            pixels.outline_error_px()
+        } else {
+            0.0
+        };
+        let refinement = refined.map(|tracer| Refinement::new(tracer, error_px));
         let has_haze = tracer.is_some() && exposures_differ(dataset);
         let up = up_direction(dataset);
         let mut density = clear_density(dataset, traced, &frame, up, refinement.is_none());
@@ -186,7 +193,7 @@ impl Trainer {
             gamma_adam: Adam::new(1),
             exposures,
             photos,
-            poses: Poses::of(dataset, &frame, config.refine_poses),
+            poses,
             refinement,
             unseen: UnseenDirections::of(dataset, &frame),
             step: 0,

@@ -83,7 +83,7 @@ impl NeilfTrainer {
             preconvolved_levels: 0,
             ..config.clone()
         };
-        let Prepared { tracer, pixels } = Prepared::new(&config, dataset, cancel, &|_| ())?;
+        let Prepared { tracer, pixels, .. } = Prepared::new(&config, dataset, cancel, &|_| ())?;
         let Some(tracer) = tracer.filter(|_| pixels.n_objects() > 0) else {
             return Err(TrainError::NoPixels {
                 dataset: dataset.root.clone(),

@@ -80,7 +80,7 @@ impl PaperTrainer {
         cancel: &AtomicBool,
         on_progress: &(dyn Fn(f32) + Sync),
     ) -> Result<Self, TrainError> {
-        let Prepared { tracer, pixels } = Prepared::new(config, dataset, cancel, on_progress)?;
+        let Prepared { tracer, pixels, .. } = Prepared::new(config, dataset, cancel, on_progress)?;
         let paper = config.paper.unwrap_or_default();
         let mut random = SlotRandom::new(config.seed, u64::MAX, 0);
         let field = PaperField::new(paper.field, || random.uniform());

@@ -7,6 +7,7 @@
 //!
 //! Where there are neither maps nor masks, the reconstruction's points give coarse maps, which are fused and left at that.
 
+mod alignment;
 mod band;
 mod compare;
 mod fairing;
@@ -108,6 +109,10 @@ impl StageOneOptions {
             ..Self::default()
         }
     }
+
+    fn is_over(&self) -> bool {
+        self.deadline.is_some_and(|end| Instant::now() >= end)
+    }
 }
 
 /// Why no mesh can be made.
@@ -198,10 +203,7 @@ pub fn make_mesh(
         if !go_on() {
             return Err(StageOneError::Cancelled);
         }
-        if options
-            .deadline
-            .is_some_and(|deadline| Instant::now() >= deadline)
-        {
+        if options.is_over() {
             break;
         }
         fairing::round(&mut phi, &evidence, &Fairing::default());
@@ -215,6 +217,37 @@ pub fn make_mesh(
 struct Draft {
     phi: ScalarGrid,
     evidence: Evidence,
+}
+
+impl Draft {
+    /// The hull, which `make_hull` makes, of silhouettes whose outlines err by `error_px` pixels of width `pixel`, scene units.
+    fn of(
+        mut silhouettes: Vec<Silhouette>,
+        error_px: f32,
+        pixel: f32,
+        make_hull: impl Fn(&[Silhouette]) -> Result<ScalarGrid, StageOneError>,
+    ) -> Result<Self, StageOneError> {
+        for silhouette in &mut silhouettes {
+            silhouette.set_error(error_px);
+        }
+        let hull = make_hull(&silhouettes)?;
+        let error = error_px * pixel;
+        let mut phi = hull.clone();
+        // It begins as the outlines are, too small: clefts are open, and narrow ones would not open again.
+        for value in &mut phi.values {
+            *value += silhouette::SLACK_ERRORS * error;
+        }
+        phi.redistance(fairing::REACH);
+        Ok(Self {
+            phi,
+            evidence: Evidence {
+                outline_error: error / hull.cell,
+                hull,
+                silhouettes,
+                seen: None,
+            },
+        })
+    }
 }
 
 /// The hull of the silhouettes.
@@ -242,29 +275,21 @@ fn from_masks(
         hull::cut(&mut hull, &bounds);
         Ok(hull)
     };
-    let compared = hull(&silhouettes, options.n_cells.min(COMPARED_CELLS))?;
-    let error_px = outline_error::find_px(&silhouettes, compared);
-    let error = error_px * middle(&mut pixels_at(&silhouettes, bounds.center()));
-    let finest = bounds.extent().max_element() / (CELL_ERRORS * error);
+    let pixel = middle(&mut pixels_at(&silhouettes, bounds.center()));
+    let coarse_cells = options.n_cells.min(COMPARED_CELLS);
+    let error_px = outline_error::find_px(&silhouettes, hull(&silhouettes, coarse_cells)?);
+    let uncertain_px = error_px.max(alignment::CAMERA_ERROR_PX);
+    let mut coarse = Draft::of(silhouettes, uncertain_px, pixel, |s| hull(s, coarse_cells))?;
+    let is_aligned = alignment::align(&mut coarse, || go_on() && !options.is_over());
+    let silhouettes = coarse.evidence.silhouettes;
+    let error_px = if is_aligned {
+        outline_error::find_px(&silhouettes, hull(&silhouettes, coarse_cells)?)
+    } else {
+        error_px
+    };
+    let finest = bounds.extent().max_element() / (CELL_ERRORS * error_px * pixel);
     let n_cells = options.n_cells.min((finest as usize).max(FEWEST_CELLS));
-    let with_error = |silhouette: Silhouette| silhouette.with_error(error_px);
-    let silhouettes: Vec<_> = silhouettes.into_iter().map(with_error).collect();
-    let hull = hull(&silhouettes, n_cells)?;
-    let mut phi = hull.clone();
-    // It begins as the outlines are, too small: clefts are open, and narrow ones would not open again.
-    for value in &mut phi.values {
-        *value += silhouette::SLACK_ERRORS * error;
-    }
-    phi.redistance(fairing::REACH);
-    Ok(Draft {
-        phi,
-        evidence: Evidence {
-            outline_error: error / hull.cell,
-            hull,
-            silhouettes,
-            seen: None,
-        },
-    })
+    Draft::of(silhouettes, error_px, pixel, |s| hull(s, n_cells))
 }
 
 /// Width of a pixel of each silhouette at `p`, scene units.

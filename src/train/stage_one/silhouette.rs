@@ -42,12 +42,17 @@ impl Silhouette {
         })
     }
 
-    /// The same of an outline that is wrong by `error_px` pixels (standard deviation).
-    pub(super) fn with_error(mut self, error_px: f32) -> Self {
+    /// The outline is wrong by `error_px` pixels (standard deviation).
+    pub(super) fn set_error(&mut self, error_px: f32) {
         let rim = RIM_PX.max(RIM_ERRORS * error_px);
         self.inner = inner_places(&self.outline, rim);
         self.slack = SLACK_ERRORS * error_px;
-        self
+    }
+
+    /// The picture is shifted by `by` pixels against its camera.
+    pub(super) fn shift(&mut self, by: Vec2) {
+        self.camera.cx += by.x;
+        self.camera.cy += by.y;
     }
 
     /// The ray through a point of the outline.

@@ -216,6 +216,35 @@ fn outlines_that_wander_do_not_shrink_or_ripple_the_object() {
 }
 
 #[test]
+fn pictures_shifted_against_each_other_are_aligned() {
+    let right = capture(24, torus);
+    let mut shifted = capture(24, torus);
+    for (i, view) in shifted.train.iter_mut().enumerate() {
+        let by = Vec2::from_angle(1.3 * (i * i) as f32);
+        view.camera.cx -= by.x;
+        view.camera.cy -= by.y;
+    }
+    // How far the pictures of a capture's draft are from those of the right one, pixels in the mean.
+    let off_px = |dataset: &Dataset| {
+        let options = StageOneOptions::default();
+        let draft = from_masks(dataset, &options, &|| true, &|_| ()).unwrap();
+        let off = draft
+            .evidence
+            .silhouettes
+            .iter()
+            .zip(&right.train)
+            .map(|(s, view)| {
+                Vec2::new(s.camera.cx - view.camera.cx, s.camera.cy - view.camera.cy).length()
+            });
+        off.sum::<f32>() / right.train.len() as f32
+    };
+    assert_eq!(off_px(&right), 0.0);
+    // A quarter is where all of them are shifted with the object.
+    let left = off_px(&shifted);
+    assert!(left < 0.45, "{left} of 1 pixel");
+}
+
+#[test]
 fn masks_that_show_no_shape_are_refused_by_name() {
     let mut dataset = capture(6, |p| p.distance(CENTER) - 0.02);
     let error = make(&dataset).unwrap_err();
