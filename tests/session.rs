@@ -6,7 +6,7 @@ mod capture;
 use std::{path::Path, time::Duration};
 
 use neif::train::TrainConfig;
-use neif::train::config::Normals;
+use neif::train::config::{Normals, PhotoFit};
 use neif::train::events::{FinishReason, TrainCommand, TrainEvent};
 use neif::train::plan::Budget;
 use neif::train::run_folder::RunFolder;
@@ -108,6 +108,59 @@ fn who_asks_sees_the_surface_grow_that_is_made_from_masks() {
             let middle = picture.pixels[16 * 32 + 16];
             assert_ne!(middle, corner, "the ball is in the middle");
         }
+        session.send(TrainCommand::Stop);
+        session.join().expect("a clean end");
+    }
+}
+
+/// Puts the same background behind the object in all photos, as on a turntable.
+fn put_on_a_turntable(capture: &Path) {
+    for split in ["train", "val", "test"] {
+        for entry in std::fs::read_dir(capture.join(split)).expect("a folder") {
+            let path = entry.expect("a file").path();
+            let mask = path.with_file_name(format!(
+                "{}_mask.png",
+                path.file_stem().expect("a name").to_string_lossy()
+            ));
+            let Ok(mask) = image::open(&mask) else {
+                continue;
+            };
+            let mut photo = image::open(&path).expect("a photo").to_rgb8();
+            for (x, y, pixel) in photo.enumerate_pixels_mut() {
+                if mask.to_luma8().get_pixel(x, y).0 == [0] {
+                    let wave = (0.5 * x as f32).sin() + (0.4 * y as f32).cos();
+                    *pixel = image::Rgb([(120.0 + 10.0 * wave) as u8; 3]);
+                }
+            }
+            photo.save(&path).expect("a photo");
+        }
+    }
+}
+
+#[test]
+fn the_background_of_a_turntable_is_left_out_unless_somebody_wants_it() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let capture = folder.path().join("scene");
+    capture::write_capture(&capture);
+    put_on_a_turntable(&capture);
+    for (background, is_learned) in [(PhotoFit::Auto, false), (PhotoFit::On, true)] {
+        let config = TrainConfig {
+            background,
+            ..tiny_config()
+        };
+        let options = SessionOptions::new(&capture, config, Budget::Steps(30));
+        let session = Session::spawn(options, || {}).expect("a thread");
+        let loaded = wait_for(&session, |event| matches!(event, TrainEvent::Loaded { .. }));
+        let TrainEvent::Loaded { problems, .. } = loaded else {
+            unreachable!("it was waited for");
+        };
+        let is_told = problems.iter().any(|p| p.contains("it is left out"));
+        assert_eq!(is_told, !is_learned, "{problems:?}");
+        let stepped = |event: &TrainEvent| matches!(event, TrainEvent::Progress(p) if p.step > 0);
+        let TrainEvent::Progress(progress) = wait_for(&session, stepped) else {
+            unreachable!("it was waited for");
+        };
+        assert_eq!(progress.loss_background > 0.0, is_learned, "{progress:?}");
         session.send(TrainCommand::Stop);
         session.join().expect("a clean end");
     }

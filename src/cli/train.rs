@@ -86,6 +86,11 @@ pub(crate) struct TrainArgs {
     #[arg(long, value_name = "on|off", conflicts_with = "resume")]
     #[arg(num_args = 0..=1, require_equals = true, default_missing_value = "on")]
     refine_poses: Option<Fit>,
+    /// Whether the surroundings are learned from the background of the photos [default: unless it stands still in the
+    /// picture, as on a turntable; light is then learned from reflections alone]
+    #[arg(long, value_name = "on|off", conflicts_with = "resume")]
+    #[arg(num_args = 0..=1, require_equals = true, default_missing_value = "on")]
+    background: Option<Fit>,
     /// Refine the mesh's normals while training: for meshes that are good to a degree or two. It is done anyway where the
     /// mesh was made from masks or depth maps
     #[arg(long, conflicts_with = "resume")]
@@ -188,6 +193,7 @@ fn options(args: &TrainArgs, started: Instant) -> Result<SessionOptions, Failure
         .photo_exposures
         .map_or(config.photo_exposures, Fit::of_photo);
     config.refine_poses = args.refine_poses.map_or(config.refine_poses, Fit::of_photo);
+    config.background = args.background.map_or(config.background, Fit::of_photo);
     if args.refine_normals {
         options.config.normals = Normals::Refined;
     }

@@ -66,7 +66,7 @@ pub use bundled::bundled_assets;
 pub use camera_file::{KeyView, read_key_views, write_cameras, write_key_views};
 pub use check::{
     CameraSummary, Conditions, DatasetReport, LensSummary, MaskAgreement, MaskSummary, MeshSummary,
-    PointSummary, Resolution, SplitCounts, check, exposures_differ,
+    PointSummary, Resolution, SplitCounts, background_stands_still, check, exposures_differ,
 };
 pub use choices::CaptureChoices;
 pub use colmap::{

@@ -28,11 +28,11 @@ pub enum Normals {
     Refined,
 }
 
-/// Whether something of each photo, its exposure or its pose, is found while training.
+/// Whether something of the photos, their exposures, poses or backgrounds, is looked at while training.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase", try_from = "NotedFit")]
 pub enum PhotoFit {
-    /// Where the photos ask for it: what is found is used once it is more than the fields are wrong.
+    /// Where the photos ask for it: exposures and poses are used once what is found is more than the fields are wrong.
     #[default]
     Auto,
     /// Always.
@@ -108,6 +108,9 @@ pub struct TrainConfig {
     pub photo_exposures: PhotoFit,
     /// Whether the poses of the training photos are refined.
     pub refine_poses: PhotoFit,
+    /// Whether the surroundings are learned from the background of the photos, not from reflections alone. `Auto`: where
+    /// there is no object, or the background does not stand still in the picture as on a turntable.
+    pub background: PhotoFit,
     /// Whether the mesh's normals are refined.
     pub normals: Normals,
     /// Steps over which the learning rates rise from zero.
@@ -212,6 +215,7 @@ impl Default for TrainConfig {
             gamma_rate: 5e-4,
             photo_exposures: PhotoFit::Auto,
             refine_poses: PhotoFit::Auto,
+            background: PhotoFit::Auto,
             normals: Normals::Auto,
             warmup_steps: 50,
             final_rate: 0.1,

@@ -66,6 +66,8 @@ pub(super) struct BackgroundSample {
 pub(super) struct PixelOptions {
     /// Seed of the thinning.
     pub seed: u64,
+    /// Whether the background is collected.
+    pub background: bool,
     /// Pixels to keep, over all views.
     pub max_pixels: usize,
     /// Blurred levels beside the sharp one.
@@ -89,7 +91,7 @@ impl PixelStore {
         on_view: &(dyn Fn() -> bool + Sync),
     ) -> Option<Self> {
         let photos = (dataset, cameras);
-        let views = collect_views(photos, tracer, &options, |_| true, on_view)?;
+        let views = collect_views(photos, tracer, &options, |_| options.background, on_view)?;
         Some(Self::of(views, &options))
     }
 
@@ -105,7 +107,9 @@ impl PixelStore {
     ) -> bool {
         let cameras = self.cameras();
         let photos = (dataset, cameras.as_slice());
-        let is_uncertain = |view: &View| view.mask.is_none() || options.outline_error_px > 0.0;
+        let is_uncertain = |view: &View| {
+            options.background && (view.mask.is_none() || options.outline_error_px > 0.0)
+        };
         let Some(mut views) = collect_views(photos, tracer, &options, is_uncertain, on_view) else {
             return false;
         };

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use super::TrainError;
-use super::config::TrainConfig;
+use super::config::{PhotoFit, TrainConfig};
 use super::outlines::OutlineFit;
 use super::pixels::{PixelOptions, PixelStore};
 use super::placement::field_frame;
@@ -92,6 +92,7 @@ pub(super) fn retrace_pixels(
 fn pixel_options(config: &TrainConfig, has_object: bool, outline_error_px: f32) -> PixelOptions {
     PixelOptions {
         seed: config.seed,
+        background: config.background != PhotoFit::Off,
         max_pixels: config.max_pixels,
         n_blurred: config.preconvolved_levels,
         // With an object the lamps' radiance is learned from what they shine on.

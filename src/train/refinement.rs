@@ -41,13 +41,22 @@ pub(super) fn is_wanted(config: &TrainConfig, dataset: &Dataset) -> bool {
 }
 
 impl Refinement {
-    /// Nothing is corrected yet.
-    pub(super) fn new(tracer: &SurfaceTracer, outline_error_px: f32) -> Self {
-        Self {
-            offsets: NormalOffsets::new(&tracer.mesh().bounds(), outline_error_px),
-            traced: Arc::clone(tracer.mesh()),
+    /// Nothing is corrected yet; `None` where nothing shall be. The masks' outlines err by `outline_error_px` pixels.
+    pub(super) fn of(
+        config: &TrainConfig,
+        dataset: &Dataset,
+        tracer: Option<&SurfaceTracer>,
+        outline_error_px: f32,
+    ) -> Option<Self> {
+        let mesh = tracer.filter(|_| is_wanted(config, dataset))?.mesh();
+        // A given mesh is not made of the outlines.
+        let is_made = dataset.mesh_path.is_none();
+        let error_px = if is_made { outline_error_px } else { 0.0 };
+        Some(Self {
+            offsets: NormalOffsets::new(&mesh.bounds(), error_px),
+            traced: Arc::clone(mesh),
             settled_at: 0,
-        }
+        })
     }
 }
 

@@ -7,12 +7,13 @@ use std::time::{Duration, Instant};
 use crossbeam::channel::Receiver;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-use crate::data::{Dataset, LoadOptions, Splits};
+use crate::data::{Dataset, LoadOptions, Problem, Severity, Splits, background_stands_still};
 use crate::geometry::ScalarGrid;
 use crate::neif::ObjectModel;
 use crate::render::priority::lower_thread_priority;
 use crate::train::TrainError;
 use crate::train::any_trainer::AnyTrainer;
+use crate::train::config::{PhotoFit, TrainConfig};
 use crate::train::event_queue::EventQueue;
 use crate::train::events::{Finish, FinishReason, TrainCommand, TrainEvent};
 use crate::train::refinement;
@@ -135,6 +136,7 @@ impl Worker {
         if !self.complete_mesh(&mut dataset)? {
             return Ok(None);
         }
+        let config = self.settle_background(&mut dataset);
         let dataset = Arc::new(dataset);
         let folder = match (&options.run, options.start) {
             (None, _) => None,
@@ -145,7 +147,7 @@ impl Worker {
         let report = |fraction| self.loading(PREPARING, fraction);
         let trainer = self
             .pool
-            .install(|| AnyTrainer::new(&options.config, &dataset, &self.shared.stop, &report));
+            .install(|| AnyTrainer::new(&config, &dataset, &self.shared.stop, &report));
         let trainer = match trainer {
             Err(TrainError::Cancelled) => return Ok(None),
             other => other?,
@@ -216,6 +218,28 @@ impl Worker {
             }
         }
         Ok(true)
+    }
+
+    /// The settings with which to train: without the background where it stands still in the picture and nobody wants it
+    /// all the same, which is told with the capture's problems.
+    fn settle_background(&self, dataset: &mut Dataset) -> TrainConfig {
+        let mut config = self.options.config.clone();
+        let has_object = dataset.mesh.is_some();
+        let is_still = || self.pool.install(|| background_stands_still(dataset));
+        if config.background == PhotoFit::Auto && has_object && is_still() {
+            config.background = PhotoFit::Off;
+            let what = "the background stands still in the picture, as on a turntable: it is left out, and light is \
+                        learned from reflections alone";
+            let advice = "--background=on trains on it all the same";
+            dataset
+                .problems
+                .push(Problem::new(Severity::Warning, what, advice));
+        }
+        if config.background == PhotoFit::Off && config.refine_poses == PhotoFit::Auto {
+            // Nothing else tells them.
+            config.refine_poses = PhotoFit::Off;
+        }
+        config
     }
 
     /// Makes a picture of the surface where somebody looks and the last one is a while ago.

@@ -148,22 +148,19 @@ impl Trainer {
                 Material::new(config.material, bounds.center(), side, || random.uniform())
             });
         let traced = tracer.as_deref();
-        let refined = traced.filter(|_| refinement::is_wanted(config, dataset));
-        // Of a given mesh the outlines tell nothing.
-        let is_made = dataset.mesh_path.is_none();
-        let error_px = if is_made {
-            pixels.outline_error_px()
-        } else {
-            0.0
-        };
-        let refinement = refined.map(|tracer| Refinement::new(tracer, error_px));
-        let has_haze = tracer.is_some() && exposures_differ(dataset);
+        let outline_error_px = pixels.outline_error_px();
+        let refinement = Refinement::of(config, dataset, traced, outline_error_px);
+        // A background that is left out says nothing of exposures.
+        let has_background = config.background != PhotoFit::Off;
+        let has_haze = has_background && tracer.is_some() && exposures_differ(dataset);
         let up = up_direction(dataset);
         let mut density = clear_density(dataset, traced, &frame, up, refinement.is_none());
         density.seen = Some(SeenGrid::default());
         let fit = config.photo_exposures;
         let has_exposures = has_haze || fit == PhotoFit::On;
-        let ground = has_exposures.then(|| SeenGround::of(dataset)).flatten();
+        let ground = (has_background && has_exposures)
+            .then(|| SeenGround::of(dataset))
+            .flatten();
         if let Some(ground) = ground.as_ref().filter(|_| has_haze) {
             lay_floor(&mut density, dataset, &frame, ground);
         }

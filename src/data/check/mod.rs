@@ -5,6 +5,7 @@
 //! fit the mesh, a mesh in another frame, empty masks, the same photo in training and test.
 
 mod agreement;
+mod backdrop;
 #[cfg(test)]
 mod condition_tests;
 mod exposure;
@@ -20,6 +21,7 @@ use std::path::PathBuf;
 use glam::Vec3;
 use serde::Serialize;
 
+use self::backdrop::Backdrop;
 use super::{Dataset, Problem, Severity};
 
 /// What [`check`] found.
@@ -249,6 +251,12 @@ pub fn exposures_differ(dataset: &Dataset) -> bool {
     exposures.problem().is_some()
 }
 
+/// Whether the background stands still in the picture while the camera moves, as on a turntable: what it shows is then not
+/// what shines on the object.
+pub fn background_stands_still(dataset: &Dataset) -> bool {
+    Backdrop::of(dataset, &thumb::thumbs(dataset)).stands_still()
+}
+
 /// Where the object is.
 fn center(dataset: &Dataset, cameras: &CameraSummary) -> Vec3 {
     let mesh = dataset.mesh.as_ref();
@@ -265,10 +273,12 @@ fn conditions(
     let up = dataset.origin.up.unwrap_or(Vec3::Z);
     let exposures = exposure::measure(dataset, &thumbs, center);
     problems.extend(exposures.problem());
+    let backdrop = Backdrop::of(dataset, &thumbs);
+    problems.extend(backdrop.problem());
     Conditions {
         circle_covered_deg: surroundings::circle_covered_deg(dataset, center, up, problems),
         directions_seen: surroundings::directions_seen(dataset, problems),
-        same_background: surroundings::same_background(dataset, &thumbs, problems),
+        same_background: backdrop.same_share,
         noted_exposure_range_ev: exposures.noted_range_ev,
         exposure_jitter_ev: exposures.seen_jitter_ev,
         blurred: sharpness::find_blurred(dataset, problems),
