@@ -21,7 +21,7 @@ pub(super) type Off = (f32, Vec2);
 pub(super) struct PictureShift {
     /// Of what it shows, from where it should be, pixels.
     pub(super) by: Vec2,
-    /// Standard deviation of either, pixels.
+    /// Standard deviation of either of its coordinates, pixels.
     pub(super) error_px: f32,
 }
 

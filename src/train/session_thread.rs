@@ -236,7 +236,7 @@ impl Worker {
                 .push(Problem::new(Severity::Warning, what, advice));
         }
         if config.background == PhotoFit::Off && config.refine_poses == PhotoFit::Auto {
-            // Nothing else tells them.
+            // Outlines tell where they begin, but only the background would hold them there.
             config.refine_poses = PhotoFit::Off;
         }
         config
