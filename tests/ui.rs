@@ -111,6 +111,7 @@ fn dataset() -> Arc<Dataset> {
         val: vec![view("c", Vec3::new(-3.0, 0.0, 1.0))],
         test: Vec::new(),
         mesh: Some(Arc::new(mesh)),
+        first_box: None,
         mesh_path: None,
         surroundings_visible: true,
         problems: Vec::new(),

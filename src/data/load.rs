@@ -68,6 +68,7 @@ impl Dataset {
             val: decoded.val,
             test: decoded.test,
             mesh,
+            first_box: None,
             mesh_path,
             surroundings_visible: decoded.surroundings_visible,
             problems,

@@ -59,7 +59,7 @@ use std::sync::Arc;
 use glam::{Affine3A, EulerRot, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::{Camera, Mesh};
+use crate::geometry::{Aabb, Camera, Mesh};
 
 pub use atomic::write_atomically;
 pub use bundled::bundled_assets;
@@ -108,6 +108,8 @@ pub struct Dataset {
     pub test: Vec<View>,
     /// The object's mesh in the capture's world frame.
     pub mesh: Option<Arc<Mesh>>,
+    /// The box around the mesh that a run began with, where that has moved since.
+    pub first_box: Option<Aabb>,
     /// Where the mesh was read from.
     pub mesh_path: Option<PathBuf>,
     /// Whether the photos show the surroundings; false for cut-out objects (transparent PNG).
@@ -128,10 +130,17 @@ impl Dataset {
             val: Vec::new(),
             test: Vec::new(),
             mesh: None,
+            first_box: None,
             mesh_path: None,
             surroundings_visible: true,
             problems: Vec::new(),
         }
+    }
+
+    /// The box in which a run's material is, and around which its surroundings are: that of the mesh that it began with.
+    pub fn object_box(&self) -> Option<Aabb> {
+        let mesh = self.mesh.as_ref()?;
+        Some(self.first_box.unwrap_or_else(|| mesh.bounds()))
     }
 
     /// All views: training, validation, test.

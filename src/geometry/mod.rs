@@ -14,6 +14,7 @@ mod footprint;
 mod hierarchy;
 mod iso_surface;
 mod mesh;
+mod mesh_distances;
 mod parts;
 mod ray;
 mod redistance;

@@ -104,6 +104,21 @@ impl AnyTrainer {
         }
     }
 
+    /// Moves a mesh made of outlines to where its refined normals want it; the pixels are to be traced anew then.
+    ///
+    /// # Errors
+    /// When cancelled.
+    pub fn move_surface(
+        &mut self,
+        dataset: &Dataset,
+        cancel: &AtomicBool,
+    ) -> Result<(), TrainError> {
+        match self {
+            Self::Fast(trainer) => trainer.move_surface(dataset, cancel),
+            Self::Paper(_) => Ok(()),
+        }
+    }
+
     /// Traces every training pixel anew where [`Self::needs_retracing`]; `on_progress` hears the share that is done, 0 to 1.
     ///
     /// # Errors

@@ -46,6 +46,7 @@ impl Trainer {
             let [total, moments] = refinement.offsets.state();
             insert(&mut file, "normals.total", &total);
             insert(&mut file, "normals.moments", &moments);
+            refinement.store_surface(&mut file);
         }
         file.insert_u16(
             "density.cells",
@@ -142,6 +143,7 @@ impl Trainer {
         }
         if let (Some(refinement), Some([total, moments])) = (&mut self.refinement, &normals) {
             refinement.offsets.set_state([total, moments]);
+            refinement.restore_surface(file);
         }
         self.density = density;
         (self.step, self.updates, self.skipped) = (counters[0], counters[1], counters[2]);

@@ -17,7 +17,7 @@ use super::normal_offsets::{NormalOffsets, OffsetBatch};
 use super::pixels::{BackgroundSample, PixelStore};
 use super::poses::PoseRow;
 use super::random::SlotRandom;
-use super::tilted_rays::TiltedRays;
+use super::tilted_rays::{PixelError, TiltedRays};
 use super::unseen::{self, Triple};
 use super::unseen_light::{UnseenDirections, trust_in_evenness, unevenness};
 use crate::geometry::orthonormal_basis;
@@ -147,7 +147,8 @@ pub(super) struct Chunk {
     /// The same of the pairs of rays that should bring the same light.
     unseen: (usize, usize),
     pairs: Vec<SmoothPair>,
-    tilted: TiltedRays,
+    errors: Vec<PixelError>,
+    pub(super) tilted: TiltedRays,
     /// Corrections of the vertices' normals, and their gradients.
     pub(super) offsets: OffsetBatch,
     points: Vec<Vec3>,
@@ -315,8 +316,9 @@ impl Chunk {
             for path in &self.paths[slot.paths.clone()] {
                 let at = path.points.start;
                 let vertex = (at, &self.vertices[at].point, &self.lit[path.lit.start]);
+                let pixel = (index, share);
                 self.tilted
-                    .push(context, &mut random, vertex, share, &mut self.batch);
+                    .push(context, &mut random, vertex, pixel, &mut self.batch);
             }
         }
     }
@@ -343,6 +345,7 @@ impl Chunk {
     /// Radiance, loss, and all gradients but the grids'.
     pub(super) fn run(&mut self, context: &StepContext<'_>) {
         self.loss = ChunkLoss::default();
+        self.errors.clear();
         self.exposure_rows.clear();
         self.pose_rows.clear();
         self.d_field_networks.clear();
@@ -365,7 +368,8 @@ impl Chunk {
         for index in 0..self.slots.len() {
             self.object_loss(context, index);
         }
-        self.tilted.backward(&self.batch, &mut self.offsets);
+        self.tilted
+            .backward(&self.batch, &self.errors, &mut self.offsets);
         context.field.backward(
             context.field_transposed,
             &mut self.batch,
@@ -508,6 +512,7 @@ impl Chunk {
             self.exposure_rows.push(row);
         }
         let d_out = loss.d_linear * gain * (scale * share);
+        self.errors.push(PixelError::new(&loss, gain, d_out));
         for path in &self.paths[slot.paths.clone()] {
             light_path::backward(
                 &self.lit[path.lit.clone()],

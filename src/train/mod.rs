@@ -25,6 +25,7 @@ mod mask_outline;
 mod meter;
 pub mod metrics;
 pub mod neilf;
+mod normal_evidence;
 mod normal_offsets;
 mod outlines;
 mod packed_path;

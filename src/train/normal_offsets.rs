@@ -103,6 +103,15 @@ impl NormalOffsets {
         self.forget_recent();
     }
 
+    /// The mesh has taken them up and is another.
+    pub(super) fn restart(&mut self) {
+        for table in &mut self.tables {
+            table.total.fill(0.0);
+            table.moments.fill(0.0);
+        }
+        self.forget_recent();
+    }
+
     /// The pixels were traced anew, on a mesh that has all that was learned.
     pub(super) fn forget_recent(&mut self) {
         for table in &mut self.tables {

@@ -17,18 +17,13 @@ const TABLE_CELLS: f32 = 3.0;
 pub(super) fn field_frame(dataset: &Dataset, scale: f32) -> FieldFrame {
     let cameras: Vec<Vec3> = dataset.train.iter().map(|v| v.camera.position()).collect();
     let mean = cameras.iter().sum::<Vec3>() / cameras.len().max(1) as f32;
-    let center = dataset
-        .mesh
-        .as_ref()
-        .map_or(mean, |mesh| mesh.bounds().center());
+    let object = dataset.object_box();
+    let center = object.map_or(mean, |object| object.center());
     let reach = cameras
         .iter()
         .map(|c| (*c - center).abs().max_element())
         .fold(0.0, f32::max);
-    let object = dataset
-        .mesh
-        .as_ref()
-        .map_or(0.0, |mesh| 0.75 * mesh.bounds().extent().max_element());
+    let object = object.map_or(0.0, |object| 0.75 * object.extent().max_element());
     // One camera at the centre leaves no length to go by: one world unit is as good as any.
     let half_side = scale * reach.max(object);
     FieldFrame {

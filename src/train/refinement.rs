@@ -1,18 +1,25 @@
 //! Refinement of the mesh's normals while everything else is trained.
 //!
 //! The pixels' light paths are traced once. What is learned of the normals since then is added to those of their
-//! vertices, step by step; now and then a corrected mesh is made of it for all to see, and the paths are traced anew.
+//! vertices, step by step; now and then a corrected mesh is made of it for all to see, one made of outlines moved to where
+//! its normals want it, and the paths are traced anew.
 
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use glam::Vec3;
+use rayon::prelude::*;
 
 use super::TrainError;
 use super::config::{Normals, TrainConfig};
+use super::normal_evidence::NormalEvidence;
 use super::normal_offsets::NormalOffsets;
 use super::preparation::retrace_pixels;
+use super::stage_one::{self, StageOneError};
 use super::trainer::Trainer;
 use crate::data::Dataset;
-use crate::geometry::{Mesh, SurfaceTracer};
+use crate::data::tensor_file::TensorFile;
+use crate::geometry::{Aabb, Mesh, SurfaceTracer};
 
 /// Steps before normals are learned: until then the surroundings have no features to go by.
 pub(super) const DELAY: u64 = 100;
@@ -25,6 +32,10 @@ pub(super) struct Refinement {
     pub(super) offsets: NormalOffsets,
     /// The mesh that the pixels were traced on.
     pub(super) traced: Arc<Mesh>,
+    /// How sure its normals are, where it moves to them.
+    pub(super) evidence: Option<NormalEvidence>,
+    /// [`Dataset::object_box`].
+    object_box: Aabb,
     /// The step that the trainer's mesh is of.
     settled_at: u64,
 }
@@ -52,11 +63,54 @@ impl Refinement {
         // A given mesh is not made of the outlines.
         let is_made = dataset.mesh_path.is_none();
         let error_px = if is_made { outline_error_px } else { 0.0 };
+        let moves = is_made && stage_one::is_of_outlines(dataset);
+        let bounds = dataset.object_box()?;
         Some(Self {
-            offsets: NormalOffsets::new(&mesh.bounds(), error_px),
+            offsets: NormalOffsets::new(&bounds, error_px),
+            evidence: moves.then(|| NormalEvidence::new(&bounds)),
+            object_box: bounds,
             traced: Arc::clone(mesh),
             settled_at: 0,
         })
+    }
+}
+
+/// Names of the arrays of [`NormalEvidence::state`] and of the object's box, its two corners, in a checkpoint.
+const EVIDENCE: [&str; 3] = ["normals.errors", "normals.slopes", "normals.counts"];
+const OBJECT_BOX: &str = "normals.object_box";
+
+/// The box of the mesh with which the run of a checkpoint began, where that has moved since.
+pub(super) fn stored_box(file: &TensorFile) -> Option<Aabb> {
+    let corners = file.f32(OBJECT_BOX, &[6]).ok()?;
+    Some(Aabb {
+        min: Vec3::from_slice(&corners[..3]),
+        max: Vec3::from_slice(&corners[3..]),
+    })
+}
+
+impl Refinement {
+    /// Adds to a checkpoint what is known of the surface beyond its normals.
+    pub(super) fn store_surface(&self, file: &mut TensorFile) {
+        let Some(evidence) = &self.evidence else {
+            return;
+        };
+        for (name, sums) in EVIDENCE.into_iter().zip(evidence.state()) {
+            file.insert_f32(name, &[sums.len()], sums.to_vec());
+        }
+        let Aabb { min, max } = self.object_box;
+        let corners = [min.to_array(), max.to_array()].concat();
+        file.insert_f32(OBJECT_BOX, &[6], corners);
+    }
+
+    /// Goes on from there; with nothing known, where the checkpoint is from before it was kept.
+    pub(super) fn restore_surface(&mut self, file: &TensorFile) {
+        let Some(evidence) = &mut self.evidence else {
+            return;
+        };
+        let n = evidence.state()[0].len();
+        if let [Ok(errors), Ok(slopes), Ok(counts)] = EVIDENCE.map(|name| file.f32(name, &[n])) {
+            evidence.set_state([errors, slopes, counts]);
+        }
     }
 }
 
@@ -74,6 +128,43 @@ impl Trainer {
             refinement.settled_at = self.step;
             let mesh = refinement.offsets.applied_to(&refinement.traced);
             self.tracer = Some(Arc::new(SurfaceTracer::new(Arc::new(mesh))));
+        }
+    }
+
+    /// Moves a mesh made of outlines to where its normals want it, on the current thread pool; one for which no surface is
+    /// left stays. The pixels are to be traced anew then.
+    ///
+    /// # Errors
+    /// When cancelled; the mesh then stays.
+    pub fn move_surface(
+        &mut self,
+        dataset: &Dataset,
+        cancel: &AtomicBool,
+    ) -> Result<(), TrainError> {
+        self.settle_normals();
+        let (Some(refinement), Some(tracer)) = (&mut self.refinement, &self.tracer) else {
+            return Ok(());
+        };
+        let Some(evidence) = &mut refinement.evidence else {
+            return Ok(());
+        };
+        let mesh = tracer.mesh();
+        let vertices = mesh.positions.par_iter();
+        let deviations: Vec<f32> = vertices.map(|p| evidence.deviation(*p)).collect();
+        let cameras = self.pixels.cameras();
+        let error_px = self.pixels.outline_error_px();
+        let go_on = || !cancel.load(Ordering::Relaxed);
+        match stage_one::refit(dataset, &cameras, (mesh, &deviations), error_px, &go_on) {
+            Ok(mesh) => {
+                evidence.clear();
+                refinement.offsets.restart();
+                refinement.traced = Arc::new(mesh);
+                let tracer = SurfaceTracer::new(Arc::clone(&refinement.traced));
+                self.tracer = Some(Arc::new(tracer));
+                Ok(())
+            }
+            Err(StageOneError::Cancelled) => Err(TrainError::Cancelled),
+            Err(_no_surface) => Ok(()),
         }
     }
 

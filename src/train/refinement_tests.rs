@@ -6,6 +6,7 @@ use std::sync::atomic::AtomicBool;
 use glam::Vec3;
 
 use super::config::{Normals, TrainConfig};
+use super::refinement::stored_box;
 use super::test_scene::{small_fields, sphere_in_a_box};
 use super::trainer::Trainer;
 use crate::data::Dataset;
@@ -148,6 +149,71 @@ fn what_was_learned_of_the_normals_survives_a_checkpoint() {
     without.restore(&first.checkpoint()).unwrap();
     let refused = second.restore(&without.checkpoint());
     assert!(refused.is_err(), "a checkpoint without corrections");
+}
+
+fn move_and_retrace(trainer: &mut Trainer, dataset: &Dataset) {
+    let goes_on = AtomicBool::new(false);
+    trainer.move_surface(dataset, &goes_on).unwrap();
+    trainer.retrace(dataset, &goes_on, &|_| ()).unwrap();
+}
+
+/// The bent sphere as a mesh made of masks would be.
+fn made_sphere(n_views: usize, size: u32) -> Dataset {
+    Dataset {
+        mesh_path: None,
+        ..bent_sphere(n_views, size)
+    }
+}
+
+#[test]
+fn a_mesh_of_outlines_moves_and_a_run_goes_on_with_the_moved_one() {
+    let dataset = made_sphere(10, 48);
+    let given = Arc::clone(dataset.mesh.as_ref().unwrap());
+    let mut first = trainer(Normals::Auto, &dataset);
+    train(&mut first, 0..150, 300);
+    let cancelled = AtomicBool::new(true);
+    first.move_surface(&dataset, &cancelled).unwrap_err();
+    assert_eq!(mesh(&mut first).positions, given.positions);
+    move_and_retrace(&mut first, &dataset);
+    let moved = mesh(&mut first);
+    assert!(moved.positions != given.positions, "it is another mesh");
+    // Its vertices are on the sphere, whose radius is a half, up to a share of a pixel: 0.02.
+    let off = moved.positions.iter().map(|p| (p.length() - 0.5).abs());
+    let off = off.sum::<f32>() / moved.positions.len() as f32;
+    assert!(off < 0.008, "{off} units off");
+
+    train(&mut first, 150..170, 300);
+    let checkpoint = first.checkpoint();
+    let saved = Dataset {
+        mesh: Some(mesh(&mut first)),
+        first_box: stored_box(&checkpoint),
+        ..made_sphere(10, 48)
+    };
+    assert_eq!(saved.object_box(), Some(given.bounds()));
+    let mut second = trainer(Normals::Auto, &saved);
+    second.restore(&checkpoint).unwrap();
+    assert_eq!(second.frame, first.frame, "in the same surroundings");
+    assert!(
+        second.checkpoint().to_bytes() == checkpoint.to_bytes(),
+        "with all that was known"
+    );
+    // What was learned since the paths were traced is in the saved mesh's normals.
+    for trainer in [&mut first, &mut second] {
+        train(trainer, 170..180, 300);
+    }
+    let [a, b] = [mesh(&mut first), mesh(&mut second)];
+    assert_eq!(a.positions, b.positions);
+    assert!(distance(&a, &b) < 0.02, "{}", distance(&a, &b));
+}
+
+#[test]
+fn a_mesh_that_was_given_never_moves() {
+    let dataset = bent_sphere(10, 32);
+    let mut given = trainer(Normals::Refined, &dataset);
+    train(&mut given, 0..130, 200);
+    move_and_retrace(&mut given, &dataset);
+    let before = &dataset.mesh.as_ref().unwrap().positions;
+    assert_eq!(&mesh(&mut given).positions, before);
 }
 
 /// Largest difference of two meshes' normals.

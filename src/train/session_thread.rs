@@ -196,7 +196,10 @@ impl Worker {
             return Ok(true);
         }
         if let (Some(path), Start::Continue | Start::Replan) = (&options.run, options.start) {
-            dataset.mesh = RunFolder::open(path)?.mesh()?.map(Arc::new);
+            let folder = RunFolder::open(path)?;
+            dataset.mesh = folder.mesh()?.map(Arc::new);
+            let checkpoint = folder.checkpoint()?;
+            dataset.first_box = checkpoint.as_ref().and_then(refinement::stored_box);
             return Ok(true);
         }
         if !is_needed {

@@ -60,6 +60,7 @@ pub(super) fn sphere_in_a_box(n_views: usize, size: u32) -> Dataset {
         root: PathBuf::from("formula"),
         val: strip(val),
         mesh: Some(mesh),
+        first_box: None,
         mesh_path: Some(PathBuf::from("formula")),
         ..Dataset::of_views(strip(train))
     }

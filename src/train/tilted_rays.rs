@@ -6,6 +6,8 @@
 use glam::Vec3;
 
 use super::chunk::StepContext;
+use super::loss::PixelLoss;
+use super::normal_evidence::NormalRow;
 use super::normal_offsets::OffsetBatch;
 use super::random::SlotRandom;
 use crate::geometry::orthonormal_basis;
@@ -22,6 +24,8 @@ const TILT: f32 = 0.01;
 pub(super) struct TiltedRays {
     first: usize,
     rays: Vec<TiltedRay>,
+    /// What their pixels say of the normals, after [`Self::backward`].
+    pub(super) rows: Vec<NormalRow>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -32,8 +36,34 @@ struct TiltedRay {
     upright: usize,
     /// Unit tangent that the normal leans to.
     side: Vec3,
+    /// Where that is, world.
+    position: Vec3,
     /// Of the step's pixels.
     share: f32,
+    /// The pixel, among the chunk's.
+    pixel: usize,
+}
+
+/// How a pixel's error comes about.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct PixelError {
+    /// The error squared, sRGB, summed over the colours.
+    value: f32,
+    /// Slope of what is shown by the light that the pixel's paths bring, sRGB.
+    slope: Vec3,
+    /// Gradient of the step's loss by the light of one of them.
+    d_light: Vec3,
+}
+
+impl PixelError {
+    /// Of a pixel with this loss and the photo's `gain`.
+    pub(super) fn new(loss: &PixelLoss, gain: Vec3, d_light: Vec3) -> Self {
+        Self {
+            value: loss.value,
+            slope: loss.slope * gain,
+            d_light,
+        }
+    }
 }
 
 impl TiltedRays {
@@ -44,13 +74,13 @@ impl TiltedRays {
     }
 
     /// Adds one beside the lobe's ray of a path's first vertex, if that has one. `vertex` is that point, the `index`-th of the
-    /// chunk's, which stands for `share` of the step's pixels.
+    /// chunk's, which stands for `share` of the step's pixels and belongs to the chunk's `pixel`-th.
     pub(super) fn push(
         &mut self,
         context: &StepContext<'_>,
         random: &mut SlotRandom,
         (index, point, lit): (usize, &SurfacePoint, &LitVertex),
-        share: f32,
+        (pixel, share): (usize, f32),
         batch: &mut FieldBatch,
     ) {
         let Some(upright) = lit.ray() else {
@@ -71,7 +101,9 @@ impl TiltedRays {
             point: index,
             upright,
             side,
+            position: point.position,
             share,
+            pixel,
         });
     }
 
@@ -82,13 +114,29 @@ impl TiltedRays {
         tilted.map_or(ray, |tilted| tilted.upright)
     }
 
-    /// From the gradients by the upright rays' light to those by the corrections.
-    pub(super) fn backward(&self, batch: &FieldBatch, offsets: &mut OffsetBatch) {
+    /// From the gradients by the upright rays' light to those by the corrections; `errors`: of the chunk's pixels.
+    pub(super) fn backward(
+        &mut self,
+        batch: &FieldBatch,
+        errors: &[PixelError],
+        offsets: &mut OffsetBatch,
+    ) {
+        self.rows.clear();
         for (tilted, ray) in self.rays.iter().zip(self.first..) {
             let light = |ray: usize| Vec3::from(batch.radiance[ray]);
             let slope = (light(ray) - light(tilted.upright)) / TILT;
-            let d = Vec3::from(batch.d_radiance[tilted.upright]).dot(slope);
+            let d_radiance = Vec3::from(batch.d_radiance[tilted.upright]);
+            let d = d_radiance.dot(slope);
             offsets.add(tilted.point, 2.0 * d * tilted.side, tilted.share);
+            let error = &errors[tilted.pixel];
+            // What this ray's light is of the pixel's; a colour without an error does not tell.
+            let part = d_radiance / error.d_light;
+            let part = Vec3::select(part.is_finite_mask(), part, Vec3::ZERO);
+            self.rows.push(NormalRow {
+                position: tilted.position,
+                error: error.value,
+                slope: 2.0 * (error.slope * part * slope).length_squared(),
+            });
         }
     }
 }

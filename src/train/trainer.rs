@@ -138,11 +138,10 @@ impl Trainer {
         let mut random = SlotRandom::new(config.seed, u64::MAX, 0);
         let frame = field_frame(dataset, config.inner_box_scale);
         let field = RadianceField::new(config.field, || random.uniform());
-        let material = tracer
-            .as_ref()
+        let material = dataset
+            .object_box()
             .filter(|_| pixels.n_objects() > 0)
-            .map(|tracer| {
-                let bounds = tracer.mesh().bounds();
+            .map(|bounds| {
                 // A margin, so that the rim of the cube is never needed.
                 let side = 1.05 * bounds.extent().max_element();
                 Material::new(config.material, bounds.center(), side, || random.uniform())
@@ -541,6 +540,9 @@ impl Trainer {
             let rate = decay * refinement::RATE;
             let n_pixels = self.batch_size.objects;
             refinement.offsets.update(&batches, rate, n_pixels);
+            if let Some(evidence) = &mut refinement.evidence {
+                evidence.add(self.chunks.iter().flat_map(|c| &c.tilted.rows));
+            }
         }
         self.find_exposures();
         self.refine_poses();

@@ -35,6 +35,13 @@ const COOL_DOWN_SHARE: f64 = 0.15;
 /// each tracing costs what the first did.
 pub(super) const RETRACE_AT: [f32; 3] = [0.1, 0.3, 0.6];
 
+/// What becomes of a mesh made of outlines before paths are traced anew.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Surface {
+    Stays,
+    Moves,
+}
+
 /// Keys of the session's own entries in the checkpoint.
 const PLAN_KEY: &str = "session.plan";
 const TRAINED_SECS_KEY: &str = "session.trained_secs";
@@ -66,7 +73,7 @@ impl Run<'_> {
         }
         if self.trainer.poses().is_some() {
             // The light paths were traced from the cameras as given.
-            self.retrace()?;
+            self.retrace(Surface::Stays)?;
         }
         Ok(())
     }
@@ -167,16 +174,22 @@ impl Run<'_> {
         if is_due {
             self.due.retracing += 1;
             // It fails only when it is told to stop, and the run with it.
-            let _stopped = self.retrace();
+            let _stopped = self.retrace(Surface::Moves);
         }
     }
 
     /// Traces every training pixel anew, on the run's own threads.
-    fn retrace(&mut self) -> Result<(), TrainError> {
+    fn retrace(&mut self, surface: Surface) -> Result<(), TrainError> {
         let begun = self.clock.secs();
         let (trainer, worker) = (&mut self.trainer, self.worker);
         let on_progress = |fraction| worker.events.send(TrainEvent::Retracing { fraction });
-        let retrace = || trainer.retrace(&self.dataset, &worker.shared.stop, &on_progress);
+        let (dataset, stop) = (&self.dataset, &worker.shared.stop);
+        let retrace = || {
+            if surface == Surface::Moves {
+                trainer.move_surface(dataset, stop)?;
+            }
+            trainer.retrace(dataset, stop, &on_progress)
+        };
         let retraced = self.worker.pool.install(retrace);
         self.meter.leave_out(self.clock.secs() - begun);
         retraced

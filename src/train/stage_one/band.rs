@@ -56,6 +56,16 @@ impl Band {
         (slot != NONE).then_some(slot as usize)
     }
 
+    /// Slots of the six neighbours, two along each axis.
+    pub(super) fn neighbours_of(&self, slot: usize) -> [Option<usize>; 6] {
+        self.neighbours[slot].map(|n| (n != NONE).then_some(n as usize))
+    }
+
+    /// The same where none is missing.
+    pub(super) fn all_neighbours(&self, slot: usize) -> Option<[u32; 6]> {
+        Some(self.neighbours[slot]).filter(|neighbours| !neighbours.contains(&NONE))
+    }
+
     /// `out = L u`: the sum of the neighbours less six times the node, zero where one is missing.
     pub(super) fn laplacian(&self, u: &[f32], out: &mut [f32]) {
         out.par_chunks_mut(CHUNK)

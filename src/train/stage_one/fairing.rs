@@ -17,6 +17,7 @@ use rayon::prelude::*;
 use super::band::{Band, add_scaled, dot};
 use super::fusion::Seen;
 use super::silhouette::Silhouette;
+use super::slopes::{Normals, Slopes, asked_evenness};
 use crate::geometry::{Ray, ScalarGrid};
 
 /// Cells on either side of the surface that move with it.
@@ -73,6 +74,8 @@ pub(super) struct Evidence {
     pub(super) outline_error: f32,
     /// What depth maps say, where there are any.
     pub(super) seen: Option<Seen>,
+    /// What photos say of normals, at the same nodes; empty without any.
+    pub(super) normals: Normals,
 }
 
 /// A linear condition: a weighted sum of values around a point should be zero.
@@ -191,6 +194,7 @@ struct System<'a> {
     fairing: &'a Fairing,
     /// `[n]` weights of the curvature's differences.
     evenness: Vec<[f32; 6]>,
+    slopes: Slopes,
     /// `[n]` weight of each node's own term.
     diagonal: Vec<f32>,
     right: Vec<f32>,
@@ -214,8 +218,12 @@ impl<'a> System<'a> {
         band.laplacian(&values, &mut curvature);
         let mut evenness = band.evenness(&curvature, crease);
         let doubt = 1.0 + (evidence.outline_error / LEAST_ERROR).powi(2);
-        for weight in evenness.as_flattened_mut() {
-            *weight *= fairing.evenness * doubt;
+        let asked = asked_evenness(band, &evidence.normals);
+        for (slot, weights) in evenness.iter_mut().enumerate() {
+            for (weight, other) in weights.iter_mut().zip(band.neighbours_of(slot)) {
+                let asked = 0.5 * (asked[slot] + other.map_or(0.0, |other| asked[other]));
+                *weight *= asked * fairing.evenness * doubt;
+            }
         }
         let mut right = vec![0.0; band.len()];
         let mut bent = vec![0.0; band.len()];
@@ -245,6 +253,8 @@ impl<'a> System<'a> {
                 right[slot] += fairing.hull * missing.min(1.0);
             }
         }
+        let slopes = Slopes::new(band, &evidence.normals, &values);
+        slopes.add_missing(&mut right);
         for condition in conditions {
             for (slot, weight) in condition.slots.iter().zip(condition.weights) {
                 right[*slot as usize] -= condition.weight * weight * condition.value;
@@ -255,6 +265,7 @@ impl<'a> System<'a> {
             conditions,
             fairing,
             evenness,
+            slopes,
             diagonal,
             right,
         }
@@ -270,6 +281,7 @@ impl<'a> System<'a> {
         for ((out, u), d) in out.iter_mut().zip(u).zip(&self.diagonal) {
             *out += d * u;
         }
+        self.slopes.apply(u, out);
         for condition in self.conditions {
             let terms = condition.slots.iter().zip(condition.weights);
             let value: f32 = terms

@@ -19,7 +19,9 @@ mod growth;
 mod hull;
 mod outline_error;
 mod point_maps;
+mod refit;
 mod silhouette;
+mod slopes;
 #[cfg(test)]
 mod tests;
 
@@ -41,6 +43,7 @@ use crate::train::statistics::middle;
 
 pub use compare::{MeshDifference, compare, silhouette_agreement};
 pub use growth::GrowthPicture;
+pub(super) use refit::{is_of_outlines, refit};
 
 /// Silhouettes without which there is no shape.
 const MIN_VIEWS: usize = 3;
@@ -222,32 +225,40 @@ struct Draft {
 impl Draft {
     /// The hull, which `make_hull` makes, of silhouettes whose outlines err by `error_px` pixels of width `pixel`, scene units.
     fn of(
-        mut silhouettes: Vec<Silhouette>,
+        silhouettes: Vec<Silhouette>,
         error_px: f32,
         pixel: f32,
         make_hull: impl Fn(&[Silhouette]) -> Result<ScalarGrid, StageOneError>,
     ) -> Result<Self, StageOneError> {
-        for silhouette in &mut silhouettes {
-            silhouette.set_error(error_px);
-        }
-        let hull = make_hull(&silhouettes)?;
-        let error = error_px * pixel;
-        let mut phi = hull.clone();
+        let evidence = of_outlines(silhouettes, error_px, pixel, make_hull)?;
+        let mut phi = evidence.hull.clone();
         // It begins as the outlines are, too small: clefts are open, and narrow ones would not open again.
         for value in &mut phi.values {
-            *value += silhouette::SLACK_ERRORS * error;
+            *value += silhouette::SLACK_ERRORS * error_px * pixel;
         }
         phi.redistance(fairing::REACH);
-        Ok(Self {
-            phi,
-            evidence: Evidence {
-                outline_error: error / hull.cell,
-                hull,
-                silhouettes,
-                seen: None,
-            },
-        })
+        Ok(Self { phi, evidence })
     }
+}
+
+/// What silhouettes say whose outlines err by `error_px` pixels of width `pixel`, scene units, and whose hull `make_hull` makes.
+fn of_outlines(
+    mut silhouettes: Vec<Silhouette>,
+    error_px: f32,
+    pixel: f32,
+    make_hull: impl Fn(&[Silhouette]) -> Result<ScalarGrid, StageOneError>,
+) -> Result<Evidence, StageOneError> {
+    for silhouette in &mut silhouettes {
+        silhouette.set_error(error_px);
+    }
+    let hull = make_hull(&silhouettes)?;
+    Ok(Evidence {
+        outline_error: error_px * pixel / hull.cell,
+        hull,
+        silhouettes,
+        seen: None,
+        normals: Vec::new(),
+    })
 }
 
 /// The hull of the silhouettes.
@@ -341,6 +352,7 @@ fn from_depths(
             silhouettes,
             outline_error: 0.0,
             seen: Some(seen),
+            normals: Vec::new(),
         },
     }))
 }
@@ -434,8 +446,10 @@ fn grid_around(bounds: &Aabb, n_cells: usize) -> ScalarGrid {
 
 /// The silhouettes of the training views; errors when they are too few or too small.
 fn silhouettes(dataset: &Dataset) -> Result<Vec<Silhouette>, StageOneError> {
-    let found: Vec<Option<Silhouette>> = dataset.train.par_iter().map(Silhouette::new).collect();
-    let found: Vec<Silhouette> = found.into_iter().flatten().collect();
+    let views = dataset.train.par_iter();
+    let found: Vec<Silhouette> = views
+        .filter_map(|view| Silhouette::new(view, view.camera))
+        .collect();
     if found.len() < MIN_VIEWS {
         return Err(StageOneError::TooFewMasks {
             dataset: dataset.root.clone(),

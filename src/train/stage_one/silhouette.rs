@@ -29,13 +29,13 @@ const RIM_ERRORS: f32 = 2.5;
 pub(super) const SLACK_ERRORS: f32 = 1.5;
 
 impl Silhouette {
-    /// The silhouette of a view; `None` without a mask or where it shows nothing of the object's edge.
-    pub(super) fn new(view: &View) -> Option<Self> {
+    /// The silhouette of a view that `camera` took; `None` without a mask or where it shows nothing of the object's edge.
+    pub(super) fn new(view: &View, camera: Camera) -> Option<Self> {
         let mask = view.mask.as_ref()?;
         let outline = MaskOutline::new(mask)?;
         Some(Self {
-            camera: view.camera,
-            camera_from_world: view.camera.world_from_camera.inverse(),
+            camera,
+            camera_from_world: camera.world_from_camera.inverse(),
             inner: inner_places(&outline, RIM_PX),
             outline,
             slack: 0.0,

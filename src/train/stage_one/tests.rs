@@ -117,18 +117,20 @@ fn make(dataset: &Dataset) -> Result<Mesh, StageOneError> {
     make_mesh(dataset, &options, &AtomicBool::new(false), &|_| ())
 }
 
+/// The shape's slope, of no particular length.
+fn gradient(shape: Shape, p: Vec3) -> Vec3 {
+    let along = |axis: Vec3| shape(p + 1e-2 * axis) - shape(p - 1e-2 * axis);
+    Vec3::new(along(Vec3::X), along(Vec3::Y), along(Vec3::Z))
+}
+
 /// Mean distance of the vertices from the shape, share of a unit, and the median angle of their
 /// normals to its gradient, degrees.
 fn errors(mesh: &Mesh, shape: Shape) -> (f32, f32) {
     let n = mesh.positions.len() as f32;
     let distance: f32 = mesh.positions.iter().map(|p| shape(*p).abs()).sum();
-    let gradient = |p: Vec3| {
-        let along = |axis: Vec3| shape(p + 1e-2 * axis) - shape(p - 1e-2 * axis);
-        Vec3::new(along(Vec3::X), along(Vec3::Y), along(Vec3::Z))
-    };
     let pairs = mesh.positions.iter().zip(&mesh.normals);
     let mut angles: Vec<f32> = pairs
-        .map(|(p, normal)| normal.angle_between(gradient(*p)).to_degrees())
+        .map(|(p, normal)| normal.angle_between(gradient(shape, *p)).to_degrees())
         .collect();
     angles.sort_unstable_by(f32::total_cmp);
     (distance / n, angles[angles.len() / 2])
@@ -213,6 +215,42 @@ fn outlines_that_wander_do_not_shrink_or_ripple_the_object() {
         let found = outline_error::find_px(&silhouettes, hull);
         assert!(expected.contains(&found), "{found} pixels");
     }
+}
+
+#[test]
+fn what_is_known_of_normals_opens_the_necks_of_uncertain_outlines() {
+    let mut dataset = capture(30, touching_balls);
+    for (i, view) in dataset.train.iter_mut().enumerate() {
+        wander(view.mask.as_mut().unwrap(), 1.3, i);
+    }
+    let cameras: Vec<Camera> = dataset.train.iter().map(|view| view.camera).collect();
+    let made = make(&dataset).unwrap();
+    let (before, _) = errors(&made, touching_balls);
+    // Normals are known but where the made ones are far off: in the necks.
+    let mut known = made;
+    let mut deviations = Vec::new();
+    for (position, normal) in known.positions.iter().zip(&mut known.normals) {
+        let true_normal = gradient(touching_balls, *position).normalize_or_zero();
+        let is_known = true_normal.angle_between(*normal) < 0.25;
+        deviations.push(if is_known { 0.02 } else { f32::INFINITY });
+        *normal = if is_known { true_normal } else { *normal };
+    }
+    let n_unknown = deviations.iter().filter(|d| d.is_infinite()).count();
+    assert!(20 * n_unknown > deviations.len(), "{n_unknown}");
+    let refit = |deviations: &[f32], goes_on: bool| {
+        refit(&dataset, &cameras, (&known, deviations), 1.3, &|| goes_on)
+    };
+    let nothing = vec![f32::INFINITY; deviations.len()];
+    let (without, _) = errors(&refit(&nothing, true).unwrap(), touching_balls);
+    let (after, angle) = errors(&refit(&deviations, true).unwrap(), touching_balls);
+    assert!(after < 0.75 * before, "{before} units off became {after}");
+    assert!(
+        after < 0.75 * without,
+        "{without} units off with outlines alone, {after}"
+    );
+    assert!(angle < 1.5, "normals {angle} degrees off");
+    let cancelled = refit(&deviations, false);
+    assert!(matches!(cancelled, Err(StageOneError::Cancelled)));
 }
 
 #[test]

@@ -1,0 +1,69 @@
+//! A mesh of outlines moved to where photos have its normals, as long as its outlines agree.
+//!
+//! Outlines say nothing of hollows, and little where they err; normals say how the surface goes on from where outlines hold
+//! it. What photos cannot explain is left to both sides: it goes on as evenly as they are bent, so that hollows open that a
+//! mesh of outlines alone fills.
+
+use rayon::prelude::*;
+
+use super::fairing::{self, Fairing};
+use super::silhouette::Silhouette;
+use super::slopes::normals_around;
+use super::{
+    CELL_ERRORS, FEWEST_CELLS, SPECK, StageOneError, StageOneOptions, fusion, grid_around, hull,
+    of_outlines, pixels_at, surface,
+};
+use crate::data::Dataset;
+use crate::geometry::{Camera, Mesh};
+use crate::train::statistics::middle;
+
+/// Rounds of fairing.
+const N_ROUNDS: usize = 8;
+/// Least error of outlines, pixels: they are sampled, and so are the normals.
+const LEAST_ERROR_PX: f32 = 0.3;
+
+/// Whether a mesh that is made of this capture is made of outlines alone.
+pub(in crate::train) fn is_of_outlines(dataset: &Dataset) -> bool {
+    super::has_masks(dataset) && fusion::depth_views(dataset).is_empty()
+}
+
+/// The mesh where its normals want it, on the current thread pool: each vertex's deviates by so many radians, infinite where
+/// it is unknown. The masks' outlines err by `error_px` pixels for views taken by `cameras`.
+///
+/// # Errors
+/// When no surface is left, and when told to stop.
+pub(in crate::train) fn refit(
+    dataset: &Dataset,
+    cameras: &[Camera],
+    (mesh, deviations): (&Mesh, &[f32]),
+    error_px: f32,
+    go_on: &(dyn Fn() -> bool + Sync),
+) -> Result<Mesh, StageOneError> {
+    let views = dataset.train.par_iter().zip(cameras);
+    let silhouettes = views.filter_map(|(view, camera)| Silhouette::new(view, *camera));
+    let silhouettes: Vec<Silhouette> = silhouettes.collect();
+    let bounds = mesh.bounds();
+    let pixel = middle(&mut pixels_at(&silhouettes, bounds.center()));
+    let least_error = error_px.max(LEAST_ERROR_PX) * pixel;
+    let finest = bounds.extent().max_element() / (CELL_ERRORS * least_error);
+    let n_cells = (finest as usize).clamp(FEWEST_CELLS, StageOneOptions::default().n_cells);
+    let mut evidence = of_outlines(silhouettes, error_px, pixel, |silhouettes| {
+        let mut hull = grid_around(&bounds, n_cells);
+        if hull::fill(silhouettes, &mut hull, go_on) {
+            Ok(hull)
+        } else {
+            Err(StageOneError::Cancelled)
+        }
+    })?;
+    let mut phi = evidence.hull.clone();
+    phi.fill_distances(mesh, fairing::REACH);
+    phi.redistance(fairing::REACH);
+    evidence.normals = normals_around(mesh, deviations, &phi, least_error / phi.cell);
+    for _ in 0..N_ROUNDS {
+        if !go_on() {
+            return Err(StageOneError::Cancelled);
+        }
+        fairing::round(&mut phi, &evidence, &Fairing::default());
+    }
+    surface(dataset, &phi, SPECK)
+}
