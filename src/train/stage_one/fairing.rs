@@ -21,7 +21,7 @@ use super::slopes::{Normals, Slopes, asked_evenness};
 use crate::geometry::{Ray, ScalarGrid};
 
 /// Cells on either side of the surface that move with it.
-const BAND: f32 = 3.5;
+pub(super) const BAND: f32 = 3.5;
 /// Cells on either side to which distances are kept.
 pub(super) const REACH: f32 = 6.0;
 /// Distance in cells at which a ray's weight has fallen to a half: what is further off belongs to another surface.

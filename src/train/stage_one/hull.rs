@@ -74,6 +74,20 @@ pub(super) fn fill(
     go_on()
 }
 
+/// Distances to the hull up to `reach` cells from the surface of a grid, at the same nodes; beyond, it bounds nothing.
+pub(super) fn near(silhouettes: &[Silhouette], surface: &ScalarGrid, reach: f32) -> ScalarGrid {
+    let mut hull = surface.clone();
+    let values = hull.values.par_iter_mut().enumerate();
+    values.for_each(|(node, value)| {
+        *value = if value.abs() < reach * surface.cell {
+            outside_by(silhouettes, surface.position(surface.place(node)))
+        } else {
+            f32::NEG_INFINITY
+        };
+    });
+    hull
+}
+
 /// Leaves nothing outside `bounds`: where no camera looks from, the hull has no end.
 pub(super) fn cut(grid: &mut ScalarGrid, bounds: &Aabb) {
     for node in 0..grid.values.len() {

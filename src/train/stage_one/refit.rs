@@ -18,7 +18,7 @@ use crate::geometry::{Camera, Mesh};
 use crate::train::statistics::middle;
 
 /// Rounds of fairing.
-const N_ROUNDS: usize = 8;
+const N_ROUNDS: usize = 4;
 /// Least error of outlines, pixels: they are sampled, and so are the normals.
 const LEAST_ERROR_PX: f32 = 0.3;
 
@@ -47,17 +47,12 @@ pub(in crate::train) fn refit(
     let least_error = error_px.max(LEAST_ERROR_PX) * pixel;
     let finest = bounds.extent().max_element() / (CELL_ERRORS * least_error);
     let n_cells = (finest as usize).clamp(FEWEST_CELLS, StageOneOptions::default().n_cells);
-    let mut evidence = of_outlines(silhouettes, error_px, pixel, |silhouettes| {
-        let mut hull = grid_around(&bounds, n_cells);
-        if hull::fill(silhouettes, &mut hull, go_on) {
-            Ok(hull)
-        } else {
-            Err(StageOneError::Cancelled)
-        }
-    })?;
-    let mut phi = evidence.hull.clone();
+    let mut phi = grid_around(&bounds, n_cells);
     phi.fill_distances(mesh, fairing::REACH);
     phi.redistance(fairing::REACH);
+    let mut evidence = of_outlines(silhouettes, error_px, pixel, |silhouettes| {
+        Ok(hull::near(silhouettes, &phi, fairing::BAND))
+    })?;
     evidence.normals = normals_around(mesh, deviations, &phi, least_error / phi.cell);
     for _ in 0..N_ROUNDS {
         if !go_on() {
