@@ -45,9 +45,9 @@ impl NormalEvidence {
         }
     }
 
-    /// Takes up what pixels say.
+    /// Takes up what pixels say; what is not finite says nothing.
     pub(super) fn add<'a>(&mut self, rows: impl Iterator<Item = &'a NormalRow>) {
-        for row in rows {
+        for row in rows.filter(|row| (row.error + row.slope).is_finite()) {
             let corners = self.counts.corners(row.position);
             for (node, weight) in corners.nodes.iter().zip(corners.weights) {
                 self.errors.values[*node] += weight * row.error;
@@ -114,6 +114,8 @@ mod tests {
             let found = evidence.deviation(place);
             assert!((found - deviation).abs() < 0.01 * deviation, "{found}");
         }
+        assert_eq!(evidence.deviation(unseen), f32::INFINITY);
+        evidence.add([row(unseen, f32::NAN, 1.0), row(unseen, 0.1, f32::INFINITY)].iter());
         assert_eq!(evidence.deviation(unseen), f32::INFINITY);
         let mut other = NormalEvidence::new(&bounds);
         other.set_state(evidence.state());

@@ -82,10 +82,12 @@ const OBJECT_BOX: &str = "normals.object_box";
 /// The box of the mesh with which the run of a checkpoint began, where that has moved since.
 pub(super) fn stored_box(file: &TensorFile) -> Option<Aabb> {
     let corners = file.f32(OBJECT_BOX, &[6]).ok()?;
-    Some(Aabb {
+    let stored = Aabb {
         min: Vec3::from_slice(&corners[..3]),
         max: Vec3::from_slice(&corners[3..]),
-    })
+    };
+    let is_sound = corners.iter().all(|v| v.is_finite()) && !stored.is_empty();
+    is_sound.then_some(stored)
 }
 
 impl Refinement {
@@ -102,14 +104,16 @@ impl Refinement {
         file.insert_f32(OBJECT_BOX, &[6], corners);
     }
 
-    /// Goes on from there; with nothing known, where the checkpoint is from before it was kept.
+    /// Goes on from there; with nothing known, where the checkpoint lacks it or it is damaged.
     pub(super) fn restore_surface(&mut self, file: &TensorFile) {
         let Some(evidence) = &mut self.evidence else {
             return;
         };
         let n = evidence.state()[0].len();
-        if let [Ok(errors), Ok(slopes), Ok(counts)] = EVIDENCE.map(|name| file.f32(name, &[n])) {
-            evidence.set_state([errors, slopes, counts]);
+        let stored = EVIDENCE.map(|name| file.f32(name, &[n]).unwrap_or_default());
+        let is_sound = |sums: &&[f32]| sums.len() == n && sums.iter().all(|v| v.is_finite());
+        if stored.iter().all(is_sound) {
+            evidence.set_state(stored);
         }
     }
 }

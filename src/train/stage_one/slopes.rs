@@ -9,9 +9,10 @@ use crate::geometry::{Mesh, ScalarGrid};
 const LEAST_DEVIATION: f32 = 0.015;
 /// Standard deviations of a normal that count as one: what its pixels fail to explain is in part not its fault.
 const TRUSTED: f32 = 0.7;
+/// Weight of a normal that deviates by as many radians as outlines err by cells: neighbours' errors are alike.
+const EQUALLY_SURE: f32 = 0.5;
 /// Weight below which a normal says nothing.
 const LEAST_WEIGHT: f32 = 1e-4;
-
 /// Share of the evenness that is asked of a surface whose normals are known.
 const KNOWN_EVENNESS: f32 = 0.3;
 
@@ -30,7 +31,7 @@ pub(super) fn normals_around(
     let vertices = mesh.positions.iter().zip(&mesh.normals).zip(deviations);
     for ((position, normal), deviation) in vertices {
         let deviation = (TRUSTED * deviation).max(LEAST_DEVIATION);
-        let weight = 0.5 * (outline_error / deviation).powi(2);
+        let weight = EQUALLY_SURE * (outline_error / deviation).powi(2);
         if weight < LEAST_WEIGHT {
             continue;
         }
@@ -66,7 +67,7 @@ struct Slope {
     /// Slots of the six neighbours.
     neighbours: [u32; 6],
     weight: f32,
-    /// What is missing to the wanted slope, distance by distance.
+    /// What is missing to the wanted slope, cells a cell.
     missing: Vec3,
 }
 
