@@ -14,7 +14,7 @@ use neif::data::{Dataset, LoadOptions, Splits, View, bundled_assets, write_atomi
 use neif::neif::{EnvironmentTransform, MaterialEdit, RoughnessEdit};
 use neif::render::{Layer, Picture, Scene, panorama, render};
 use neif::train::config::TrainConfig;
-use neif::train::eval::{evaluate_views, mean_of_views};
+use neif::train::eval::{Measures, evaluate_views, mean_of_views};
 use neif::train::plan::Budget;
 use neif::train::session::SessionOptions;
 
@@ -115,7 +115,7 @@ impl Gallery {
             &scene,
             views,
             exposures,
-            None,
+            Measures::default(),
             self.cancel,
             &mut |_, view, picture| {
                 let photo = sheet::photo(view);

@@ -12,9 +12,10 @@ use neif::data::{Dataset, View, read_exr_linear, write_atomically};
 use neif::neif::Environment;
 use neif::render::{Layer, Picture, Scene};
 use neif::train::eval::{
-    AlbedoError, EvalReport, NormalError, RoughnessError, ViewMetrics, after_one_gain,
-    evaluate_views, mean_fitted, mean_of_views, panorama_psnr, relit,
+    AlbedoError, EvalReport, Measures, NormalError, RoughnessError, ViewMetrics, evaluate_views,
+    mean_fitted, mean_of_views, panorama_psnr, relit,
 };
+use neif::train::held_out::{PoseFit, after_one_gain};
 use neif::train::lpips::{Backbone, Lpips};
 use neif::train::metrics::ImageMetrics;
 use neif::train::photo_exposures::PhotoExposures;
@@ -90,8 +91,12 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
         lpips: lpips.as_ref(),
     };
     let exposures = run.exposures.as_deref();
-    let set = (args.split.as_str(), exposures);
-    let results = bench.measure(&run.scene, &views, set, None)?;
+    let photos = PhotoSet {
+        name: args.split.as_str(),
+        exposures,
+        fitted: Some(run.folder.pose_fit()),
+    };
+    let results = bench.measure(&run.scene, &views, photos, None)?;
     let Relit { relight, gained } = if args.relight {
         bench.relight(&run.scene, &root, &args.env, args.env_match)?
     } else {
@@ -107,7 +112,6 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
         split: args.split.as_str().to_owned(),
         train_seconds: trained.map(|trained| trained.train_secs),
         steps: trained.map(|trained| trained.steps),
-        exposures_foretold: exposures.is_some(),
         mean: mean_of_views(&results),
         mean_fitted: mean_fitted(&results),
         views: results,
@@ -147,6 +151,16 @@ pub(crate) fn lpips_weights(file: Option<&Path>) -> Result<Option<Lpips>, Failur
         .or_unusable()
 }
 
+/// Photos that are measured together.
+#[derive(Clone, Copy, Debug)]
+struct PhotoSet<'a> {
+    name: &'a str,
+    /// How the training photos are exposed, where each in its own way.
+    exposures: Option<&'a PhotoExposures>,
+    /// What is fitted to each photo for its measures as fitted.
+    fitted: Option<PoseFit>,
+}
+
 /// Renders and measures sets of views.
 struct Bench<'a> {
     cancel: &'static AtomicBool,
@@ -156,16 +170,16 @@ struct Bench<'a> {
 }
 
 impl Bench<'_> {
-    /// Measures the views, with the photos' exposures where they are given; writes their pictures into the folder `set` below
-    /// the output folder, and into `pictures` where they are asked for.
+    /// Measures the views; writes their pictures into the folder of the set's name below the output folder, and into `pictures`
+    /// where they are asked for.
     fn measure(
         &mut self,
         scene: &Scene,
         views: &[View],
-        (set, exposures): (&str, Option<&PhotoExposures>),
+        set: PhotoSet<'_>,
         mut pictures: Option<&mut Vec<Picture>>,
     ) -> Result<Vec<ViewMetrics>, Failure> {
-        let folder = self.out.map(|out| out.join(set));
+        let folder = self.out.map(|out| out.join(set.name));
         if let Some(folder) = &folder {
             scenes::make_folder(folder)?;
         }
@@ -173,7 +187,7 @@ impl Bench<'_> {
         let mut saved: Result<(), Failure> = Ok(());
         let display = &mut self.display;
         let mut on_view = |i: usize, view: &View, picture: &Picture| {
-            display.set((i + 1) as f32 / views.len() as f32, "Measuring", set);
+            display.set((i + 1) as f32 / views.len() as f32, "Measuring", set.name);
             if let (Some(folder), Ok(())) = (&folder, &saved) {
                 saved = save_pictures(folder, view, picture, &mut rows);
             }
@@ -184,14 +198,17 @@ impl Bench<'_> {
         let results = evaluate_views(
             scene,
             views,
-            exposures,
-            self.lpips,
+            set.exposures,
+            Measures {
+                lpips: self.lpips,
+                fitted: set.fitted,
+            },
             self.cancel,
             &mut on_view,
         );
         saved?;
         if let Some(lpips) = self.lpips {
-            note_small_views(lpips, views, set);
+            note_small_views(lpips, views, set.name);
         }
         let results = results.ok_or(Failure::Interrupted)?;
         if let Some(folder) = &folder {
@@ -223,10 +240,15 @@ impl Bench<'_> {
                     if is_matched && case.apply.environment_of.is_some() {
                         edited.transform = scenes::matched(&edited, &scene.environment)?;
                     }
-                    let set = format!("relight/{}", case.name);
+                    let name = format!("relight/{}", case.name);
+                    let set = PhotoSet {
+                        name: &name,
+                        exposures: None,
+                        fitted: None,
+                    };
                     let mut pictures = Vec::new();
                     let kept = Some(&mut pictures);
-                    let results = self.measure(&edited, &case.views, (&set, None), kept)?;
+                    let results = self.measure(&edited, &case.views, set, kept)?;
                     let gained = after_one_gain(&case.views, &pictures);
                     relit_all.gained.insert(case.name.clone(), gained);
                     relit_all.relight.insert(case.name, mean_of_views(&results));
@@ -353,13 +375,7 @@ fn table(report: &EvalReport, lpips: Option<Backbone>) -> String {
             .map(|view| row(&view.name, &view.metrics)),
     );
     lines.push(row("mean", &report.mean));
-    if report.exposures_foretold {
-        lines.push(
-            "each picture with the exposure that those of the training photos lead to expect"
-                .to_owned(),
-        );
-    }
-    lines.push(row("mean, exposures fitted", &report.mean_fitted));
+    lines.push(row("mean, photo's own fit", &report.mean_fitted));
     lines.extend(
         report
             .relight

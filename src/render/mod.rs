@@ -55,7 +55,7 @@ pub use irradiance::{DiffuseLights, trained_light};
 pub use neilf::render_neilf;
 pub use panorama::{PanoramaView, panorama, panorama_of};
 pub use parts::{Backdrop, Parts, PartsOptions, render_parts};
-pub use picture::{Picture, render, render_reference, render_with};
+pub use picture::{Picture, SeenThere, render, render_reference, render_with, see_surroundings};
 pub use point::{PointValues, PointView, lobe_half_width, point_values};
 pub use preview::{Passes, Preview, PreviewFrame};
 pub use progressive::PreviewScene;

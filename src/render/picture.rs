@@ -2,10 +2,14 @@
 
 use std::sync::atomic::AtomicBool;
 
+use glam::Vec3;
+use rayon::prelude::*;
+
 use super::gbuffer::PathOptions;
 use super::parts::{PartsOptions, render_parts};
 use super::reference::ReferenceOptions;
 use super::scene::{Layer, Scene};
+use super::shade::{SeenLight, ShadeScratch, TILE, compose, see_background};
 use crate::geometry::Camera;
 
 /// An image, row-major.
@@ -45,6 +49,38 @@ pub fn render_reference(
         ..PartsOptions::new(&[Layer::Final])
     };
     composed(scene, camera, &options, cancel, on_progress)
+}
+
+/// What a pixel shows of the surroundings.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SeenThere {
+    /// Display-referred colour (sRGB, `[0, 1]`).
+    pub srgb: [f32; 3],
+    /// How far away it is, world units: half of the ray's light begins before; very far for light without a place.
+    pub distance: f32,
+}
+
+/// The surroundings through each listed pixel (`y * width + x` of `camera`), whether or not the object hides them.
+pub fn see_surroundings(scene: &Scene, camera: &Camera, pixels: &[u32]) -> Vec<SeenThere> {
+    let eye = camera.position();
+    let gain = scene.transform.environment_from_world().gain;
+    let there = |light: SeenLight| {
+        let radiance = (Vec3::from(light.radiance) * gain).to_array();
+        SeenThere {
+            srgb: compose(scene, Layer::Environment, 0.0, [0.0; 3], radiance),
+            distance: Vec3::from(light.position).distance(eye),
+        }
+    };
+    let of_tile = |scratch: &mut ShadeScratch, pixels: &[u32]| {
+        let mut seen = vec![SeenLight::default(); pixels.len()];
+        see_background(scene, camera, pixels, &mut seen, scratch);
+        seen.into_iter().map(there).collect::<Vec<_>>()
+    };
+    let tiles = pixels.par_chunks(TILE);
+    tiles
+        .map_init(ShadeScratch::default, of_tile)
+        .flatten_iter()
+        .collect()
 }
 
 /// [`render`] with as many paths a pixel as asked for; only the finest settles, as a picture in motion does not.

@@ -15,7 +15,7 @@ use super::exposures::ExposureRow;
 use super::loss::{clipped_pull, pixel_loss};
 use super::normal_offsets::{NormalOffsets, OffsetBatch};
 use super::pixels::{BackgroundSample, PixelStore};
-use super::poses::PoseRow;
+use super::pose_step::PoseRow;
 use super::random::SlotRandom;
 use super::tilted_rays::{PixelError, TiltedRays};
 use super::unseen::{self, Triple};

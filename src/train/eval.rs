@@ -11,7 +11,7 @@ use std::{
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use crate::color::{linear_from_srgb, srgb_from_linear};
+use crate::color::srgb_from_linear;
 use crate::data::{DataError, RelightApply, View, read_exr_linear};
 use crate::geometry::Camera;
 use crate::neif::neilf::NeilfModel;
@@ -20,13 +20,11 @@ use crate::render::{
     Layer, PartsOptions, PathOptions, Picture, Scene, compose, panorama, render, render_neilf,
     render_parts, render_with,
 };
+use crate::train::held_out::{PoseFit, fitted};
 use crate::train::lpips::Lpips;
 use crate::train::metrics::{ImageMetrics, SquaredError, compare, compare_object, mean};
 use crate::train::photo_exposures::PhotoExposures;
 use crate::train::statistics::middle;
-
-/// Photo value from which a pixel counts as clipped.
-const CLIPPED: f32 = 0.998;
 
 /// Quality of one view.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -36,7 +34,7 @@ pub struct ViewMetrics {
     /// The measures.
     #[serde(flatten)]
     pub metrics: ImageMetrics,
-    /// The same after the photo's own exposure and white balance are undone ([`after_fitted_gain`]).
+    /// The same after the photo's own exposure, white balance and pose ([`super::held_out::fitted`]).
     pub fitted: ImageMetrics,
 }
 
@@ -49,9 +47,6 @@ pub struct EvalReport {
     pub train_seconds: Option<f64>,
     /// Optimiser steps, where the run says so.
     pub steps: Option<u64>,
-    /// Whether the pictures have the exposures that those of the training photos lead to expect.
-    #[serde(skip_serializing_if = "std::ops::Not::not")]
-    pub exposures_foretold: bool,
     /// Each view.
     pub views: Vec<ViewMetrics>,
     /// Means over the views.
@@ -74,30 +69,45 @@ pub struct EvalReport {
     pub pano_psnr: Option<f64>,
 }
 
-/// Renders each view, with its photo's exposure where the photos' exposures are given, and measures it against its photo,
-/// with LPIPS where its weights are given; `on_view` gets each picture. `None` when cancelled.
+/// What is measured of views besides what always is.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Measures<'a> {
+    /// The weights for LPIPS.
+    pub lpips: Option<&'a Lpips>,
+    /// What is fitted to each photo for [`ViewMetrics::fitted`].
+    pub fitted: Option<PoseFit>,
+}
+
+/// Renders each view, with its photo's exposure where it was trained on and had its own, and measures it against its photo; `on_view` gets each picture. `None` when cancelled.
 pub fn evaluate_views(
     scene: &Scene,
     views: &[View],
     exposures: Option<&PhotoExposures>,
-    lpips: Option<&Lpips>,
+    measures: Measures<'_>,
     cancel: &AtomicBool,
     on_view: &mut dyn FnMut(usize, &View, &Picture),
 ) -> Option<Vec<ViewMetrics>> {
     let scene = &scene.lit(cancel)?;
     let mut results = Vec::with_capacity(views.len());
     for (index, view) in views.iter().enumerate() {
-        let exposed = exposures.map(|exposures| scene.exposed(exposures.gain(view, scene)));
+        let own = exposures.and_then(|exposures| exposures.trained(&view.name));
+        let exposed = own.map(|gain| scene.exposed(gain));
         let scene = exposed.as_ref().unwrap_or(scene);
         let picture = render(scene, &view.camera, Layer::Final, cancel, &|_| {})?;
         let (truth, mask) = truth_and_mask(view, picture.pixels.len());
         let width = picture.width as usize;
         let mut metrics = compare(&picture.pixels, &truth, mask.as_deref(), width);
-        metrics.lpips = lpips.and_then(|lpips| lpips.distance(&truth, &picture.pixels, width));
+        let own = match measures.fitted {
+            Some(pose) => fitted(scene, view, &picture, pose, cancel)?,
+            None => ImageMetrics::default(),
+        };
+        metrics.lpips = measures
+            .lpips
+            .and_then(|lpips| lpips.distance(&truth, &picture.pixels, width));
         results.push(ViewMetrics {
             name: view.name.clone(),
             metrics,
-            fitted: after_fitted_gain(view, &picture),
+            fitted: own,
         });
         on_view(index, view, &picture);
     }
@@ -128,7 +138,7 @@ pub fn evaluate_object(
 }
 
 /// The photo's first `n` pixels, sRGB, and the object's share of each where there is a mask.
-fn truth_and_mask(view: &View, n: usize) -> (Vec<[f32; 3]>, Option<Vec<f32>>) {
+pub(super) fn truth_and_mask(view: &View, n: usize) -> (Vec<[f32; 3]>, Option<Vec<f32>>) {
     let truth = (0..n).map(|i| view.photo.srgb(i)).collect();
     let mask = view.mask.as_ref();
     (
@@ -147,81 +157,6 @@ pub fn mean_of_views(views: &[ViewMetrics]) -> ImageMetrics {
 pub fn mean_fitted(views: &[ViewMetrics]) -> ImageMetrics {
     let metrics: Vec<ImageMetrics> = views.iter().map(|view| view.fitted).collect();
     mean(&metrics)
-}
-
-/// Measures pictures of views after the gain a colour, one for all views, that brings the object's pixels (all pixels
-/// without masks) nearest to the photos in linear light. Clipped photo pixels have no say in the gain.
-///
-/// # Panics
-/// When there are not as many pictures as views: a bug of the caller.
-pub fn after_one_gain(views: &[View], pictures: &[Picture]) -> ImageMetrics {
-    assert_eq!(views.len(), pictures.len(), "one picture a view");
-    let is_object = |view: &View, i: usize| view.mask.as_ref().is_none_or(|m| m.share(i) > 0.5);
-    let gain = nearest_gain(views, pictures, is_object);
-    let pairs = views.iter().zip(pictures);
-    let metrics: Vec<ImageMetrics> = pairs.map(|(v, p)| after_gain(v, p, |_| gain)).collect();
-    mean(&metrics)
-}
-
-/// Measures a picture of a view after the gain a colour that brings it nearest to the photo, over all pixels in linear
-/// light: each half, left and right, after the gain that fits the other one, so that nothing is measured where it was fitted.
-pub fn after_fitted_gain(view: &View, picture: &Picture) -> ImageMetrics {
-    let (views, pictures) = (std::slice::from_ref(view), std::slice::from_ref(picture));
-    let width = picture.width as usize;
-    let is_left = |i: usize| i % width < width / 2;
-    let for_left = nearest_gain(views, pictures, |_, i| !is_left(i));
-    let for_right = nearest_gain(views, pictures, |_, i| is_left(i));
-    after_gain(
-        view,
-        picture,
-        |i| {
-            if is_left(i) { for_left } else { for_right }
-        },
-    )
-}
-
-/// The gain a colour that brings the pictures nearest to the photos in linear light, over unclipped pixels that are
-/// asked for.
-fn nearest_gain(
-    views: &[View],
-    pictures: &[Picture],
-    is_asked: impl Fn(&View, usize) -> bool,
-) -> [f32; 3] {
-    let mut sums = [[0.0_f64; 2]; 3];
-    for (view, picture) in views.iter().zip(pictures) {
-        for (i, shown) in picture.pixels.iter().enumerate() {
-            if !is_asked(view, i) {
-                continue;
-            }
-            let truth = view.photo.srgb(i);
-            for c in 0..3 {
-                if truth[c] < CLIPPED {
-                    let shown = f64::from(linear_from_srgb(shown[c]));
-                    sums[c][0] += shown * f64::from(linear_from_srgb(truth[c]));
-                    sums[c][1] += shown * shown;
-                }
-            }
-        }
-    }
-    // A black picture stays black whatever the gain.
-    sums.map(|[a, b]| if b > 0.0 { (a / b) as f32 } else { 1.0 })
-}
-
-/// Measures a picture of a view after the gain a colour of each pixel.
-fn after_gain(view: &View, picture: &Picture, gain: impl Fn(usize) -> [f32; 3]) -> ImageMetrics {
-    let gained: Vec<[f32; 3]> = picture
-        .pixels
-        .iter()
-        .enumerate()
-        .map(|(i, pixel)| {
-            let gain = gain(i);
-            std::array::from_fn(|c| {
-                srgb_from_linear((linear_from_srgb(pixel[c]) * gain[c]).clamp(0.0, 1.0))
-            })
-        })
-        .collect();
-    let (truth, mask) = truth_and_mask(view, gained.len());
-    compare(&gained, &truth, mask.as_deref(), picture.width as usize)
 }
 
 /// The scene after an edit with ground truth. Environments of other captures are looked up by name.
@@ -482,61 +417,6 @@ mod tests {
     }
 
     #[test]
-    fn one_gain_undoes_a_darker_exposure_and_nothing_else() {
-        let capture = crate::train::test_scene::sphere_in_a_box(4, 16);
-        let views = &capture.train[..2];
-        let picture = |view: &View, gain: [f32; 3]| Picture {
-            width: view.camera.width,
-            height: view.camera.height,
-            pixels: (0..(view.camera.width * view.camera.height) as usize)
-                .map(|i| {
-                    let srgb = view.photo.srgb(i);
-                    std::array::from_fn(|c| srgb_from_linear(linear_from_srgb(srgb[c]) * gain[c]))
-                })
-                .collect(),
-        };
-        let dark: Vec<Picture> = views.iter().map(|v| picture(v, [0.5, 0.4, 0.3])).collect();
-        let psnr = after_one_gain(views, &dark)
-            .psnr
-            .expect("not equal to the bit");
-        assert!(psnr > 60.0, "one exposure: {psnr}");
-        let gains = [[0.5; 3], [0.25; 3]];
-        let uneven: Vec<Picture> = views
-            .iter()
-            .zip(gains)
-            .map(|(view, gain)| picture(view, gain))
-            .collect();
-        let psnr = after_one_gain(views, &uneven).psnr.expect("far from equal");
-        assert!(psnr < 40.0, "two exposures: {psnr}");
-        for (view, picture) in views.iter().zip(&uneven) {
-            let psnr = after_fitted_gain(view, picture).psnr;
-            assert!(psnr.is_some_and(|psnr| psnr > 60.0), "its own: {psnr:?}");
-        }
-    }
-
-    #[test]
-    fn a_gain_is_not_measured_on_the_half_that_it_was_fitted_to() {
-        let capture = crate::train::test_scene::sphere_in_a_box(4, 16);
-        let view = &capture.train[0];
-        let picture = Picture {
-            width: 16,
-            height: 16,
-            pixels: (0..16 * 16)
-                .map(|i| {
-                    let gain = if i % 16 < 8 { 0.5 } else { 0.25 };
-                    let srgb = view.photo.srgb(i);
-                    srgb.map(|v| srgb_from_linear(gain * linear_from_srgb(v)))
-                })
-                .collect(),
-        };
-        // A gain for each half would make them equal, and one for both nearly.
-        let psnr = after_fitted_gain(view, &picture).psnr.expect("not equal");
-        let views = std::slice::from_ref(view);
-        let own = after_one_gain(views, std::slice::from_ref(&picture)).psnr;
-        assert!(psnr < own.expect("not equal") - 3.0, "{psnr}, {own:?}");
-    }
-
-    #[test]
     fn the_report_has_the_promised_fields_in_order() {
         let view = ViewMetrics {
             name: "r_000".to_owned(),
@@ -547,7 +427,6 @@ mod tests {
             split: "test".to_owned(),
             train_seconds: Some(1.5),
             steps: None,
-            exposures_foretold: false,
             mean: mean_of_views(std::slice::from_ref(&view)),
             mean_fitted: mean_fitted(std::slice::from_ref(&view)),
             views: vec![view],

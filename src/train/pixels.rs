@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::outlines::Sides;
 use super::packed_path::PackedPaths;
-use super::poses::slope_by_direction;
+use super::pose_step::slope_by_direction;
 use super::preconvolution::{BlurredImage, blurred_images};
 use super::random::SlotRandom;
 use super::srgb_codes::SrgbCodes;

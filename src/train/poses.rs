@@ -2,15 +2,14 @@
 //!
 //! Structure from motion leaves a photo some tenths of a pixel to a pixel off, and what is seen from many sides is
 //! blurred by it. Where the field shows a pixel of a photo brighter than the photo is there, the photo is shifted, by its own
-//! slope: linear least squares over its background pixels give the six numbers of its pose (Lucas and Kanade 1981; inverse
-//! compositional, Baker and Matthews 2004), again and again as the field sharpens. The photo's slope is used, not the
-//! field's: that of a hash grid is noise below the size of its cells. Where all that is found is as little as the field is
-//! wrong, the cameras stay as they are given.
+//! slope ([`super::pose_step`]): its background pixels give its pose, again and again as the field sharpens. Where all that is
+//! found is as little as the field is wrong, the cameras stay as they are given.
 
-use glam::{DMat3, DVec2, DVec3, Quat, Vec3};
+use glam::{DMat3, DVec2, DVec3, Vec3};
 
 use super::config::PhotoFit;
 use super::picture_shift::{PictureShift, known_share};
+use super::pose_step::{Correction, PoseRow, Sums};
 use super::preparation::given_cameras;
 use super::trainer::Trainer;
 use crate::data::Dataset;
@@ -26,12 +25,7 @@ const LOOKED_AT: u64 = 2000;
 const EVERY: u64 = 100;
 /// Share of a correction that is made: the field follows the poses, as they follow it.
 const SHARE: f64 = 0.5;
-/// Difference, in sRGB, from which a pixel counts less: it shows something else, not the same thing shifted.
-const USUAL_DIFFERENCE: f32 = 0.1;
-/// Least opacity along a ray: without a surface there is no distance.
-const LEAST_OPACITY: f32 = 0.5;
-/// How far off poses are expected to be, pixels; and the most that is corrected.
-const EXPECTED_PX: f64 = 3.0;
+/// Most that is corrected, pixels.
 const MOST_PX: f64 = 20.0;
 /// Root mean square of the corrections in pixels up to which cameras count as right.
 const RIGHT_PX: f32 = 0.13;
@@ -42,140 +36,9 @@ const RIGHT_NOISES: f32 = 2.0;
 const NOISE_OF_CHANGE: f32 = 0.25;
 /// Rounds in which the mean is taken off along one set of axes and the other.
 const CENTERINGS: usize = 4;
-/// Ridge, relative to the diagonal of the least squares.
-const RIDGE: f64 = 0.05;
 
 /// Array of a checkpoint.
 const SUMS: &str = "poses.sums";
-
-/// A background pixel's equation: `slopes · correction = difference`.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct PoseRow {
-    view: usize,
-    /// By the rotation about the world's axes, radians, and the translation, half sides of the inner box.
-    slopes: [f32; 6],
-    /// Shown grey value less the photo's, sRGB.
-    difference: f32,
-}
-
-impl PoseRow {
-    /// Of a pixel whose ray, `direction`, ends at `distance` with `opacity`; `slope` is the photo's grey value by the unit
-    /// direction ([`slope_by_direction`]). `None` where nothing can be told.
-    pub(super) fn new(
-        view: usize,
-        direction: Vec3,
-        slope: Vec3,
-        difference: f32,
-        (distance, opacity): (f32, f32),
-    ) -> Option<Self> {
-        // A camera that turns by `w` and moves by `s` sees a point in the direction `d - w x d - s / t`.
-        let (turn, shift) = (slope.cross(direction), -slope / distance.max(1e-3));
-        let is_told = opacity >= LEAST_OPACITY && turn.is_finite() && difference.is_finite();
-        is_told.then_some(Self {
-            view,
-            slopes: [turn.x, turn.y, turn.z, shift.x, shift.y, shift.z],
-            difference,
-        })
-    }
-}
-
-/// The slope of a photo's grey value by the direction of the ray, in the plane across it, from that by the pixel.
-pub(super) fn slope_by_direction(camera: &Camera, x: f32, y: f32, by_pixel: [f32; 2]) -> Vec3 {
-    let direction = camera.ray(x, y).direction;
-    let right = camera.ray(x + 1.0, y).direction - direction;
-    let down = camera.ray(x, y + 1.0).direction - direction;
-    let (rr, rd, dd) = (right.dot(right), right.dot(down), down.dot(down));
-    let [a, b] = by_pixel;
-    let determinant = (rr * dd - rd * rd).max(f32::MIN_POSITIVE);
-    (right * (a * dd - b * rd) + down * (b * rr - a * rd)) / determinant
-}
-
-/// Sums of the least squares of one photo, in blocks of rotation and translation.
-#[derive(Clone, Copy, Debug)]
-struct Sums {
-    turns: DMat3,
-    mixed: DMat3,
-    shifts: DMat3,
-    by_turn: DVec3,
-    by_shift: DVec3,
-}
-
-impl Sums {
-    const ZERO: Self = Self {
-        turns: DMat3::ZERO,
-        mixed: DMat3::ZERO,
-        shifts: DMat3::ZERO,
-        by_turn: DVec3::ZERO,
-        by_shift: DVec3::ZERO,
-    };
-
-    /// The bits of all its numbers.
-    fn to_bits(self) -> [u64; 33] {
-        let blocks = [self.turns, self.mixed, self.shifts].map(|block| block.to_cols_array());
-        let by = [self.by_turn, self.by_shift].map(|v| v.to_array());
-        let numbers = blocks.as_flattened().iter().chain(by.as_flattened());
-        let mut bits = [0; 33];
-        bits.iter_mut()
-            .zip(numbers)
-            .for_each(|(bits, v)| *bits = v.to_bits());
-        bits
-    }
-
-    fn from_bits(bits: &[u64; 33]) -> Self {
-        let numbers = bits.map(f64::from_bits);
-        let block = |at: usize| DMat3::from_cols_slice(&numbers[at..]);
-        let vector = |at: usize| DVec3::from_slice(&numbers[at..]);
-        Self {
-            turns: block(0),
-            mixed: block(9),
-            shifts: block(18),
-            by_turn: vector(27),
-            by_shift: vector(30),
-        }
-    }
-
-    fn add(&mut self, row: &PoseRow) {
-        let [a, b, c, d, e, f] = row.slopes.map(f64::from);
-        let (turn, shift) = (DVec3::new(a, b, c), DVec3::new(d, e, f));
-        let outer = |u: DVec3, v: DVec3| DMat3::from_cols(u * v.x, u * v.y, u * v.z);
-        let ratio = f64::from(row.difference / USUAL_DIFFERENCE);
-        let weight = 1.0 / (1.0 + ratio * ratio);
-        self.turns += outer(turn, turn) * weight;
-        self.mixed += outer(turn, shift) * weight;
-        self.shifts += outer(shift, shift) * weight;
-        let difference = weight * f64::from(row.difference);
-        self.by_turn += turn * difference;
-        self.by_shift += shift * difference;
-    }
-
-    /// The correction on top of `known`, with what is expected of poses: a pull of the whole to zero.
-    fn solve(&self, known: Correction, pulls: [f64; 2]) -> Correction {
-        let ridge = |block: DMat3, pull: f64| {
-            let diagonal = DVec3::new(block.x_axis.x, block.y_axis.y, block.z_axis.z);
-            block + DMat3::from_diagonal(diagonal * RIDGE + DVec3::splat(pull))
-        };
-        let turns = ridge(self.turns, pulls[0]).inverse();
-        let shifts = ridge(self.shifts, pulls[1]);
-        let by_turn = self.by_turn - known.turn * pulls[0];
-        let by_shift = self.by_shift - known.shift * pulls[1];
-        // By blocks: the rotation is put into the equations of the translation (Schur).
-        let mixed = self.mixed.transpose() * turns;
-        let shift = (shifts - mixed * self.mixed).inverse() * (by_shift - mixed * by_turn);
-        Correction {
-            turn: turns * (by_turn - self.mixed * shift),
-            shift,
-        }
-    }
-}
-
-/// How a photo's camera differs from the capture's.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Correction {
-    /// Rotation about the camera's place, world axes, radians.
-    turn: DVec3,
-    /// Translation, half sides of the inner box.
-    shift: DVec3,
-}
 
 /// The poses of all training photos.
 #[derive(Debug)]
@@ -262,12 +125,7 @@ impl Poses {
             return self.given.clone();
         }
         let corrected = |(camera, correction): (&Camera, &Correction)| {
-            let turn = Quat::from_scaled_axis(correction.turn.as_vec3());
-            let mut camera = *camera;
-            let pose = &mut camera.world_from_camera;
-            pose.matrix3 = glam::Mat3A::from_quat(turn) * pose.matrix3;
-            pose.translation += glam::Vec3A::from(self.half_side * correction.shift.as_vec3());
-            camera
+            correction.corrected(camera, self.half_side)
         };
         self.given
             .iter()
@@ -308,18 +166,15 @@ impl Poses {
             .zip(&mut self.corrections)
             .zip(&self.given)
         {
-            let expected = EXPECTED_PX * f64::from(camera.pixel_angle());
-            let pull = |expected: f64| (f64::from(USUAL_DIFFERENCE) / expected).powi(2);
-            let pulls = [pull(expected), pull(expected * self.distance)];
             let before = *correction;
             let used = if self.are_corrected {
                 *correction
             } else {
                 Correction::default()
             };
-            let found = std::mem::replace(sums, Sums::ZERO).solve(used, pulls);
+            let found = std::mem::replace(sums, Sums::ZERO).solve(used, camera, self.distance);
             if found.turn.is_finite() && found.shift.is_finite() {
-                let most = expected * MOST_PX / EXPECTED_PX;
+                let most = MOST_PX * f64::from(camera.pixel_angle());
                 let turn = used.turn + found.turn - correction.turn;
                 let shift = used.shift + found.shift - correction.shift;
                 correction.turn = (correction.turn + turn * SHARE).clamp_length_max(most);
@@ -377,7 +232,7 @@ impl Poses {
             .collect()
     }
 
-    /// Keeps what was taken up since the last correction, `[n_views][33]` bits, and what was decided.
+    /// Keeps what was taken up since the last correction, `[n_views][Sums::LEN]` bits, and what was decided.
     pub(super) fn store_sums(&self, file: &mut TensorFile) {
         let mut bits: Vec<u64> = self.sums.iter().flat_map(|sums| sums.to_bits()).collect();
         bits.extend([
@@ -389,8 +244,8 @@ impl Poses {
 
     /// Goes on from there; runs from before have none.
     pub(super) fn set_sums(&mut self, file: &TensorFile) {
-        if let Ok(bits) = file.u64(SUMS, &[33 * self.sums.len() + 2])
-            && let (sums, [noise, are_corrected]) = bits.as_chunks::<33>()
+        if let Ok(bits) = file.u64(SUMS, &[Sums::LEN * self.sums.len() + 2])
+            && let (sums, [noise, are_corrected]) = bits.as_chunks::<{ Sums::LEN }>()
         {
             self.sums = sums.iter().map(Sums::from_bits).collect();
             self.noise = f32::from_bits(*noise as u32);

@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 use glam::{Mat3A, Quat, Vec3, Vec3A};
 
 use super::config::{PhotoFit, TrainConfig};
-use super::poses::slope_by_direction;
+use super::pose_step::slope_by_direction;
 use super::preparation::given_cameras;
 use super::random::SlotRandom;
 use super::test_scene::{small_fields, sphere_in_a_box};

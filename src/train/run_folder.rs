@@ -22,6 +22,7 @@ use crate::neif::{Environment, NeifError, ObjectModel, Storage, SurfaceField};
 use crate::render::Scene;
 use crate::train::Snapshot;
 use crate::train::config::TrainConfig;
+use crate::train::held_out::PoseFit;
 use crate::train::photo_exposures::PhotoExposures;
 use crate::train::plan::Budget;
 use crate::train::run_log::{RunLog, Trained};
@@ -309,6 +310,15 @@ impl RunFolder {
             environment,
             exposures: PhotoExposures::read(&self.file(EXPOSURES))?.map(Arc::new),
         })
+    }
+
+    /// What is fitted to held-out photos: as was to the training photos.
+    pub fn pose_fit(&self) -> PoseFit {
+        if self.file(CAMERAS).exists() {
+            PoseFit::Corrected
+        } else {
+            PoseFit::Given
+        }
     }
 
     /// The mesh that the run was trained on; `None` where only the surroundings were.

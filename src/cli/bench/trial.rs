@@ -5,7 +5,7 @@ use std::{path::Path, time::Instant};
 use neif::data::{Dataset, LoadOptions, Splits, View};
 use neif::neif::neilf::NeilfModel;
 use neif::train::config::TrainConfig;
-use neif::train::eval::{evaluate_object, evaluate_views, mean_of_views};
+use neif::train::eval::{Measures, evaluate_object, evaluate_views, mean_of_views};
 use neif::train::lpips::Lpips;
 use neif::train::metrics::ImageMetrics;
 use neif::train::neilf::{NeilfConfig, NeilfTrainer};
@@ -151,7 +151,18 @@ pub(super) fn measure(
     let cancel = interrupt::install()?;
     let scene = snapshot.scene();
     let exposures = snapshot.exposures.as_deref();
-    let results = evaluate_views(&scene, views, exposures, lpips, cancel, &mut |_, _, _| ());
+    let measures = Measures {
+        lpips,
+        fitted: None,
+    };
+    let results = evaluate_views(
+        &scene,
+        views,
+        exposures,
+        measures,
+        cancel,
+        &mut |_, _, _| (),
+    );
     results
         .map(|results| mean_of_views(&results))
         .ok_or(Failure::Interrupted)
