@@ -20,26 +20,13 @@ impl ScalarGrid {
             let Some(normal) = (b - a).cross(c - a).try_normalize() else {
                 continue;
             };
-            let low = a.min(b).min(c) - NEAR * self.cell;
-            let high = a.max(b).max(c) + NEAR * self.cell;
-            let place = |p: Vec3| ((p - self.origin) / self.cell).max(Vec3::ZERO);
-            let (low, high) = (place(low).ceil(), place(high).floor());
-            let end = |axis: usize| (high[axis] as usize + 1).min(self.size[axis]);
-            for z in low.z as usize..end(2) {
-                for y in low.y as usize..end(1) {
-                    for x in low.x as usize..end(0) {
-                        let p = self.position([x, y, z]);
-                        let off = p - nearest_on_triangle(p, corners);
-                        let (distance, along) = (off.length(), off.dot(normal));
-                        let node = x + self.size[0] * (y + self.size[1] * z);
-                        let (least, side) = &mut nearest[node];
-                        let tie = 1e-4 * self.cell;
-                        if distance < *least - tie
-                            || (distance < *least + tie && along.abs() > side.abs())
-                        {
-                            (*least, *side) = (distance.min(*least), along);
-                        }
-                    }
+            for (node, p) in self.nodes_near(corners) {
+                let off = p - nearest_on_triangle(p, corners);
+                let (distance, along) = (off.length(), off.dot(normal));
+                let (least, side) = &mut nearest[node];
+                let is_tie = (distance - *least).abs() < 1e-4 * self.cell;
+                if (is_tie && along.abs() > side.abs()) || (!is_tie && distance < *least) {
+                    (*least, *side) = (distance.min(*least), along);
                 }
             }
         }
@@ -53,6 +40,31 @@ impl ScalarGrid {
                 *value = distance.min(limit).copysign(sign);
             }
         }
+    }
+}
+
+impl ScalarGrid {
+    /// Indices and places of the nodes in the box around a triangle.
+    fn nodes_near(&self, corners: [Vec3; 3]) -> impl Iterator<Item = (usize, Vec3)> {
+        let place = |p: Vec3| ((p - self.origin) / self.cell).max(Vec3::ZERO);
+        let (min, max) = corners
+            .iter()
+            .fold((corners[0], corners[0]), |(min, max), p| {
+                (min.min(*p), max.max(*p))
+            });
+        let low = place(min - NEAR * self.cell).ceil();
+        let high = place(max + NEAR * self.cell).floor();
+        let [along_x, along_y, along_z] = [0, 1, 2]
+            .map(|axis| low[axis] as usize..(high[axis] as usize + 1).min(self.size[axis]));
+        along_z.flat_map(move |z| {
+            let along_x = along_x.clone();
+            along_y.clone().flat_map(move |y| {
+                along_x.clone().map(move |x| {
+                    let node = x + self.size[0] * (y + self.size[1] * z);
+                    (node, self.position([x, y, z]))
+                })
+            })
+        })
     }
 }
 

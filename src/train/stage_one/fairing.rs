@@ -5,7 +5,8 @@
 //! Each round finds where every grazing ray comes nearest to the surface and solves the linear
 //! least squares `sum w (phi(x))^2 + evenness sum c (L phi(i) - L phi(j))^2 + stiffness sum (L phi)^2`,
 //! over neighbours `i` and `j`, for the change of `phi`, with a one-sided term that keeps `phi` above the
-//! distance to the hull, and one that pulls it to the distances of the depth maps. `L phi` is the surface's curvature: where it is bent, it shall go on bending as
+//! distance to the hull, one that pulls it to the distances of the depth maps, and one that pulls its slope to the normals that
+//! photos ask for ([`super::slopes`]). `L phi` is the surface's curvature: where it is bent, it shall go on bending as
 //! it does beside (the surfaces of least variation of curvature of Moreton and Séquin 1992, of which
 //! spheres and cylinders are some), rather than be as little bent as can be, which fills the gap between
 //! two balls with a neck and ripples between the outlines. The weights `c` are those of a Cauchy loss, so

@@ -77,12 +77,10 @@ impl Slopes {
         let slope = |(slot, node): (usize, &u32)| {
             let (normal, weight) = *normals.get(*node as usize)?;
             let neighbours = band.all_neighbours(slot).filter(|_| weight > 0.0)?;
-            let value = |i: usize| values[neighbours[i] as usize];
-            let along = |axis: usize| 0.5 * (value(2 * axis + 1) - value(2 * axis));
             Some(Slope {
                 neighbours,
                 weight,
-                missing: normal - Vec3::new(along(0), along(1), along(2)),
+                missing: normal - central_difference(&neighbours, values),
             })
         };
         Self(band.nodes.iter().enumerate().filter_map(slope).collect())
@@ -98,11 +96,15 @@ impl Slopes {
     /// Adds their part of the normal equations' matrix times `u`.
     pub(super) fn apply(&self, u: &[f32], out: &mut [f32]) {
         for slope in &self.0 {
-            let value = |i: usize| u[slope.neighbours[i] as usize];
-            let along = |axis: usize| 0.5 * (value(2 * axis + 1) - value(2 * axis));
-            slope.spread(Vec3::new(along(0), along(1), along(2)), out);
+            slope.spread(central_difference(&slope.neighbours, u), out);
         }
     }
+}
+
+/// Slope at a node whose six neighbours have these slots, by what `values` holds for them.
+fn central_difference(neighbours: &[u32; 6], values: &[f32]) -> Vec3 {
+    let value = |i: usize| values[neighbours[i] as usize];
+    Vec3::from_array([0, 2, 4].map(|i| 0.5 * (value(i + 1) - value(i))))
 }
 
 impl Slope {
