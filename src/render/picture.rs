@@ -68,7 +68,7 @@ pub fn see_surroundings(scene: &Scene, camera: &Camera, pixels: &[u32]) -> Vec<S
         let radiance = (Vec3::from(light.radiance) * gain).to_array();
         SeenThere {
             srgb: compose(scene, Layer::Environment, 0.0, [0.0; 3], radiance),
-            distance: Vec3::from(light.position).distance(eye),
+            distance: light.position.distance(eye),
         }
     };
     let of_tile = |scratch: &mut ShadeScratch, pixels: &[u32]| {

@@ -8,7 +8,6 @@ use rayon::prelude::*;
 
 use super::placement::up_direction;
 use super::relative_exposures::relative_log_gains;
-use super::settled_plane::{Plane, settled_plane};
 use super::statistics::median;
 use crate::data::{Dataset, Mask, View};
 use crate::geometry::{Mesh, orthonormal_basis};
@@ -114,17 +113,9 @@ impl SeenGround {
         &self.log_gains
     }
 
-    /// It as a floor of the field, where photos agree on it in detail.
-    pub(super) fn floor(&self, dataset: &Dataset, frame: &FieldFrame) -> Floor {
-        let plane = Plane {
-            point: self.center,
-            normal: self.up,
-        };
-        let shown = self.sightings().filter(|(_, photos)| !photos.is_empty());
-        let points: Vec<_> = shown.collect();
-        let size = self.reach / REACH;
-        let plane = settled_plane(plane, size, &dataset.train, &self.log_gains, &points);
-        Floor::new(frame.field_from_world(plane.point), plane.normal)
+    /// It as a floor of the field.
+    pub(super) fn floor(&self, frame: &FieldFrame) -> Floor {
+        Floor::new(frame.field_from_world(self.center), self.up)
     }
 
     /// Height of a world point above it; negative below.
@@ -209,7 +200,7 @@ fn log_colors(view: &View, points: &[Vec3]) -> Vec<Option<Vec3>> {
 }
 
 /// The logarithm of a pixel's colour; `None` near the object, and where it is noise or clipped.
-pub(super) fn log_color(view: &View, pixel: UVec2) -> Option<Vec3> {
+fn log_color(view: &View, pixel: UVec2) -> Option<Vec3> {
     let UVec2 { x, y } = pixel;
     let shows_object = |mask: &Mask| is_near(mask, x, y);
     if view.mask.as_ref().is_some_and(shows_object) {

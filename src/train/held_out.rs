@@ -119,7 +119,9 @@ fn posed(
             let difference = grey(exposed(seen.srgb, gain)) - told.grey;
             let end = (seen.distance / unit, 1.0);
             let row = PoseRow::new(0, told.direction, told.slope, difference, end);
-            row.iter().for_each(|row| sums.add(row));
+            if let Some(row) = row {
+                sums.add(&row);
+            }
         }
         let step = sums.solve(correction, &view.camera, 1.0);
         if !(step.turn.is_finite() && step.shift.is_finite()) {

@@ -52,7 +52,6 @@ pub mod run_folder;
 pub mod run_log;
 pub mod session;
 mod session_thread;
-mod settled_plane;
 pub mod skips;
 pub mod snapshot;
 mod srgb_codes;

@@ -31,7 +31,7 @@ pub(super) fn lay_floor(
 ) {
     if ground.is_a_floor(dataset) {
         clear_air(density, dataset, frame, ground);
-        density.floor = Some(ground.floor(dataset, frame));
+        density.floor = Some(ground.floor(frame));
     }
 }
 
