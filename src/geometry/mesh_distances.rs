@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::{Mesh, ScalarGrid};
+use super::{Aabb, Mesh, ScalarGrid};
 
 /// Cells around a triangle within which nodes get their distance to it.
 const NEAR: f32 = 1.5;
@@ -41,19 +41,13 @@ impl ScalarGrid {
             }
         }
     }
-}
 
-impl ScalarGrid {
     /// Indices and places of the nodes in the box around a triangle.
     fn nodes_near(&self, corners: [Vec3; 3]) -> impl Iterator<Item = (usize, Vec3)> {
         let place = |p: Vec3| ((p - self.origin) / self.cell).max(Vec3::ZERO);
-        let (min, max) = corners
-            .iter()
-            .fold((corners[0], corners[0]), |(min, max), p| {
-                (min.min(*p), max.max(*p))
-            });
-        let low = place(min - NEAR * self.cell).ceil();
-        let high = place(max + NEAR * self.cell).floor();
+        let bounds = Aabb::from_points(corners);
+        let low = place(bounds.min - NEAR * self.cell).ceil();
+        let high = place(bounds.max + NEAR * self.cell).floor();
         let [along_x, along_y, along_z] = [0, 1, 2]
             .map(|axis| low[axis] as usize..(high[axis] as usize + 1).min(self.size[axis]));
         along_z.flat_map(move |z| {
@@ -104,7 +98,6 @@ mod tests {
     use glam::Quat;
 
     use super::*;
-    use crate::geometry::Aabb;
 
     #[test]
     fn distances_to_a_leaning_block_are_exact_at_its_faces_edges_and_corners() {

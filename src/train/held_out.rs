@@ -3,6 +3,7 @@
 //! Nobody can predict them. Each half of a picture, left and right, is measured with those that fit the other half, so that
 //! nothing is measured where it was fitted.
 
+use std::borrow::Cow;
 use std::sync::atomic::AtomicBool;
 
 use glam::Vec3;
@@ -10,7 +11,7 @@ use glam::Vec3;
 use super::eval::truth_and_mask;
 use super::metrics::{ImageMetrics, compare, mean};
 use super::pose_step::{Correction, PoseRow, Sums, slope_by_direction};
-use super::statistics::middle;
+use super::statistics::{middle, share_beyond};
 use crate::color::{linear_from_srgb, srgb_from_linear};
 use crate::data::View;
 use crate::render::{Layer, Picture, Scene, render, see_surroundings};
@@ -20,7 +21,7 @@ const CLIPPED: f32 = 0.998;
 /// Most pixels that a pose is fitted to.
 const MOST_TOLD: usize = 1 << 13;
 /// Root mean square of what is found of the rotation, and of the translation, of a photo that is right, pixels.
-const NOISE_PX: f64 = 0.4;
+const NOISE_PX: f32 = 0.4;
 /// How often a pose is corrected by what is left.
 const POSE_STEPS: usize = 3;
 
@@ -42,30 +43,27 @@ pub fn fitted(
     pose: PoseFit,
     cancel: &AtomicBool,
 ) -> Option<ImageMetrics> {
-    let left = Side::left_of(picture);
-    let right = Side {
-        is_left: false,
-        ..left
+    let width = picture.width as usize;
+    let by_side = |is_left: bool| {
+        let side = Side { is_left, width };
+        let picture = match pose {
+            PoseFit::Given => Cow::Borrowed(picture),
+            PoseFit::Corrected => posed(scene, view, picture, side, cancel)?,
+        };
+        let gain = gain(view, &picture, side);
+        Some((side, picture, gain))
     };
-    let own = |side: Side| match pose {
-        PoseFit::Given => Some(picture.clone()),
-        PoseFit::Corrected => posed(scene, view, picture, side, cancel),
-    };
-    let [by_left, by_right] = [own(left)?, own(right)?];
-    let gains =
-        [(&by_left, left), (&by_right, right)].map(|(picture, side)| gain(view, picture, side));
-    let mut pixels = gained(&by_right, gains[1]);
-    for (i, (pixel, other)) in pixels
-        .iter_mut()
-        .zip(gained(&by_left, gains[0]))
-        .enumerate()
-    {
-        if right.has(i) {
-            *pixel = other;
+    let ((left, by_left, left_gain), (_, by_right, right_gain)) = (by_side(true)?, by_side(false)?);
+    let own = |i: usize| {
+        if left.has(i) {
+            exposed(by_right.pixels[i], right_gain)
+        } else {
+            exposed(by_left.pixels[i], left_gain)
         }
-    }
+    };
+    let pixels: Vec<[f32; 3]> = (0..picture.pixels.len()).map(own).collect();
     let (truth, mask) = truth_and_mask(view, pixels.len());
-    Some(compare(&pixels, &truth, mask.as_deref(), left.width))
+    Some(compare(&pixels, &truth, mask.as_deref(), width))
 }
 
 /// One half of a picture.
@@ -77,13 +75,6 @@ struct Side {
 }
 
 impl Side {
-    fn left_of(picture: &Picture) -> Self {
-        Self {
-            is_left: true,
-            width: picture.width as usize,
-        }
-    }
-
     fn has(self, pixel: usize) -> bool {
         (pixel % self.width < self.width / 2) == self.is_left
     }
@@ -96,17 +87,17 @@ fn gain(view: &View, picture: &Picture, side: Side) -> [f32; 3] {
 }
 
 /// The picture from where one half of the photo shows the surroundings to be.
-fn posed(
+fn posed<'a>(
     scene: &Scene,
     view: &View,
-    picture: &Picture,
+    picture: &'a Picture,
     side: Side,
     cancel: &AtomicBool,
-) -> Option<Picture> {
+) -> Option<Cow<'a, Picture>> {
     let told = telling_pixels(view, side);
     let pixels: Vec<u32> = told.iter().map(|told| told.pixel).collect();
     if pixels.is_empty() {
-        return Some(picture.clone());
+        return Some(Cow::Borrowed(picture));
     }
     let gain = gain(view, picture, side);
     let mut seen = see_surroundings(scene, &view.camera, &pixels);
@@ -133,19 +124,21 @@ fn posed(
     }
     let share = known_share(correction, view.camera.pixel_angle());
     if share == 0.0 {
-        return Some(picture.clone());
+        return Some(Cow::Borrowed(picture));
     }
-    correction.turn *= share;
-    correction.shift *= share;
+    correction.turn *= f64::from(share);
+    correction.shift *= f64::from(share);
     let camera = correction.corrected(&view.camera, unit);
-    render(scene, &camera, Layer::Final, cancel, &|_| {})
+    render(scene, &camera, Layer::Final, cancel, &|_| {}).map(Cow::Owned)
 }
 
-/// How much of a correction is more than chance (James and Stein 1961).
-fn known_share(correction: Correction, pixel_angle: f32) -> f64 {
-    let square = correction.turn.length_squared() + correction.shift.length_squared();
-    let noise = NOISE_PX * f64::from(pixel_angle);
-    (1.0 - 2.0 * noise * noise / square.max(f64::MIN_POSITIVE)).max(0.0)
+/// How much of a correction is no error of what is found, 0 to 1.
+fn known_share(correction: Correction, pixel_angle: f32) -> f32 {
+    let square_px = [correction.turn, correction.shift]
+        .map(|by| (by.as_vec3() / pixel_angle).length_squared())
+        .iter()
+        .sum();
+    share_beyond(square_px, 2.0 * NOISE_PX * NOISE_PX)
 }
 
 /// A pixel that tells of the photo's pose.

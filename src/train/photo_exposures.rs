@@ -18,7 +18,7 @@ const COMPARED_SIDE: u32 = 32;
 /// Largest gain that is found; its reciprocal is the least.
 const MOST: f32 = 20.0;
 
-/// Exposure and white balance of one photo.
+/// Exposure and white balance of one photo; runs from before noted more, which is not read.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PhotoExposure {
     /// The photo's name.

@@ -3,7 +3,7 @@
 
 use glam::{Mat2, Vec2};
 
-use super::statistics::scatter;
+use super::statistics::{scatter, share_beyond};
 
 /// Rounds of reweighting in which a shift is found, and what keeps it at nothing, in pieces of the outline.
 const ROUNDS: usize = 4;
@@ -56,5 +56,5 @@ pub(super) fn rests(off: &[Off], by: Vec2) -> impl Iterator<Item = f32> {
 pub(super) fn known_share(shifts: &[PictureShift]) -> f32 {
     let found: f32 = shifts.iter().map(|s| s.by.length_squared()).sum();
     let error: f32 = shifts.iter().map(|s| 2.0 * s.error_px * s.error_px).sum();
-    (1.0 - error / found.max(f32::MIN_POSITIVE)).max(0.0)
+    share_beyond(found, error)
 }

@@ -26,6 +26,11 @@ pub(super) fn middle(values: &mut [f32]) -> f32 {
     *values.select_nth_unstable_by(half, f32::total_cmp).1
 }
 
+/// Share of a sum of squares that is more than the errors' own, 0 to 1 (James and Stein 1961).
+pub(super) fn share_beyond(found: f32, errors: f32) -> f32 {
+    (1.0 - errors / found.max(f32::MIN_POSITIVE)).max(0.0)
+}
+
 /// The standard deviation of the normal distribution that `values` are of, but for fewer than half of them; 0 of none.
 pub(super) fn scatter(mut values: Vec<f32>) -> f32 {
     if values.is_empty() {
