@@ -12,9 +12,9 @@ use super::batch_size::BatchSize;
 use super::config::TrainConfig;
 use super::distortion::distortion;
 use super::exposures::ExposureRow;
-use super::loss::{clipped_pull, pixel_loss};
+use super::loss::{PixelLoss, clipped_pull, pixel_loss};
 use super::normal_offsets::{NormalOffsets, OffsetBatch};
-use super::pixels::{BackgroundSample, PixelStore};
+use super::pixels::{BackgroundSample, ObjectPixel, PixelStore};
 use super::pose_step::PoseRow;
 use super::random::SlotRandom;
 use super::tilted_rays::{PixelError, TiltedRays};
@@ -104,9 +104,7 @@ pub(super) struct ChunkLoss {
 /// A drawn object pixel on its way through the step.
 #[derive(Clone, Debug)]
 struct ObjectSlot {
-    view: usize,
-    target: [f32; 3],
-    smoothness: f32,
+    pixel: ObjectPixel,
     /// Its paths, among the chunk's.
     paths: Range<usize>,
 }
@@ -235,18 +233,18 @@ impl Chunk {
     fn draw_objects(&mut self, context: &StepContext<'_>, objects: Range<usize>) {
         for slot in objects {
             let mut random = SlotRandom::new(context.config.seed, context.step, slot as u64);
-            let pixel = context.pixels.draw_object(&mut random);
-            let first = self.paths.len();
+            let mut pixel = context.pixels.draw_object(&mut random);
+            let (first, first_vertex) = (self.paths.len(), self.vertices.len());
             let paths = &mut self.paths;
             context
                 .pixels
                 .unpack_paths(&pixel, &mut self.vertices, |points| {
                     paths.push(SlotPath { points, lit: 0..0 });
                 });
+            let begin = self.vertices[first_vertex].point.position;
+            context.pixels.follow_camera(&mut pixel, begin);
             self.slots.push(ObjectSlot {
-                view: pixel.view,
-                target: pixel.target,
-                smoothness: pixel.smoothness,
+                pixel,
                 paths: first..self.paths.len(),
             });
         }
@@ -267,7 +265,7 @@ impl Chunk {
             self.pairs.push(SmoothPair {
                 at,
                 beside: self.points.len(),
-                weight: slot.smoothness,
+                weight: slot.pixel.smoothness,
             });
             self.points.push(point.position + offset);
         }
@@ -414,20 +412,15 @@ impl Chunk {
             self.loss.background += f64::from(clipped_weight * value);
             let d = d * clipped_weight;
             self.batch.d_radiance[ray] = ((loss.d_linear + d) * gain * scale).to_array();
-            if context.finds_exposures {
-                let row = ExposureRow::new(sample.view, exposed, &loss);
-                self.exposure_rows.push(row);
-            }
-            if context.finds_poses
-                && let Some(slope) = context.pixels.slope(sample)
-            {
-                let shown = exposed.to_array().map(|v| context.display.value(v));
-                let differences = (0..3).map(|c| shown[c] - sample.target[c]);
-                let grey = differences.sum::<f32>() / 3.0;
-                let end = self.batch.end(ray);
-                let row = PoseRow::new(sample.view, sample.direction, slope, grey, end);
-                self.pose_rows.extend(row);
-            }
+            let rows = (&mut self.exposure_rows, &mut self.pose_rows);
+            let place = || {
+                (
+                    sample.direction,
+                    context.pixels.slope(sample),
+                    self.batch.end(ray),
+                )
+            };
+            ask_photo(context, rows, (sample.view, exposed, &loss), place);
         }
     }
 
@@ -501,16 +494,21 @@ impl Chunk {
             out += lit[0].outgoing();
         }
         let share = 1.0 / slot.paths.len() as f32;
-        let gain = context.gain(slot.view);
+        let pixel = &slot.pixel;
+        let gain = context.gain(pixel.view);
         let exposed = out * share * gain;
-        let loss = pixel_loss(context.display, exposed, slot.target);
+        let loss = pixel_loss(context.display, exposed, pixel.target);
         let scale = 1.0 / context.batch_size.objects as f32;
         self.loss.object += f64::from(loss.value);
         self.loss.d_gamma += f64::from(loss.d_gamma * scale);
-        if context.finds_exposures {
-            let row = ExposureRow::new(slot.view, exposed, &loss);
-            self.exposure_rows.push(row);
-        }
+        let point = &self.vertices[self.paths[slot.paths.start].points.start].point;
+        let rows = (&mut self.exposure_rows, &mut self.pose_rows);
+        ask_photo(context, rows, (pixel.view, exposed, &loss), || {
+            let slope = context.pixels.object_slope(pixel, point.position);
+            let eye = context.pixels.eye(pixel.view);
+            let distance = point.position.distance(eye) / context.frame.half_side;
+            (-point.to_eye, slope, (distance, 1.0))
+        });
         let d_out = loss.d_linear * gain * (scale * share);
         self.errors.push(PixelError::new(&loss, gain, d_out));
         for path in &self.paths[slot.paths.clone()] {
@@ -593,5 +591,24 @@ impl Chunk {
             && self.batch.has_finite_gradients()
             && (self.loss.object + self.loss.background + self.loss.smoothness + self.loss.priors)
                 .is_finite()
+    }
+}
+
+/// What a pixel of the photo `view`, which shows `exposed`, says of the photo's exposure and pose, where these are sought.
+/// `place`: the direction of its ray, the photo's slope there, and where the ray ends.
+fn ask_photo(
+    context: &StepContext<'_>,
+    (exposures, poses): (&mut Vec<ExposureRow>, &mut Vec<PoseRow>),
+    (view, exposed, loss): (usize, Vec3, &PixelLoss),
+    place: impl FnOnce() -> (Vec3, Option<Vec3>, (f32, f32)),
+) {
+    if context.finds_exposures {
+        exposures.push(ExposureRow::new(view, exposed, loss));
+    }
+    if context.finds_poses
+        && let (direction, Some(slope), end) = place()
+    {
+        let grey = loss.difference.element_sum() / 3.0;
+        poses.extend(PoseRow::new(view, direction, slope, grey, end));
     }
 }

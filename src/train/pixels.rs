@@ -17,6 +17,8 @@ use crate::neif::light_path::PathVertex;
 use crate::render::GBuffer;
 use crate::render::gbuffer::PathOptions;
 
+/// Codes of a slope of 1 a pixel, the largest that central differences give.
+const SLOPE_CODES: f32 = 127.0;
 /// Pixels traced at once: what is kept of them is smaller than what tracing needs.
 const BAND_PIXELS: usize = 1 << 15;
 
@@ -30,6 +32,8 @@ pub(super) struct ObjectPixel {
     pub target: [f32; 3],
     /// `exp(-|image gradient|)`: how far the material may be assumed smooth here (Eq. 8).
     pub smoothness: f32,
+    /// Slopes of the target's colours to the right and downwards, by pixels; 0 beside the outline.
+    slopes: [[f32; 2]; 3],
 }
 
 /// All training pixels.
@@ -140,7 +144,12 @@ impl PixelStore {
         self.views.iter().map(|view| view.camera).collect()
     }
 
-    /// Draws background pixels from corrected cameras. The object's light paths stay as they were traced.
+    /// Where the camera of a view is, world.
+    pub(super) fn eye(&self, view: usize) -> Vec3 {
+        self.views[view].camera.position()
+    }
+
+    /// Draws pixels from corrected cameras. The object's light paths stay as they were traced: [`Self::follow_camera`].
     pub(super) fn set_cameras(&mut self, cameras: &[Camera]) {
         for (view, camera) in self.views.iter_mut().zip(cameras) {
             view.camera = *camera;
@@ -176,7 +185,31 @@ impl PixelStore {
             index,
             target: pixels.targets.srgb(index),
             smoothness: f32::from(pixels.smoothness[index]) / f32::from(u8::MAX),
+            slopes: pixels.slopes[index].map(|slope| slope.map(|v| f32::from(v) / SLOPE_CODES)),
         }
+    }
+
+    /// Takes the target from where the photo's camera, as it is known by now, sees the `point` at which the pixel's light
+    /// paths begin: the camera may have been corrected since they were traced.
+    pub(super) fn follow_camera(&self, pixel: &mut ObjectPixel, point: Vec3) {
+        let ViewPixels { camera, traced, .. } = &self.views[pixel.view];
+        if camera == traced {
+            return;
+        }
+        if let (Some(now), Some(then)) = (camera.project(point), traced.project(point)) {
+            let moved = now - then;
+            for (value, [right, down]) in pixel.target.iter_mut().zip(pixel.slopes) {
+                *value = (*value + right * moved.x + down * moved.y).clamp(0.0, 1.0);
+            }
+        }
+    }
+
+    /// The photo's grey value at an object pixel, by the direction of the ray to `point`, where its light paths begin.
+    pub(super) fn object_slope(&self, pixel: &ObjectPixel, point: Vec3) -> Option<Vec3> {
+        let camera = &self.views[pixel.view].camera;
+        let at = camera.project(point)?;
+        let grey = |axis: usize| pixel.slopes.iter().map(|slope| slope[axis]).sum::<f32>() / 3.0;
+        Some(slope_by_direction(camera, at.x, at.y, [grey(0), grey(1)]))
     }
 
     /// Appends the vertices of an object pixel's light paths to `vertices`. The paths, at least one, have the same
@@ -261,10 +294,13 @@ fn locate(before: &[usize], k: usize) -> (usize, usize) {
 #[derive(Debug)]
 struct ViewPixels {
     camera: Camera,
-    /// Light paths, targets and `exp(-|image gradient|)` in 255ths of its object pixels.
+    /// As it was when the object's light paths were traced.
+    traced: Camera,
+    /// Light paths, targets, `exp(-|image gradient|)` in 255ths and slopes in [`SLOPE_CODES`] of its object pixels.
     paths: PackedPaths,
     targets: SrgbCodes,
     smoothness: Vec<u8>,
+    slopes: Vec<[[i8; 2]; 3]>,
     /// By blur level, sharp first.
     backgrounds: Vec<BlurredImage>,
 }
@@ -284,9 +320,11 @@ fn collect_views(
             let sides = Sides::new(view, camera, tracer, options.outline_error_px);
             let mut pixels = ViewPixels {
                 camera: *camera,
+                traced: *camera,
                 paths: PackedPaths::default(),
                 targets: SrgbCodes::like(&view.photo),
                 smoothness: Vec::new(),
+                slopes: Vec::new(),
                 backgrounds: Vec::new(),
             };
             let thinning = (index as u64, keep);
@@ -325,12 +363,14 @@ impl ViewPixels {
                 if *coverage >= 1.0 && self.paths.push(gbuffer.paths_at(i)) {
                     self.targets.extend([view.photo.srgb(i as usize)]);
                     self.smoothness.push(smoothness(view, i as usize));
+                    self.slopes.push(slopes(view, i as usize, is_object));
                 }
             }
         }
         self.paths.shrink();
         self.targets.shrink();
         self.smoothness.shrink_to_fit();
+        self.slopes.shrink_to_fit();
     }
 
     fn collect_backgrounds(
@@ -375,4 +415,21 @@ fn image_gradient(view: &View, i: usize) -> f32 {
     let dx = grey((x + 1).min(width - 1), y) - grey(x.saturating_sub(1), y);
     let dy = grey(x, (y + 1).min(height - 1)) - grey(x, y.saturating_sub(1));
     0.5 * dx.hypot(dy)
+}
+
+/// Slopes of the colours at pixel `i` by central differences, in [`SLOPE_CODES`]; 0 where a neighbour is not all object.
+fn slopes(view: &View, i: usize, is_object: &[bool]) -> [[i8; 2]; 3] {
+    let (width, n) = (view.photo.width() as usize, view.photo.n_pixels());
+    let column = i % width;
+    let is_inside = column > 0 && column + 1 < width && i >= width && i + width < n;
+    let along = |step: usize| {
+        let is_known = is_inside && is_object[i - step] && is_object[i + step];
+        let ends = is_known.then(|| [i - step, i + step].map(|i| view.photo.srgb(i)));
+        ends.unwrap_or_default()
+    };
+    let (right, down) = (along(1), along(width));
+    let code = |[before, after]: [[f32; 3]; 2], color: usize| {
+        (0.5 * (after[color] - before[color]) * SLOPE_CODES).round() as i8
+    };
+    std::array::from_fn(|color| [code(right, color), code(down, color)])
 }
