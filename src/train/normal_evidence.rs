@@ -63,8 +63,13 @@ impl NormalEvidence {
         if count <= 0.0 {
             return f32::INFINITY;
         }
-        let error = NOISE + self.errors.sample(p) / count;
+        let error = NOISE + self.error(p);
         (error / (FLAT + self.slopes.sample(p) / count)).sqrt()
+    }
+
+    /// Mean squared error of the pixels that have shown `p`, 0 where none has.
+    pub(super) fn error(&self, p: Vec3) -> f32 {
+        self.errors.sample(p) / self.counts.sample(p).max(f32::MIN_POSITIVE)
     }
 
     /// Forgets all: the surface is another.

@@ -15,7 +15,7 @@ use super::config::{Normals, TrainConfig};
 use super::normal_evidence::NormalEvidence;
 use super::normal_offsets::NormalOffsets;
 use super::preparation::retrace_pixels;
-use super::stage_one::{self, StageOneError};
+use super::stage_one::{self, KnownNormals, StageOneError};
 use super::trainer::Trainer;
 use crate::data::Dataset;
 use crate::data::tensor_file::TensorFile;
@@ -153,12 +153,19 @@ impl Trainer {
             return Ok(());
         };
         let mesh = tracer.mesh();
-        let vertices = mesh.positions.par_iter();
-        let deviations: Vec<f32> = vertices.map(|p| evidence.deviation(*p)).collect();
+        let at_vertices = |of: fn(&NormalEvidence, Vec3) -> f32| -> Vec<f32> {
+            let vertices = mesh.positions.par_iter();
+            vertices.map(|p| of(evidence, *p)).collect()
+        };
+        let known = KnownNormals {
+            mesh,
+            deviations: &at_vertices(NormalEvidence::deviation),
+            errors: &at_vertices(NormalEvidence::error),
+        };
         let cameras = self.pixels.cameras();
         let error_px = self.pixels.outline_error_px();
         let go_on = || !cancel.load(Ordering::Relaxed);
-        match stage_one::refit(dataset, &cameras, (mesh, &deviations), error_px, &go_on) {
+        match stage_one::refit(dataset, &cameras, known, error_px, &go_on) {
             Ok(mesh) => {
                 evidence.clear();
                 refinement.offsets.restart();

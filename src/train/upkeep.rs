@@ -33,7 +33,7 @@ const COOL_DOWN_SHARE: f64 = 0.15;
 
 /// Shares of the plan at which the pixels are traced anew where normals or poses are refined: most is learned early, and
 /// each tracing costs what the first did.
-pub(super) const RETRACE_AT: [f32; 3] = [0.1, 0.3, 0.6];
+pub(super) const RETRACE_AT: [f32; 6] = [0.05, 0.1, 0.2, 0.3, 0.45, 0.6];
 
 /// What becomes of a mesh made of outlines before paths are traced anew.
 #[derive(Clone, Copy, PartialEq, Eq)]

@@ -18,7 +18,7 @@ use rayon::prelude::*;
 use super::band::{Band, add_scaled, dot};
 use super::fusion::Seen;
 use super::silhouette::Silhouette;
-use super::slopes::{Normals, Slopes, asked_evenness};
+use super::slopes::{Normals, Slopes};
 use crate::geometry::{Ray, ScalarGrid};
 
 /// Cells on either side of the surface that move with it.
@@ -75,7 +75,7 @@ pub(super) struct Evidence {
     pub(super) outline_error: f32,
     /// What depth maps say, where there are any.
     pub(super) seen: Option<Seen>,
-    /// What photos say of normals, at the same nodes; empty without any.
+    /// What photos say of normals, at the same nodes.
     pub(super) normals: Normals,
 }
 
@@ -219,10 +219,10 @@ impl<'a> System<'a> {
         band.laplacian(&values, &mut curvature);
         let mut evenness = band.evenness(&curvature, crease);
         let doubt = 1.0 + (evidence.outline_error / LEAST_ERROR).powi(2);
-        let asked = asked_evenness(band, &evidence.normals);
+        let asked = evidence.normals.asked_evenness(band);
         for (slot, weights) in evenness.iter_mut().enumerate() {
             for (weight, other) in weights.iter_mut().zip(band.neighbours_of(slot)) {
-                let asked = 0.5 * (asked[slot] + other.map_or(0.0, |other| asked[other]));
+                let asked = (asked[slot] * other.map_or(0.0, |other| asked[other])).sqrt();
                 *weight *= asked * fairing.evenness * doubt;
             }
         }

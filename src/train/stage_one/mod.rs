@@ -35,6 +35,7 @@ use rayon::prelude::*;
 use self::fairing::{Evidence, Fairing};
 use self::fusion::{Depths, Seen};
 use self::silhouette::Silhouette;
+use self::slopes::Normals;
 use crate::data::{Dataset, View};
 use crate::geometry::{Aabb, Mesh, MeshError, ScalarGrid, iso_surface};
 use crate::train::placement::up_direction;
@@ -44,6 +45,7 @@ use crate::train::statistics::middle;
 pub use compare::{MeshDifference, compare, silhouette_agreement};
 pub use growth::GrowthPicture;
 pub(super) use refit::{is_of_outlines, refit};
+pub(super) use slopes::KnownNormals;
 
 /// Silhouettes without which there is no shape.
 const MIN_VIEWS: usize = 3;
@@ -257,7 +259,7 @@ fn of_outlines(
         hull,
         silhouettes,
         seen: None,
-        normals: Vec::new(),
+        normals: Normals::default(),
     })
 }
 
@@ -352,7 +354,7 @@ fn from_depths(
             silhouettes,
             outline_error: 0.0,
             seen: Some(seen),
-            normals: Vec::new(),
+            normals: Normals::default(),
         },
     }))
 }

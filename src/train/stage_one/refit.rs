@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::fairing::{self, Fairing};
 use super::silhouette::Silhouette;
-use super::slopes::normals_around;
+use super::slopes::{KnownNormals, Normals};
 use super::{
     CELL_ERRORS, FEWEST_CELLS, SPECK, StageOneError, StageOneOptions, fusion, grid_around, hull,
     of_outlines, pixels_at, surface,
@@ -27,33 +27,33 @@ pub(in crate::train) fn is_of_outlines(dataset: &Dataset) -> bool {
     super::has_masks(dataset) && fusion::depth_views(dataset).is_empty()
 }
 
-/// The mesh where its normals want it, on the current thread pool: each vertex's deviates by so many radians, infinite where
-/// it is unknown. The masks' outlines err by `error_px` pixels for views taken by `cameras`.
+/// The mesh where its normals want it, on the current thread pool. The masks' outlines err by `error_px` pixels for views taken
+/// by `cameras`.
 ///
 /// # Errors
 /// When no surface is left, and when told to stop.
 pub(in crate::train) fn refit(
     dataset: &Dataset,
     cameras: &[Camera],
-    (mesh, deviations): (&Mesh, &[f32]),
+    known: KnownNormals<'_>,
     error_px: f32,
     go_on: &(dyn Fn() -> bool + Sync),
 ) -> Result<Mesh, StageOneError> {
     let views = dataset.train.par_iter().zip(cameras);
     let silhouettes = views.filter_map(|(view, camera)| Silhouette::new(view, *camera));
     let silhouettes: Vec<Silhouette> = silhouettes.collect();
-    let bounds = mesh.bounds();
+    let bounds = known.mesh.bounds();
     let pixel = middle(&mut pixels_at(&silhouettes, bounds.center()));
     let least_error = error_px.max(LEAST_ERROR_PX) * pixel;
     let finest = bounds.extent().max_element() / (CELL_ERRORS * least_error);
     let n_cells = (finest as usize).clamp(FEWEST_CELLS, StageOneOptions::default().n_cells);
     let mut phi = grid_around(&bounds, n_cells);
-    phi.fill_distances(mesh, fairing::REACH);
+    phi.fill_distances(known.mesh, fairing::REACH);
     phi.redistance(fairing::REACH);
     let mut evidence = of_outlines(silhouettes, error_px, pixel, |silhouettes| {
         Ok(hull::near(silhouettes, &phi, fairing::BAND))
     })?;
-    evidence.normals = normals_around(mesh, deviations, &phi, least_error / phi.cell);
+    evidence.normals = Normals::around(known, &phi, least_error / phi.cell);
     for _ in 0..N_ROUNDS {
         if !go_on() {
             return Err(StageOneError::Cancelled);

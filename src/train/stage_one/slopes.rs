@@ -4,6 +4,7 @@ use glam::Vec3;
 
 use super::band::Band;
 use crate::geometry::{Mesh, ScalarGrid};
+use crate::train::statistics::middle;
 
 /// Least standard deviation of a normal, radians: below, its place on the grid is not known well enough.
 const LEAST_DEVIATION: f32 = 0.015;
@@ -15,47 +16,108 @@ const EQUALLY_SURE: f32 = 0.5;
 const LEAST_WEIGHT: f32 = 1e-4;
 /// Share of the evenness that is asked of a surface whose normals are known.
 const KNOWN_EVENNESS: f32 = 0.3;
+/// Error of pixels, in those that are usual, from which photos contradict the surface: half the evenness is asked then.
+const CONTRADICTED: f32 = 3.0;
+/// Cells about the mesh in which its pixels' errors count.
+const SPREAD: usize = 5;
 
-/// Unit normal at each node of a grid, and its weight beside that of a ray along an outline, 0 where none is known.
-pub(super) type Normals = Vec<(Vec3, f32)>;
-
-/// The normals of a mesh, which deviate by so many radians, at the nodes around its vertices; outlines err by
-/// `outline_error` cells.
-pub(super) fn normals_around(
-    mesh: &Mesh,
-    deviations: &[f32],
-    grid: &ScalarGrid,
-    outline_error: f32,
-) -> Normals {
-    let mut sums = vec![(Vec3::ZERO, 0.0, 0.0); grid.values.len()];
-    let vertices = mesh.positions.iter().zip(&mesh.normals).zip(deviations);
-    for ((position, normal), deviation) in vertices {
-        let deviation = (TRUSTED * deviation).max(LEAST_DEVIATION);
-        let weight = EQUALLY_SURE * (outline_error / deviation).powi(2);
-        if weight < LEAST_WEIGHT {
-            continue;
-        }
-        let corners = grid.corners(*position);
-        for (node, share) in corners.nodes.iter().zip(corners.weights) {
-            let (sum, weights, shares) = &mut sums[*node];
-            *sum += share * weight * *normal;
-            *weights += share * weight;
-            *shares += share;
-        }
-    }
-    sums.into_iter()
-        .map(|(sum, weights, shares)| {
-            let weight = if shares > 0.0 { weights / shares } else { 0.0 };
-            (sum.normalize_or_zero(), weight)
-        })
-        .collect()
+/// What photos say of the normals of a mesh.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::train) struct KnownNormals<'a> {
+    pub(in crate::train) mesh: &'a Mesh,
+    /// `[n_vertices]` standard deviations, radians; infinite where a normal is unknown.
+    pub(in crate::train) deviations: &'a [f32],
+    /// `[n_vertices]` mean squared errors of the pixels that show them; 0 where none does.
+    pub(in crate::train) errors: &'a [f32],
 }
 
-/// `[n]` share of the evenness that is asked of the surface at a band's nodes.
-pub(super) fn asked_evenness(band: &Band, normals: &Normals) -> Vec<f32> {
-    let weight = |node: &u32| normals.get(*node as usize).map_or(0.0, |known| known.1);
-    let asked = |weight: f32| (1.0 + KNOWN_EVENNESS * weight) / (1.0 + weight);
-    band.nodes.iter().map(|node| asked(weight(node))).collect()
+/// The same at the nodes of a grid; empty where nothing is known.
+#[derive(Debug, Default)]
+pub(super) struct Normals {
+    /// `[n_nodes]` unit normals, and their weights beside that of a ray along an outline, 0 where none is known.
+    known: Vec<(Vec3, f32)>,
+    /// `[n_nodes]` pixels' errors in those that are usual, beside the mesh.
+    errors: Vec<Option<f32>>,
+}
+
+/// Sums over the vertices around a node.
+#[derive(Clone, Copy, Default)]
+struct Around {
+    normal: Vec3,
+    weight: f32,
+    error: f32,
+    share: f32,
+}
+
+impl Normals {
+    /// At the nodes around the mesh's vertices; outlines err by `outline_error` cells.
+    pub(super) fn around(known: KnownNormals<'_>, grid: &ScalarGrid, outline_error: f32) -> Self {
+        let KnownNormals {
+            mesh,
+            deviations,
+            errors,
+        } = known;
+        let mut seen: Vec<f32> = errors.iter().copied().filter(|e| *e > 0.0).collect();
+        let usual = if seen.is_empty() {
+            1.0
+        } else {
+            middle(&mut seen)
+        };
+        let mut nodes = vec![Around::default(); grid.values.len()];
+        let vertices = mesh.positions.iter().zip(&mesh.normals);
+        for ((position, normal), (deviation, error)) in vertices.zip(deviations.iter().zip(errors))
+        {
+            let deviation = (TRUSTED * deviation).max(LEAST_DEVIATION);
+            let weight = EQUALLY_SURE * (outline_error / deviation).powi(2);
+            let weight = if weight < LEAST_WEIGHT { 0.0 } else { weight };
+            let corners = grid.corners(*position);
+            for (node, share) in corners.nodes.iter().zip(corners.weights) {
+                let around = &mut nodes[*node];
+                around.normal += share * weight * *normal;
+                around.weight += share * weight;
+                around.error += share * error / usual;
+                around.share += share;
+            }
+        }
+        let mean = |sum: f32, share: f32| (share > 0.0).then(|| sum / share);
+        let known = nodes.iter().map(|node| {
+            let weight = mean(node.weight, node.share).unwrap_or_default();
+            (node.normal.normalize_or_zero(), weight)
+        });
+        Self {
+            known: known.collect(),
+            errors: nodes.iter().map(|n| mean(n.error, n.share)).collect(),
+        }
+    }
+
+    /// `[n]` share of the evenness that is asked of the surface at a band's nodes: less where normals are known, and least where
+    /// photos contradict it, so that what lies beside goes on as it is bent, and meets there in a crease.
+    pub(super) fn asked_evenness(&self, band: &Band) -> Vec<f32> {
+        let weight = |node: &u32| self.known.get(*node as usize).map_or(0.0, |known| known.1);
+        let errors = self.errors_within(band);
+        let asked = |(node, error): (&u32, f32)| {
+            let weight = weight(node);
+            let contradicted = 1.0 + (error / CONTRADICTED).powi(2);
+            (1.0 + KNOWN_EVENNESS * weight) / (1.0 + weight) / contradicted
+        };
+        band.nodes.iter().zip(errors).map(asked).collect()
+    }
+
+    /// `[n]` errors at all nodes of a band: away from the mesh as they are beside it.
+    fn errors_within(&self, band: &Band) -> Vec<f32> {
+        let at = |node: &u32| self.errors.get(*node as usize).copied().flatten();
+        let mut errors: Vec<Option<f32>> = band.nodes.iter().map(at).collect();
+        for _ in 0..SPREAD {
+            let before = errors.clone();
+            for (slot, error) in errors.iter_mut().enumerate().filter(|(_, e)| e.is_none()) {
+                let neighbours = band.neighbours_of(slot).into_iter().flatten();
+                let known = neighbours.filter_map(|other| before[other]);
+                let (n, sum) = known.fold((0.0, 0.0), |(n, sum), error| (n + 1.0, sum + error));
+                *error = (n > 0.0).then(|| sum / n);
+            }
+        }
+        errors.into_iter().map(Option::unwrap_or_default).collect()
+    }
 }
 
 /// The conditions at the nodes of a band, by central differences.
@@ -75,7 +137,7 @@ impl Slopes {
     /// Of the normals at the nodes of the band's grid; `values`: `[n]` distances of its slots, cells.
     pub(super) fn new(band: &Band, normals: &Normals, values: &[f32]) -> Self {
         let slope = |(slot, node): (usize, &u32)| {
-            let (normal, weight) = *normals.get(*node as usize)?;
+            let (normal, weight) = *normals.known.get(*node as usize)?;
             let neighbours = band.all_neighbours(slot).filter(|_| weight > 0.0)?;
             Some(Slope {
                 neighbours,
