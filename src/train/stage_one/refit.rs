@@ -22,6 +22,9 @@ const N_ROUNDS: usize = 4;
 /// Least error of outlines, pixels: they are sampled, and so are the normals.
 const LEAST_ERROR_PX: f32 = 0.3;
 
+/// Pixels from an outline up to which it says how far: beyond, the surface does not come in one refit.
+const OUTLINE_REACH_PX: f32 = 24.0;
+
 /// Whether a mesh that is made of this capture is made of outlines alone.
 pub(in crate::train) fn is_of_outlines(dataset: &Dataset) -> bool {
     super::has_masks(dataset) && fusion::depth_views(dataset).is_empty()
@@ -40,7 +43,8 @@ pub(in crate::train) fn refit(
     go_on: &(dyn Fn() -> bool + Sync),
 ) -> Result<Mesh, StageOneError> {
     let views = dataset.train.par_iter().zip(cameras);
-    let silhouettes = views.filter_map(|(view, camera)| Silhouette::new(view, *camera));
+    let silhouettes =
+        views.filter_map(|(view, camera)| Silhouette::near(view, *camera, OUTLINE_REACH_PX));
     let silhouettes: Vec<Silhouette> = silhouettes.collect();
     let bounds = known.mesh.bounds();
     let pixel = middle(&mut pixels_at(&silhouettes, bounds.center()));
