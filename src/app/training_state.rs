@@ -133,6 +133,8 @@ pub struct TrainingState {
     pub best: Option<Validation>,
     /// The same by validation view, dB, in the capture's order.
     pub view_psnr: Vec<Option<f64>>,
+    /// `[n_train]` pixels by which photos' cameras were corrected; empty where they were not, or not yet.
+    pub moved_px: Vec<f32>,
     /// Where the run was last saved.
     pub saved: Option<PathBuf>,
     /// The step of the last save.
@@ -191,7 +193,11 @@ impl TrainingState {
             }
             TrainEvent::Validated(validation) => self.take_validation(validation),
             TrainEvent::ViewsValidated(psnr) => self.view_psnr = psnr,
-            TrainEvent::Exposures(_) | TrainEvent::Poses(_) => {}
+            // Snapshots have them, from the first on.
+            TrainEvent::Exposures(_) => {}
+            TrainEvent::Poses(photos) => {
+                self.moved_px = photos.into_iter().map(|(_, px)| px).collect();
+            }
             TrainEvent::Warning(message) => return vec![(Level::Warning, message)],
             TrainEvent::Saved(path) => {
                 self.saved_step = Some(self.progress.step);

@@ -11,11 +11,10 @@ use super::agreement;
 use super::batch_size::BatchSize;
 use super::config::TrainConfig;
 use super::distortion::distortion;
-use super::exposures::ExposureRow;
-use super::loss::{PixelLoss, clipped_pull, pixel_loss};
+use super::loss::{clipped_pull, pixel_loss};
 use super::normal_offsets::{NormalOffsets, OffsetBatch};
+use super::photo_rows::PhotoRows;
 use super::pixels::{BackgroundSample, ObjectPixel, PixelStore};
-use super::pose_step::PoseRow;
 use super::random::SlotRandom;
 use super::tilted_rays::{PixelError, TiltedRays};
 use super::unseen::{self, Triple};
@@ -155,10 +154,7 @@ pub(super) struct Chunk {
     pub(super) batch: FieldBatch,
     pub(super) d_field_networks: Vec<f32>,
     pub(super) d_material_network: Vec<f32>,
-    /// What each pixel says of its photo's exposure, where that is sought.
-    pub(super) exposure_rows: Vec<ExposureRow>,
-    /// What background pixels tell of their photos' poses.
-    pub(super) pose_rows: Vec<PoseRow>,
+    pub(super) photo_rows: PhotoRows,
     pub(super) loss: ChunkLoss,
     pub(super) is_finite: bool,
 }
@@ -344,8 +340,7 @@ impl Chunk {
     pub(super) fn run(&mut self, context: &StepContext<'_>) {
         self.loss = ChunkLoss::default();
         self.errors.clear();
-        self.exposure_rows.clear();
-        self.pose_rows.clear();
+        self.photo_rows.clear();
         self.d_field_networks.clear();
         self.d_field_networks
             .resize(context.field.n_network_params(), 0.0);
@@ -412,15 +407,11 @@ impl Chunk {
             self.loss.background += f64::from(clipped_weight * value);
             let d = d * clipped_weight;
             self.batch.d_radiance[ray] = ((loss.d_linear + d) * gain * scale).to_array();
-            let rows = (&mut self.exposure_rows, &mut self.pose_rows);
-            let place = || {
-                (
-                    sample.direction,
-                    context.pixels.slope(sample),
-                    self.batch.end(ray),
-                )
-            };
-            ask_photo(context, rows, (sample.view, exposed, &loss), place);
+            let asked = (sample.view, exposed, &loss);
+            self.photo_rows.ask(context, asked, || {
+                let slope = context.pixels.slope(sample);
+                (sample.direction, slope, self.batch.end(ray))
+            });
         }
     }
 
@@ -502,8 +493,8 @@ impl Chunk {
         self.loss.object += f64::from(loss.value);
         self.loss.d_gamma += f64::from(loss.d_gamma * scale);
         let point = &self.vertices[self.paths[slot.paths.start].points.start].point;
-        let rows = (&mut self.exposure_rows, &mut self.pose_rows);
-        ask_photo(context, rows, (pixel.view, exposed, &loss), || {
+        let asked = (pixel.view, exposed, &loss);
+        self.photo_rows.ask(context, asked, || {
             let slope = context.pixels.object_slope(pixel, point.position);
             let eye = context.pixels.eye(pixel.view);
             let distance = point.position.distance(eye) / context.frame.half_side;
@@ -591,24 +582,5 @@ impl Chunk {
             && self.batch.has_finite_gradients()
             && (self.loss.object + self.loss.background + self.loss.smoothness + self.loss.priors)
                 .is_finite()
-    }
-}
-
-/// What a pixel of the photo `view`, which shows `exposed`, says of the photo's exposure and pose, where these are sought.
-/// `place`: the direction of its ray, the photo's slope there, and where the ray ends.
-fn ask_photo(
-    context: &StepContext<'_>,
-    (exposures, poses): (&mut Vec<ExposureRow>, &mut Vec<PoseRow>),
-    (view, exposed, loss): (usize, Vec3, &PixelLoss),
-    place: impl FnOnce() -> (Vec3, Option<Vec3>, (f32, f32)),
-) {
-    if context.finds_exposures {
-        exposures.push(ExposureRow::new(view, exposed, loss));
-    }
-    if context.finds_poses
-        && let (direction, Some(slope), end) = place()
-    {
-        let grey = loss.difference.element_sum() / 3.0;
-        poses.extend(PoseRow::new(view, direction, slope, grey, end));
     }
 }

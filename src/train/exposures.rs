@@ -177,7 +177,11 @@ impl Trainer {
         if !exposures.are_sought(self.step) {
             return;
         }
-        exposures.add(self.chunks.iter().flat_map(|chunk| &chunk.exposure_rows));
+        exposures.add(
+            self.chunks
+                .iter()
+                .flat_map(|chunk| &chunk.photo_rows.exposures),
+        );
         if self.step.is_multiple_of(EVERY) {
             exposures.correct();
         }

@@ -31,6 +31,7 @@ mod outlines;
 mod packed_path;
 pub mod paper;
 pub mod photo_exposures;
+mod photo_rows;
 mod picture_shift;
 mod pixel_set;
 mod pixels;

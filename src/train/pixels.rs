@@ -433,3 +433,63 @@ fn slopes(view: &View, i: usize, is_object: &[bool]) -> [[i8; 2]; 3] {
     };
     std::array::from_fn(|color| [code(right, color), code(down, color)])
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::train::preparation::{given_cameras, pixel_options};
+    use crate::train::test_scene::{small_fields, sphere_in_a_box};
+
+    #[test]
+    fn targets_follow_their_cameras() {
+        let dataset = sphere_in_a_box(3, 64);
+        let tracer = SurfaceTracer::new(Arc::clone(dataset.mesh.as_ref().unwrap()));
+        let options = pixel_options(&small_fields(), true, 0.0);
+        let given = given_cameras(&dataset);
+        let mut store =
+            PixelStore::collect(&dataset, &given, Some(&tracer), options, &|| true).unwrap();
+        let moved = given.iter().map(|camera| Camera {
+            cx: camera.cx + 0.5,
+            ..*camera
+        });
+        let moved: Vec<Camera> = moved.collect();
+        let mut random = SlotRandom::new(1, 0, 0);
+        let (mut vertices, mut n, mut changed) = (Vec::new(), 0, 0.0_f32);
+        for _ in 0..300 {
+            store.set_cameras(&given);
+            let mut pixel = store.draw_object(&mut random);
+            vertices.clear();
+            store.unpack_paths(&pixel, &mut vertices, |_| ());
+            let begin = vertices[0].point.position;
+            let before = pixel.target;
+            store.follow_camera(&mut pixel, begin);
+            assert_eq!(pixel.target, before, "the camera is where it was");
+            // Beside the outline the slope is not known.
+            if pixel.slopes.iter().all(|[right, _]| *right == 0.0) {
+                continue;
+            }
+            // Half a pixel to the right: a quarter of the difference of the neighbours.
+            let view = &dataset.train[pixel.view];
+            let at = given[pixel.view].project(begin).unwrap();
+            let i = at.y as usize * 64 + at.x as usize;
+            let [left, right] = [i - 1, i + 1].map(|i| view.photo.srgb(i));
+            store.set_cameras(&moved);
+            store.follow_camera(&mut pixel, begin);
+            for c in 0..3 {
+                let expected = (before[c] + 0.25 * (right[c] - left[c])).clamp(0.0, 1.0);
+                assert!((pixel.target[c] - expected).abs() < 0.005, "{pixel:?}");
+                changed = changed.max((expected - before[c]).abs());
+            }
+            // The slope by the direction is that of the grey value by the pixel.
+            let slope = store.object_slope(&pixel, begin).unwrap();
+            let ray = |x: f32| moved[pixel.view].ray(x, at.y).direction;
+            let by_pixel = slope.dot(ray(at.x + 1.0) - ray(at.x));
+            let expected = 0.5 * (0..3).map(|c| right[c] - left[c]).sum::<f32>() / 3.0;
+            assert!((by_pixel - expected).abs() < 0.01, "{by_pixel}, {expected}");
+            n += 1;
+        }
+        assert!(n > 100 && changed > 0.01, "{n} pixels, {changed}");
+    }
+}

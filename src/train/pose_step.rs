@@ -16,7 +16,7 @@ const RIDGE: f64 = 0.05;
 /// How far off poses are expected to be, pixels.
 const EXPECTED_PX: f64 = 3.0;
 
-/// A background pixel's equation: `slopes · correction = difference`.
+/// A pixel's equation: `slopes · correction = difference`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PoseRow {
     pub(super) view: usize,

@@ -2,8 +2,9 @@
 //!
 //! Structure from motion leaves a photo some tenths of a pixel to a pixel off, and what is seen from many sides is
 //! blurred by it. Where the field shows a pixel of a photo brighter than the photo is there, the photo is shifted, by its own
-//! slope ([`super::pose_step`]): its background pixels give its pose, again and again as the field sharpens. Where all that is
-//! found is as little as the field is wrong, the cameras stay as they are given.
+//! slope ([`super::pose_step`]): its pixels, of background and object, give its pose, again and again as the field sharpens. A
+//! mirror image moves almost as the surface that shows it. Where all that is found is as little as the field is wrong, the
+//! cameras stay as they are given.
 
 use glam::{DMat3, DVec2, DVec3, Vec3};
 
@@ -274,7 +275,7 @@ impl Trainer {
         if !poses.are_sought(self.step) {
             return;
         }
-        poses.add(self.chunks.iter().flat_map(|chunk| &chunk.pose_rows));
+        poses.add(self.chunks.iter().flat_map(|chunk| &chunk.photo_rows.poses));
         if self.step.is_multiple_of(EVERY) {
             poses.correct();
             self.pixels.set_cameras(&poses.cameras());

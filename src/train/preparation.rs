@@ -89,7 +89,11 @@ pub(super) fn retrace_pixels(
     }
 }
 
-fn pixel_options(config: &TrainConfig, has_object: bool, outline_error_px: f32) -> PixelOptions {
+pub(super) fn pixel_options(
+    config: &TrainConfig,
+    has_object: bool,
+    outline_error_px: f32,
+) -> PixelOptions {
     PixelOptions {
         seed: config.seed,
         background: config.background != PhotoFit::Off,

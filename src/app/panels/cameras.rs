@@ -32,15 +32,7 @@ pub fn cameras_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
         ui.label(weak(ui, at));
     });
     let row_height = ui.spacing().interact_size.y;
-    let rows: Vec<_> = state
-        .views()
-        .enumerate()
-        .map(|(i, (split, view))| {
-            let name = format!("{} / {}", split.name(), view.name);
-            let psnr = psnr_of(state, i);
-            (name, psnr.map(|db| format!("{db:.1} dB")))
-        })
-        .collect();
+    let views: Vec<_> = state.views().collect();
     let mut scroll = ScrollArea::vertical()
         .auto_shrink([false, false])
         .id_salt("photos");
@@ -50,19 +42,15 @@ pub fn cameras_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     scroll.show_rows(ui, row_height, n, |ui, shown| {
         for i in shown {
             let is_here = state.view.at_view == Some(i);
-            let (name, psnr) = &rows[i];
-            let mut row = Button::selectable(is_here, name.as_str())
+            let (split, view) = views[i];
+            let name = format!("{} / {}", split.name(), view.name);
+            let mut row = Button::selectable(is_here, name)
                 .min_size(egui::vec2(ui.available_width(), row_height));
-            if let Some(psnr) = psnr {
-                row = row.right_text(weak(ui, psnr.as_str()));
+            let (figure, hint) = figure_of(state, i, &view.name);
+            if let Some(figure) = figure {
+                row = row.right_text(weak(ui, figure));
             }
             let row = ui.add(row);
-            let hint = match psnr {
-                Some(_) => {
-                    "Stand where this photo was taken; PSNR of the object in it, where there is one"
-                }
-                None => "Stand where this photo was taken",
-            };
             if row.on_hover_text(hint).clicked() {
                 commands.push(Command::GoToView(i));
             }
@@ -83,6 +71,26 @@ fn scroll_to_view(ui: &Ui, state: &AppState, row_height: f32) -> Option<f32> {
     Some((state.view.at_view? as f32 * step - middle).max(0.0))
 }
 
+/// What is known of a photo, by its index and name, and what the row says of that.
+fn figure_of(state: &AppState, index: usize, name: &str) -> (Option<String>, &'static str) {
+    if let Some(db) = psnr_of(state, index) {
+        let hint = "Stand where this photo was taken; PSNR of the object in it, where there is one";
+        return (Some(format!("{db:.1} dB")), hint);
+    }
+    let exposures = state.snapshot.as_ref().and_then(|s| s.exposures.as_ref());
+    let gain = exposures.and_then(|exposures| exposures.trained(name));
+    let stops = gain.map(|gain| format!("{:+.1} EV", gain.element_product().cbrt().log2()));
+    let moved = state.training.moved_px.get(index);
+    let moved = moved.map(|px| format!("{px:.1} px"));
+    let found: Vec<String> = [stops, moved].into_iter().flatten().collect();
+    if found.is_empty() {
+        return (None, "Stand where this photo was taken");
+    }
+    let hint = "Stand where this photo was taken; its exposure beside the others', and by how far its camera was corrected, \
+                as training found them";
+    (Some(found.join(", ")), hint)
+}
+
 /// PSNR of a view by its index, dB: from its error map, else from the validation of the run. Of the object where there is
 /// one.
 fn psnr_of(state: &AppState, index: usize) -> Option<f64> {
@@ -95,4 +103,50 @@ fn psnr_of(state: &AppState, index: usize) -> Option<f64> {
     measured
         .and_then(|figures| figures.psnr_object.or(figures.psnr))
         .or_else(validated)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use glam::Vec3;
+
+    use super::*;
+    use crate::data::{Dataset, Photo, View};
+    use crate::render::test_scene::{camera, scene};
+    use crate::train::Snapshot;
+    use crate::train::events::TrainEvent;
+    use crate::train::photo_exposures::PhotoExposures;
+
+    #[test]
+    fn photos_say_what_was_found_about_them() {
+        let view = View {
+            name: "a".to_owned(),
+            camera: camera(4, 3),
+            photo: Photo::Ldr {
+                width: 4,
+                height: 3,
+                pixels: vec![[30_000; 3]; 12],
+            },
+            mask: None,
+        };
+        let dataset = Arc::new(Dataset::of_views(vec![view]));
+        let mut state = AppState {
+            dataset: Some(Arc::clone(&dataset)),
+            ..AppState::default()
+        };
+        let figure = |state: &AppState| figure_of(state, 0, "a").0;
+        assert_eq!(figure(&state), None, "nothing is known yet");
+        let scene = scene();
+        state.snapshot = Some(Arc::new(Snapshot {
+            step: 1,
+            object: scene.object,
+            environment: scene.environment,
+            exposures: Some(Arc::new(PhotoExposures::of(&dataset, &[Vec3::splat(2.0)]))),
+        }));
+        assert_eq!(figure(&state).as_deref(), Some("+1.0 EV"));
+        let poses = TrainEvent::Poses(vec![("a".to_owned(), 0.64)]);
+        assert!(state.training.take(poses).is_empty());
+        assert_eq!(figure(&state).as_deref(), Some("+1.0 EV, 0.6 px"));
+    }
 }
