@@ -256,7 +256,6 @@ fn what_is_known_of_normals_opens_the_necks_of_uncertain_outlines() {
         .map(|deviation| if deviation.is_finite() { 0.01 } else { 0.1 })
         .collect();
     let (opened, _) = off(refit(&deviations, &contradicted, true));
-    eprintln!("{before} {without} {after} {opened} {angle}");
     assert!(
         opened < 0.9 * after,
         "{after} units off where photos contradict it became {opened}"
