@@ -541,14 +541,14 @@ impl AppState {
 }
 
 #[cfg(test)]
-mod tests {
+pub(in crate::app) mod tests {
     use super::*;
     use crate::data::Photo;
     use crate::render::test_scene::{camera, scene};
     use crate::train::photo_exposures::PhotoExposures;
 
-    #[test]
-    fn beside_its_photo_a_picture_has_the_photo_s_exposure() {
+    /// A capture of one grey photo, `a`, and a trained scene in which it has `gain`.
+    pub(in crate::app) fn one_photo(gain: Vec3) -> (Arc<Dataset>, Snapshot) {
         let view = View {
             name: "a".to_owned(),
             camera: camera(4, 3),
@@ -560,7 +560,6 @@ mod tests {
             mask: None,
         };
         let dataset = Dataset::of_views(vec![view]);
-        let gain = Vec3::new(2.0, 1.0, 0.5);
         let scene = scene();
         let snapshot = Snapshot {
             step: 1,
@@ -568,8 +567,15 @@ mod tests {
             environment: scene.environment,
             exposures: Some(Arc::new(PhotoExposures::of(&dataset, &[gain]))),
         };
+        (Arc::new(dataset), snapshot)
+    }
+
+    #[test]
+    fn beside_its_photo_a_picture_has_the_photo_s_exposure() {
+        let gain = Vec3::new(2.0, 1.0, 0.5);
+        let (dataset, snapshot) = one_photo(gain);
         let mut state = AppState {
-            dataset: Some(Arc::new(dataset)),
+            dataset: Some(dataset),
             ..AppState::default()
         };
         let shown = |state: &AppState| state.scene_of(&snapshot).transform.white_balance;

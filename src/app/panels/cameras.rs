@@ -112,38 +112,19 @@ mod tests {
     use glam::Vec3;
 
     use super::*;
-    use crate::data::{Dataset, Photo, View};
-    use crate::render::test_scene::{camera, scene};
-    use crate::train::Snapshot;
+    use crate::app::state::tests::one_photo;
     use crate::train::events::TrainEvent;
-    use crate::train::photo_exposures::PhotoExposures;
 
     #[test]
     fn photos_say_what_was_found_about_them() {
-        let view = View {
-            name: "a".to_owned(),
-            camera: camera(4, 3),
-            photo: Photo::Ldr {
-                width: 4,
-                height: 3,
-                pixels: vec![[30_000; 3]; 12],
-            },
-            mask: None,
-        };
-        let dataset = Arc::new(Dataset::of_views(vec![view]));
+        let (dataset, snapshot) = one_photo(Vec3::splat(2.0));
         let mut state = AppState {
-            dataset: Some(Arc::clone(&dataset)),
+            dataset: Some(dataset),
             ..AppState::default()
         };
         let figure = |state: &AppState| figure_of(state, 0, "a").0;
         assert_eq!(figure(&state), None, "nothing is known yet");
-        let scene = scene();
-        state.snapshot = Some(Arc::new(Snapshot {
-            step: 1,
-            object: scene.object,
-            environment: scene.environment,
-            exposures: Some(Arc::new(PhotoExposures::of(&dataset, &[Vec3::splat(2.0)]))),
-        }));
+        state.snapshot = Some(Arc::new(snapshot));
         assert_eq!(figure(&state).as_deref(), Some("+1.0 EV"));
         let poses = TrainEvent::Poses(vec![("a".to_owned(), 0.64)]);
         assert!(state.training.take(poses).is_empty());
