@@ -156,6 +156,11 @@ impl AnyTrainer {
         either!(self, trainer => trainer.pixels.outline_error_px())
     }
 
+    /// Share of the background's pixels whose depth the photos told before training, `[0, 1]`.
+    pub fn share_of_depths(&self) -> f32 {
+        either!(self, trainer => trainer.pixels.depths.as_ref().map_or(0.0, |depths| depths.share()))
+    }
+
     /// The model as it stands.
     pub fn snapshot(&self) -> Snapshot {
         either!(self, trainer => trainer.snapshot())

@@ -10,6 +10,7 @@ use glam::Vec3;
 use super::agreement;
 use super::batch_size::BatchSize;
 use super::config::TrainConfig;
+use super::depth_evidence::{fading, misplacement};
 use super::distortion::distortion;
 use super::loss::{clipped_pull, pixel_loss};
 use super::normal_offsets::{NormalOffsets, OffsetBatch};
@@ -356,6 +357,7 @@ impl Chunk {
         self.background_losses(context);
         self.planarity_losses(context);
         self.distortion_losses(context);
+        self.depth_losses(context);
         self.agreement_losses(context);
         self.evenness_losses(context);
         for index in 0..self.slots.len() {
@@ -452,6 +454,20 @@ impl Chunk {
         let rays = first..first + self.backgrounds.len();
         let sum = distortion(rays, scale, &mut self.batch);
         self.loss.priors += f64::from(scale) * sum;
+    }
+
+    /// What neighbouring photos place is where they place it.
+    fn depth_losses(&mut self, context: &StepContext<'_>) {
+        let config = context.config;
+        let weight = config.background_weight * config.depth_weight * fading(context.step);
+        let scale = weight / context.batch_size.backgrounds.max(1) as f32;
+        for (sample, ray) in self.backgrounds.iter().zip(self.first_background_ray..) {
+            if let Some(nearness) = sample.nearness {
+                let nearness = nearness * context.frame.half_side;
+                let sum = misplacement(ray, nearness, scale, &mut self.batch);
+                self.loss.priors += f64::from(scale) * sum;
+            }
+        }
     }
 
     /// What narrow cones see, wide ones should.

@@ -132,6 +132,8 @@ pub struct TrainConfig {
     /// Weight, against background pixels, of what keeps their light in one place along each ray, with an object and where
     /// the photos' exposures differ; 0 is none.
     pub distortion_weight: f32,
+    /// Weight, against background pixels, of their light coming from where neighbouring photos place it; 0 is none.
+    pub depth_weight: f32,
     /// Groups of cones a step whose light should agree over their widths, without an object; 0 is none.
     pub agreement_groups_alone: usize,
     /// Weight of their disagreement.
@@ -226,6 +228,7 @@ impl Default for TrainConfig {
             unseen_triples_alone: 64,
             planarity_weight: 0.01,
             distortion_weight: 0.01,
+            depth_weight: 0.3,
             agreement_groups_alone: 16,
             agreement_weight: 0.001,
             unseen_pairs: 32,
@@ -271,6 +274,7 @@ impl TrainConfig {
             unseen_triples_alone: 0,
             unseen_pairs: 0,
             distortion_weight: 0.0,
+            depth_weight: 0.0,
             agreement_groups_alone: 0,
             roughness_delay: 0,
             bounces: 0,
@@ -372,10 +376,11 @@ impl TrainConfig {
                 positive(self.final_rate) && self.final_rate <= 1.0,
             ),
             (
-                "background_weight, smoothness_weight or distortion_weight",
+                "background_weight, smoothness_weight, distortion_weight or depth_weight",
                 positive(self.background_weight)
                     && not_negative(self.smoothness_weight)
-                    && not_negative(self.distortion_weight),
+                    && not_negative(self.distortion_weight)
+                    && not_negative(self.depth_weight),
             ),
             (
                 "unseen_triples_alone or planarity_weight",

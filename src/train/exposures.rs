@@ -53,8 +53,9 @@ impl ExposureRow {
 /// The gains, and what the photos have told of them since they were last updated.
 #[derive(Clone, Debug)]
 pub(super) struct Exposures {
-    /// `Off` where they are known.
     fit: PhotoFit,
+    /// Whether they are not sought.
+    are_known: bool,
     /// `[n_views]` logarithms.
     log_gains: Vec<Vec3>,
     /// `[n_views]` sums of `slope^2` and `slope * difference`.
@@ -69,6 +70,7 @@ impl Exposures {
     pub(super) fn new(n_views: usize, fit: PhotoFit) -> Self {
         let mut exposures = Self {
             fit,
+            are_known: false,
             log_gains: vec![Vec3::ZERO; n_views],
             sums: vec![[Vec3::ZERO; 2]; n_views],
             gains: Vec::new(),
@@ -79,9 +81,13 @@ impl Exposures {
     }
 
     /// Known from logarithms of the gains, whose mean is 0.
-    pub(super) fn held(log_gains: &[Vec3]) -> Self {
-        let mut exposures = Self::new(log_gains.len(), PhotoFit::Off);
-        exposures.log_gains = log_gains.to_vec();
+    pub(super) fn known(log_gains: Vec<Vec3>, fit: PhotoFit) -> Self {
+        let mut exposures = Self {
+            are_known: true,
+            log_gains,
+            ..Self::new(0, fit)
+        };
+        exposures.sums = vec![[Vec3::ZERO; 2]; exposures.log_gains.len()];
         exposures.apply();
         exposures
     }
@@ -94,7 +100,7 @@ impl Exposures {
     /// Whether the pixels of step `step` are asked for them.
     pub(super) fn are_sought(&self, step: u64) -> bool {
         let may_differ = self.are_applied || step < LOOKED_AT;
-        self.fit != PhotoFit::Off && step >= DELAY && may_differ
+        !self.are_known && step >= DELAY && may_differ
     }
 
     /// Takes up the equations of a step.

@@ -7,7 +7,7 @@ use glam::{Affine3A, UVec2, Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::placement::up_direction;
-use super::relative_exposures::relative_log_gains;
+use super::relative_exposures::{pairs_at_points, relative_log_gains};
 use super::statistics::median;
 use crate::data::{Dataset, Mask, View};
 use crate::geometry::{Mesh, orthonormal_basis};
@@ -79,7 +79,7 @@ impl SeenGround {
                 }
             })
             .collect();
-        ground.log_gains = relative_log_gains(&seen);
+        ground.log_gains = relative_log_gains(seen.len(), &pairs_at_points(&seen));
         ground.shown_in = (0..points.len())
             .into_par_iter()
             .map(|i| photos_alike(i, &seen, &ground.log_gains))

@@ -8,6 +8,7 @@ mod checkpoint;
 mod chunk;
 pub mod config;
 mod convolution;
+mod depth_evidence;
 mod distortion;
 pub mod eval;
 mod event_queue;

@@ -5,6 +5,7 @@ use std::ops::Range;
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::depth_evidence::SeenDepths;
 use super::outlines::Sides;
 use super::packed_path::PackedPaths;
 use super::pose_step::slope_by_direction;
@@ -46,6 +47,8 @@ pub(super) struct PixelStore {
     backgrounds_before: Vec<Vec<usize>>,
     /// [`PixelOptions::outline_error_px`] that they were collected with.
     outline_error_px: f32,
+    /// How far away is what the background pixels show, where that is known.
+    pub(super) depths: Option<SeenDepths>,
 }
 
 /// A drawn background pixel.
@@ -61,6 +64,8 @@ pub(super) struct BackgroundSample {
     pub spread: f32,
     /// sRGB target in `[0, 1]`.
     pub target: [f32; 3],
+    /// One over the distance of what it shows, world units, where that is known.
+    pub nearness: Option<f32>,
     /// Its blur level and index there.
     place: (usize, usize),
 }
@@ -122,7 +127,10 @@ impl PixelStore {
                 view.backgrounds = std::mem::take(&mut former.backgrounds);
             }
         }
-        *self = Self::of(views, &options);
+        *self = Self {
+            depths: self.depths.take(),
+            ..Self::of(views, &options)
+        };
         true
     }
 
@@ -132,6 +140,7 @@ impl PixelStore {
         Self {
             objects_before: running_sums(views.iter().map(|view| view.smoothness.len())),
             outline_error_px: options.outline_error_px,
+            depths: None,
             backgrounds_before: (0..=options.n_blurred)
                 .map(|level| running_sums(views.iter().map(|view| level_len(view, level))))
                 .collect(),
@@ -248,12 +257,14 @@ impl PixelStore {
         let blurred = &backgrounds[level];
         let (x, y) = blurred.position_px(index);
         let ray = camera.ray(x, y);
+        let depths = self.depths.as_ref().filter(|_| level == 0);
         BackgroundSample {
             view,
             origin: ray.origin,
             direction: ray.direction,
             spread: camera.pixel_angle() * blurred.std_px(),
             target: blurred.srgb(index),
+            nearness: depths.and_then(|depths| depths.nearness(view, ray.direction)),
             place: (level, index),
         }
     }

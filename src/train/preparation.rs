@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use super::TrainError;
 use super::config::{PhotoFit, TrainConfig};
+use super::depth_evidence::SeenDepths;
 use super::outlines::OutlineFit;
 use super::pixels::{PixelOptions, PixelStore};
 use super::placement::field_frame;
@@ -46,10 +47,18 @@ impl Prepared {
         let frame = field_frame(dataset, config.inner_box_scale);
         let poses = Poses::of(dataset, &frame, config.refine_poses, &outlines.shifts);
         let options = pixel_options(config, tracer.is_some(), outlines.error_px);
-        let on_view = watched(dataset.train.len(), cancel, on_progress);
         let cameras = poses.as_ref().map_or(given, Poses::cameras);
-        let pixels = PixelStore::collect(dataset, &cameras, tracer.as_deref(), options, &on_view)
+        let traced = tracer.as_deref();
+        let on_view = watched(2 * dataset.train.len(), cancel, on_progress);
+        let depths = if config.background != PhotoFit::Off && config.depth_weight > 0.0 {
+            let depths = SeenDepths::of(dataset, &cameras, traced, &frame, &on_view);
+            Some(depths.ok_or(TrainError::Cancelled)?)
+        } else {
+            None
+        };
+        let mut pixels = PixelStore::collect(dataset, &cameras, traced, options, &on_view)
             .ok_or(TrainError::Cancelled)?;
+        pixels.depths = depths;
         if pixels.n_objects() == 0 && pixels.n_backgrounds() == 0 {
             return Err(TrainError::NoPixels {
                 dataset: dataset.root.clone(),

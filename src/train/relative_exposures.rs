@@ -1,9 +1,8 @@
 //! How much brighter photos are than one another, from points that several of them show.
 
+use super::statistics::median;
 use glam::Vec3;
 use rayon::prelude::*;
-
-use super::statistics::median;
 
 /// Fewest points that two photos must both show.
 const LEAST_SHARED: usize = 50;
@@ -19,35 +18,42 @@ const PULL: f32 = 1e-3;
 
 /// Two photos, and by how much the first is brighter: a logarithm a colour.
 #[derive(Clone, Copy, Debug)]
-struct Pair {
-    photos: [usize; 2],
+pub(super) struct Pair {
+    pub(super) photos: [usize; 2],
     log_ratio: Vec3,
 }
 
-/// The logarithm of each photo's gain a colour, of mean 0; `seen`: the logarithms of each photo's colours at the same
-/// points, where it shows them.
-pub(super) fn relative_log_gains(seen: &[Vec<Option<Vec3>>]) -> Vec<Vec3> {
-    let n = seen.len();
-    let stride = n.div_ceil(MOST_PARTNERS).max(1);
-    let pairs: Vec<Pair> = (0..n)
-        .into_par_iter()
-        .flat_map_iter(|a| (a + 1..n).step_by(stride).map(move |b| [a, b]))
-        .filter_map(|photos| compare(photos, seen))
-        .collect();
-    solve(n, &pairs)
+impl Pair {
+    /// From the logarithms of the ratios of their colours at points that both show; `None` where these are too few.
+    fn of(photos: [usize; 2], log_ratios: &[Vec3]) -> Option<Self> {
+        (log_ratios.len() >= LEAST_SHARED).then(|| Self {
+            photos,
+            log_ratio: median(log_ratios),
+        })
+    }
 }
 
-fn compare(photos: [usize; 2], seen: &[Vec<Option<Vec3>>]) -> Option<Pair> {
-    let both = seen[photos[0]].iter().zip(&seen[photos[1]]);
-    let ratios: Vec<Vec3> = both.filter_map(|(a, b)| Some((*a)? - (*b)?)).collect();
-    (ratios.len() >= LEAST_SHARED).then(|| Pair {
-        photos,
-        log_ratio: median(&ratios),
+/// Pairs of photos among `n`, each with some others and in the order of `compare`, for which that tells.
+pub(super) fn pairs_of(n: usize, compare: impl Fn([usize; 2]) -> Vec<Vec3> + Sync) -> Vec<Pair> {
+    let stride = n.div_ceil(MOST_PARTNERS).max(1);
+    (0..n)
+        .into_par_iter()
+        .flat_map_iter(|a| (a + 1..n).step_by(stride).map(move |b| [a, b]))
+        .filter_map(|photos| Pair::of(photos, &compare(photos)))
+        .collect()
+}
+
+/// Pairs of photos from the logarithms of each photo's colours at the same points, where it shows them.
+pub(super) fn pairs_at_points(seen: &[Vec<Option<Vec3>>]) -> Vec<Pair> {
+    pairs_of(seen.len(), |[a, b]| {
+        let both = seen[a].iter().zip(&seen[b]);
+        both.filter_map(|(a, b)| Some((*a)? - (*b)?)).collect()
     })
 }
 
-/// The logarithms that explain the pairs with about the least sum of absolute errors, by reweighted least squares.
-fn solve(n: usize, pairs: &[Pair]) -> Vec<Vec3> {
+/// The logarithm of each of `n` photos' gains a colour, of mean 0, that explain the pairs with about the least sum of
+/// absolute errors, by reweighted least squares.
+pub(super) fn relative_log_gains(n: usize, pairs: &[Pair]) -> Vec<Vec3> {
     let mut gains = vec![Vec3::ZERO; n];
     let mut around: Vec<Vec<(usize, Vec3)>> = vec![Vec::new(); n];
     for pair in pairs {
@@ -103,7 +109,7 @@ mod tests {
                 (0..700).map(at).collect()
             })
             .collect();
-        let found = relative_log_gains(&seen);
+        let found = relative_log_gains(12, &pairs_at_points(&seen));
         for (photo, found) in found.iter().enumerate() {
             let apart = (*found - truth(photo)).abs().max_element();
             assert!(apart < 0.1, "photo {photo}: {found}, not {}", truth(photo));
@@ -112,7 +118,7 @@ mod tests {
 
     #[test]
     fn photos_that_share_nothing_are_alike() {
-        let seen = [vec![Some(Vec3::ONE), None], vec![None, Some(Vec3::ZERO)]];
-        assert_eq!(relative_log_gains(&seen), [Vec3::ZERO; 2]);
+        assert!(Pair::of([0, 1], &[Vec3::ONE; LEAST_SHARED - 1]).is_none());
+        assert_eq!(relative_log_gains(2, &[]), [Vec3::ZERO; 2]);
     }
 }

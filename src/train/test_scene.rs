@@ -12,7 +12,7 @@ use crate::geometry::{Camera, Mesh, Ray, SurfaceTracer, fibonacci_sphere};
 use crate::neif::hash_grid::{GridConfig, LEAST_WEIGHT};
 
 /// Half side of the box.
-const BOX: f32 = 3.0;
+pub(super) const HALF_BOX: f32 = 3.0;
 /// Specular tint of the sphere.
 pub(super) const TINT: Vec3 = Vec3::new(0.9, 0.7, 0.4);
 /// Diffuse radiance of the sphere.
@@ -170,7 +170,7 @@ fn wall(origin: Vec3, direction: Vec3) -> Vec3 {
         if d.abs() < 1e-9 {
             f32::INFINITY
         } else {
-            (BOX * d.signum() - origin[axis]) / d
+            (HALF_BOX * d.signum() - origin[axis]) / d
         }
     };
     let t = (0..3).map(distance).fold(f32::INFINITY, f32::min);

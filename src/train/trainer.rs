@@ -10,6 +10,7 @@ use super::adam::{Adam, Rates, store_bf16};
 use super::batch_size::BatchSize;
 use super::chunk::{Chunk, N_CHUNKS, StepContext};
 use super::config::{PhotoFit, TrainConfig};
+use super::depth_evidence::clear_air;
 use super::exposures::Exposures;
 use super::ground::SeenGround;
 use super::learned::{Learned, sum_in_order};
@@ -158,6 +159,9 @@ impl Trainer {
         let up = up_direction(dataset);
         let mut density = clear_density(dataset, traced, &frame, up, refinement.is_none());
         density.seen = Some(SeenGrid::default());
+        if let Some(depths) = &pixels.depths {
+            clear_air(&mut density, depths, &frame);
+        }
         let fit = config.photo_exposures;
         let has_exposures = has_haze || fit == PhotoFit::On;
         let ground = (has_background && has_exposures)
@@ -166,10 +170,12 @@ impl Trainer {
         if let Some(ground) = ground.as_ref().filter(|_| has_haze) {
             lay_floor(&mut density, dataset, &frame, ground);
         }
-        let exposures = match ground {
-            Some(ground) => Some(Exposures::held(ground.log_gains())),
-            None => (fit != PhotoFit::Off).then(|| Exposures::new(pixels.n_views(), fit)),
-        };
+        let seen_gains = pixels.depths.as_ref().and_then(|d| d.log_gains.clone());
+        let known_gains = seen_gains.or_else(|| Some(ground?.log_gains().to_vec()));
+        let exposures = (fit != PhotoFit::Off).then(|| match known_gains {
+            Some(log_gains) => Exposures::known(log_gains, fit),
+            None => Exposures::new(pixels.n_views(), fit),
+        });
         let alike = vec![glam::Vec3::ONE; pixels.n_views()];
         let photos = exposures.as_ref();
         let photos = photos.map(|_| PhotoExposures::of(dataset, &alike));

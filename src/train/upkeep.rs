@@ -89,7 +89,10 @@ impl Run<'_> {
             width,
             height,
             has_object: self.trainer.snapshot().object.is_some(),
-            problems: problems.chain(self.outlines_told()).collect(),
+            problems: problems
+                .chain(self.outlines_told())
+                .chain(self.depths_told())
+                .collect(),
         });
         let begun = Instant::now();
         self.publish();
@@ -117,6 +120,17 @@ impl Run<'_> {
         (error_px > 0.0).then(|| {
             format!(
                 "the masks' outlines are uncertain by {error_px:.1} pixels: beside them the mesh decides what is object"
+            )
+        })
+    }
+
+    /// What neighbouring photos have told of each other.
+    fn depths_told(&self) -> Option<String> {
+        let share = self.trainer.share_of_depths();
+        (share > 0.0).then(|| {
+            format!(
+                "how far away the background is was found in {:.0} % of its pixels before training",
+                100.0 * share
             )
         })
     }
