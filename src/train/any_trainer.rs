@@ -6,6 +6,7 @@ use glam::Vec3;
 
 use super::TrainError;
 use super::config::TrainConfig;
+use super::depth_evidence::SeenDepths;
 use super::paper::PaperTrainer;
 use super::poses::Poses;
 use super::skips::SkipShares;
@@ -158,7 +159,8 @@ impl AnyTrainer {
 
     /// Share of the background's pixels whose depth the photos told before training, `[0, 1]`.
     pub fn share_of_depths(&self) -> f32 {
-        either!(self, trainer => trainer.pixels.depths.as_ref().map_or(0.0, |depths| depths.share()))
+        let depths = either!(self, trainer => trainer.pixels.depths.as_ref());
+        depths.map_or(0.0, SeenDepths::share)
     }
 
     /// The model as it stands.

@@ -452,8 +452,7 @@ impl Chunk {
             / context.batch_size.backgrounds.max(1) as f32;
         let first = self.first_background_ray;
         let rays = first..first + self.backgrounds.len();
-        let sum = distortion(rays, scale, &mut self.batch);
-        self.loss.priors += f64::from(scale) * sum;
+        self.loss.priors += f64::from(scale) * distortion(rays, scale, &mut self.batch);
     }
 
     /// What neighbouring photos place is where they place it.
@@ -461,13 +460,10 @@ impl Chunk {
         let config = context.config;
         let weight = config.background_weight * config.depth_weight * fading(context.step);
         let scale = weight / context.batch_size.backgrounds.max(1) as f32;
-        for (sample, ray) in self.backgrounds.iter().zip(self.first_background_ray..) {
-            if let Some(nearness) = sample.nearness {
-                let nearness = nearness * context.frame.half_side;
-                let sum = misplacement(ray, nearness, scale, &mut self.batch);
-                self.loss.priors += f64::from(scale) * sum;
-            }
-        }
+        let rays = (self.first_background_ray..).zip(&self.backgrounds);
+        let half_side = context.frame.half_side;
+        let placed = rays.filter_map(|(ray, sample)| Some((ray, sample.nearness? * half_side)));
+        self.loss.priors += f64::from(scale) * misplacement(placed, scale, &mut self.batch);
     }
 
     /// What narrow cones see, wide ones should.

@@ -19,11 +19,11 @@ pub(in crate::train) fn fading(step: u64) -> f32 {
     1.0 / (1.0 + step as f32 / HALF_LIFE)
 }
 
-/// The sum over the samples of a ray of their weights times how far they are from where the light should come from, between
-/// -1 (there) and 0; adds `scale` times its gradient to `batch.d_weights`. `nearness`: one over that distance, field units.
+/// The sum over the samples of `rays` of their weights times how far they are from where the light should come from, between
+/// -1 (there) and 0; adds `scale` times its gradient to `batch.d_weights`. `rays`: each with one over that distance, field
+/// units.
 pub(in crate::train) fn misplacement(
-    ray: usize,
-    nearness: f32,
+    rays: impl Iterator<Item = (usize, f32)>,
     scale: f32,
     batch: &mut FieldBatch,
 ) -> f64 {
@@ -31,10 +31,15 @@ pub(in crate::train) fn misplacement(
     let mut d_weights = std::mem::take(&mut batch.d_weights);
     d_weights.resize(batch.weights().len(), 0.0);
     let mut sum = 0.0;
-    for at in ray * n..(ray + 1) * n {
-        let cost = cost(batch.distances()[at], nearness);
-        sum += f64::from(batch.weights()[at] * cost);
-        d_weights[at] += scale * cost;
+    for (ray, nearness) in rays {
+        let samples = ray * n..(ray + 1) * n;
+        let places = batch.distances()[samples.clone()].iter();
+        let weights = &batch.weights()[samples.clone()];
+        for ((distance, weight), d) in places.zip(weights).zip(&mut d_weights[samples]) {
+            let cost = cost(*distance, nearness);
+            sum += f64::from(weight * cost);
+            *d += scale * cost;
+        }
     }
     batch.d_weights = d_weights;
     sum

@@ -2,7 +2,7 @@
 //!
 //! A few photos of a room are explained as well by clouds before each camera. What neighbouring photos agree on says where
 //! surfaces are, where there is only air, and how much brighter photos are than one another. Each photo is swept against its
-//! neighbours, and what is found is kept where the neighbours' own findings confirm it.
+//! neighbours, and what is found is kept where the neighbours' own findings confirm it. Depth maps that the capture has go before.
 
 mod air;
 mod correlation;
@@ -14,6 +14,8 @@ mod sweep;
 #[cfg(test)]
 mod tests;
 
+use std::collections::HashMap;
+
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
@@ -24,7 +26,7 @@ use self::exposures::log_gains;
 use self::neighbours::neighbours;
 use self::small_photo::SmallPhoto;
 use self::sweep::{Steps, sweep};
-use crate::data::Dataset;
+use crate::data::{Dataset, DepthMap, DepthView};
 use crate::geometry::{Camera, SurfaceTracer};
 use crate::neif::contraction::FieldFrame;
 
@@ -82,8 +84,8 @@ impl SeenDepths {
             .collect();
         let of_photo = |(i, neighbours): (usize, &Vec<usize>)| {
             go_on().then(|| {
-                let others = neighbours.iter().map(|i| &photos[*i]).collect();
-                PhotoDepths::swept(&photos[i], others, frame)
+                let others: Vec<_> = neighbours.iter().map(|i| &photos[*i]).collect();
+                PhotoDepths::swept(&photos[i], &others, frame)
             })
         };
         let swept = neighbours.par_iter().enumerate().map(of_photo);
@@ -97,6 +99,15 @@ impl SeenDepths {
         for (photo, nearness) in swept.iter_mut().zip(confirmed) {
             photo.nearness = nearness;
         }
+        let measured = measured(dataset);
+        let photos_of = chosen.iter().zip(&photos).zip(&mut swept);
+        photos_of.par_bridge().for_each(|((i, photo), depths)| {
+            let map = measured.get(dataset.train[*i].name.as_str());
+            // What cannot be read was told of when the mesh was made; photos tell something themselves.
+            if let Some(map) = map.and_then(|map| map.read(&dataset.train[*i].camera).ok()) {
+                depths.measure(photo, &map);
+            }
+        });
         let are_all = chosen.len() == n;
         let log_gains = are_all.then(|| log_gains(&photos, &swept)).flatten();
         let mut photos: Vec<Option<PhotoDepths>> = Vec::new();
@@ -124,12 +135,12 @@ impl SeenDepths {
 }
 
 impl PhotoDepths {
-    fn swept(photo: &SmallPhoto, others: Vec<&SmallPhoto>, frame: &FieldFrame) -> Self {
-        let steps = steps(photo, &others, frame);
+    fn swept(photo: &SmallPhoto, others: &[&SmallPhoto], frame: &FieldFrame) -> Self {
+        let steps = steps(photo, others, frame);
         let nearness = if others.len() < CONFIRMED_BY {
             vec![f32::NAN; photo.grey.len()]
         } else {
-            sweep(photo, &others, steps)
+            sweep(photo, others, steps)
         };
         Self {
             camera: photo.camera,
@@ -154,6 +165,21 @@ impl PhotoDepths {
         self.nearness.iter().enumerate().map(kept).collect()
     }
 
+    /// Takes what was measured where the photo shows the background.
+    fn measure(&mut self, photo: &SmallPhoto, map: &DepthMap) {
+        let eye = map.camera.position();
+        for (pixel, nearness) in self.nearness.iter_mut().enumerate() {
+            let at = map.camera.project(eye + ray_of(&photo.camera, pixel));
+            let depth = at.and_then(|at| map.at(at.x, at.y));
+            let is_known = |depth: &f32| *depth > 0.0 && depth.is_finite();
+            if let Some(depth) = depth.filter(is_known)
+                && !photo.grey[pixel].is_nan()
+            {
+                *nearness = 1.0 / depth;
+            }
+        }
+    }
+
     /// The pixel of another photo that shows what a pixel of this one does, where both know its depth.
     fn seen_by(&self, pixel: usize, other: &Self) -> Option<usize> {
         let point = self.point(pixel)?;
@@ -170,6 +196,12 @@ impl PhotoDepths {
         let depth = 1.0 / nearness.max(0.01 * self.step);
         (!nearness.is_nan()).then(|| self.camera.position() + depth * ray_of(&self.camera, pixel))
     }
+}
+
+/// The capture's own depth maps, by the names of their photos.
+fn measured(dataset: &Dataset) -> HashMap<&str, &DepthView> {
+    let maps = dataset.origin.depths.iter();
+    maps.map(|map| (map.name.as_str(), map)).collect()
 }
 
 /// Depths about a pixel apart in the neighbours.

@@ -143,6 +143,32 @@ fn plain_walls_tell_nothing() {
 }
 
 #[test]
+fn what_was_measured_goes_before_what_was_found() {
+    let dataset = patterned_box(|_| Vec3::ONE);
+    let view = &dataset.train[0];
+    let photo = SmallPhoto::of(view, &view.camera, None);
+    let mut depths = PhotoDepths {
+        camera: photo.camera,
+        nearness: vec![9.0; photo.grey.len()],
+        step: 0.1,
+    };
+    // The upper half is four units away; of the lower nothing is known.
+    let n = photo.grey.len();
+    let map = DepthMap {
+        camera: view.camera,
+        depths: (0..n).map(|i| if i < n / 2 { 4.0 } else { 0.0 }).collect(),
+    };
+    depths.measure(&photo, &map);
+    let (upper, lower) = depths.nearness.split_at(n / 2 - SIZE as usize);
+    for (value, grey) in upper.iter().zip(&photo.grey) {
+        let expected = if grey.is_nan() { 9.0 } else { 0.25 };
+        assert!((value - expected).abs() < 1e-5, "{value}");
+    }
+    assert!(lower[2 * SIZE as usize..].iter().all(|value| *value == 9.0));
+    assert!(photo.grey.iter().any(|grey| grey.is_nan()), "the object");
+}
+
+#[test]
 fn work_stops_when_asked_to() {
     let dataset = sphere_in_a_box(6, 32);
     let frame = field_frame(&dataset, 1.1);
