@@ -103,9 +103,6 @@ impl DensityGrid {
         }
     }
 
-    /// Number of inner cells, which come first.
-    pub const N_INNER: usize = INNER_CELLS as usize;
-
     /// Side of an inner cell, field coordinates.
     pub const fn inner_cell() -> f32 {
         2.0 / INNER_SIDE as f32

@@ -82,12 +82,9 @@ impl Exposures {
 
     /// Known from logarithms of the gains, whose mean is 0.
     pub(super) fn known(log_gains: Vec<Vec3>, fit: PhotoFit) -> Self {
-        let mut exposures = Self {
-            are_known: true,
-            log_gains,
-            ..Self::new(0, fit)
-        };
-        exposures.sums = vec![[Vec3::ZERO; 2]; exposures.log_gains.len()];
+        let mut exposures = Self::new(log_gains.len(), fit);
+        exposures.are_known = true;
+        exposures.log_gains = log_gains;
         exposures.apply();
         exposures
     }

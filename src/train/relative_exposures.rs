@@ -1,8 +1,9 @@
 //! How much brighter photos are than one another, from points that several of them show.
 
-use super::statistics::median;
 use glam::Vec3;
 use rayon::prelude::*;
+
+use super::statistics::median;
 
 /// Fewest points that two photos must both show.
 const LEAST_SHARED: usize = 50;

@@ -12,7 +12,7 @@ use crate::geometry::{Camera, Mesh, Ray, SurfaceTracer, fibonacci_sphere};
 use crate::neif::hash_grid::{GridConfig, LEAST_WEIGHT};
 
 /// Half side of the box.
-pub(super) const HALF_BOX: f32 = 3.0;
+const BOX: f32 = 3.0;
 /// Specular tint of the sphere.
 pub(super) const TINT: Vec3 = Vec3::new(0.9, 0.7, 0.4);
 /// Diffuse radiance of the sphere.
@@ -163,18 +163,22 @@ fn shade(tracer: &SurfaceTracer, ray: &Ray) -> (Vec3, bool) {
     }
 }
 
-/// Linear colour of the box where a ray from inside meets it: smooth stripes, another phase on every wall.
-fn wall(origin: Vec3, direction: Vec3) -> Vec3 {
+/// Distance along a ray from inside the box to where it meets it.
+pub(super) fn to_the_wall(origin: Vec3, direction: Vec3) -> f32 {
     let distance = |axis: usize| {
         let d = direction[axis];
         if d.abs() < 1e-9 {
             f32::INFINITY
         } else {
-            (HALF_BOX * d.signum() - origin[axis]) / d
+            (BOX * d.signum() - origin[axis]) / d
         }
     };
-    let t = (0..3).map(distance).fold(f32::INFINITY, f32::min);
-    let p = origin + direction * t;
+    (0..3).map(distance).fold(f32::INFINITY, f32::min)
+}
+
+/// Linear colour of the box where a ray from inside meets it: smooth stripes, another phase on every wall.
+fn wall(origin: Vec3, direction: Vec3) -> Vec3 {
+    let p = origin + direction * to_the_wall(origin, direction);
     let wave = |a: f32, b: f32| 0.3 + 0.25 * (1.7 * a + 0.9 * b).sin() * (0.8 * b - 0.3 * a).cos();
     Vec3::new(wave(p.x, p.y), wave(p.y, p.z + 1.0), wave(p.z, p.x + 2.0))
 }

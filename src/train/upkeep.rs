@@ -129,7 +129,7 @@ impl Run<'_> {
         let share = self.trainer.share_of_depths();
         (share > 0.0).then(|| {
             format!(
-                "how far away the background is was found in {:.0} % of its pixels before training",
+                "how far away the background is was found before training in {:.0} % of the photos' pixels",
                 100.0 * share
             )
         })

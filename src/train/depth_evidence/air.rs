@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::{PhotoDepths, SeenDepths};
 use crate::neif::contraction::FieldFrame;
-use crate::neif::density_grid::{DensityGrid, cell_index};
+use crate::neif::density_grid::{DensityGrid, INNER_SIDE, cell_index};
 
 /// Photos that must see through a cell, and how many of them for one that sees something there.
 const SEEN_THROUGH_BY: u8 = 3;
@@ -15,6 +15,8 @@ const MARGIN: f32 = 0.05;
 const CELLS_BEFORE: f32 = 2.0;
 /// Cells from one sample along a line of sight to the next.
 const STEP: f32 = 0.5;
+/// Inner cells, which come first.
+const N_CELLS: usize = INNER_SIDE.pow(3);
 /// Photos whose cells are in memory at once.
 const AT_ONCE: usize = 16;
 
@@ -25,7 +27,7 @@ pub(in crate::train) fn clear_air(
     frame: &FieldFrame,
 ) {
     let photos: Vec<&PhotoDepths> = depths.photos.iter().flatten().collect();
-    let mut n_seen = vec![[0_u8; 2]; DensityGrid::N_INNER];
+    let mut n_seen = vec![[0_u8; 2]; N_CELLS];
     for photos in photos.chunks(AT_ONCE) {
         let seen = photos.par_iter().map(|photo| seen(photo, frame));
         for seen in seen.collect::<Vec<_>>() {
@@ -39,12 +41,12 @@ pub(in crate::train) fn clear_air(
         let [n_air, n_surface] = n_seen[*cell];
         n_air >= SEEN_THROUGH_BY && n_air / FOR_ONE >= n_surface
     };
-    density.hollow_cells((0..DensityGrid::N_INNER).filter(is_air));
+    density.hollow_cells((0..N_CELLS).filter(is_air));
 }
 
 /// What a photo says of each inner cell.
 fn seen(photo: &PhotoDepths, frame: &FieldFrame) -> Vec<Seen> {
-    let mut cells = vec![Seen::Nothing; DensityGrid::N_INNER];
+    let mut cells = vec![Seen::Nothing; N_CELLS];
     let cell = DensityGrid::inner_cell();
     let eye = frame.field_from_world(photo.camera.position());
     // Beyond the box, seen from anywhere in it or near, there are no inner cells.

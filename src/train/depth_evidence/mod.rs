@@ -100,10 +100,10 @@ impl SeenDepths {
             photo.nearness = nearness;
         }
         let measured = measured(dataset);
-        let photos_of = chosen.iter().zip(&photos).zip(&mut swept);
-        photos_of.par_bridge().for_each(|((i, photo), depths)| {
+        let found = chosen.par_iter().zip(&photos).zip(&mut swept);
+        found.for_each(|((i, photo), depths)| {
             let map = measured.get(dataset.train[*i].name.as_str());
-            // What cannot be read was told of when the mesh was made; photos tell something themselves.
+            // Without a map that can be read there is what the photos tell.
             if let Some(map) = map.and_then(|map| map.read(&dataset.train[*i].camera).ok()) {
                 depths.measure(photo, &map);
             }
@@ -127,7 +127,7 @@ impl SeenDepths {
         (!by_depth.is_nan()).then(|| by_depth * direction.dot(camera.forward()))
     }
 
-    /// Share of the swept photos' background pixels of which the depth is known, `[0, 1]`.
+    /// Share of the swept photos' pixels of which the depth is known, `[0, 1]`.
     pub(super) fn share(&self) -> f32 {
         let all = || self.photos.iter().flatten().flat_map(|p| &p.nearness);
         all().filter(|v| !v.is_nan()).count() as f32 / all().count().max(1) as f32

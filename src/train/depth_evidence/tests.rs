@@ -11,19 +11,10 @@ use crate::geometry::{Ray, fibonacci_sphere};
 use crate::neif::density_grid::{DensityGrid, cell_index};
 use crate::train::placement::field_frame;
 use crate::train::preparation::given_cameras;
-use crate::train::test_scene::{HALF_BOX, sphere_in_a_box};
+use crate::train::test_scene::{sphere_in_a_box, to_the_wall};
 
 /// Side of the photos, pixels.
 const SIZE: u32 = 96;
-
-/// How far away the box's walls are along a ray from inside.
-fn to_the_wall(ray: &Ray) -> f32 {
-    let distance = |axis: usize| {
-        let d = ray.direction[axis];
-        (HALF_BOX * d.signum() - ray.origin[axis]) / d
-    };
-    (0..3).map(distance).fold(f32::INFINITY, f32::min)
-}
 
 /// Never the same twice.
 fn pattern(p: Vec3) -> Vec3 {
@@ -50,7 +41,7 @@ fn patterned_box(gain: impl Fn(usize) -> Vec3) -> Dataset {
             })
             .collect();
         let color = |ray: &Ray| {
-            let seen = gain(index) * pattern(ray.at(to_the_wall(ray)));
+            let seen = gain(index) * pattern(ray.at(to_the_wall(ray.origin, ray.direction)));
             let code = |v: f32| (srgb_from_linear(v).clamp(0.0, 1.0) * 65535.0).round() as u16;
             seen.to_array().map(code)
         };
@@ -96,7 +87,7 @@ fn distances_of_the_walls_are_found_and_none_of_the_object() {
             };
             let mask = view.mask.as_ref().expect("a mask");
             assert!(!mask.is_object(pixel), "pixel {pixel} of {}", view.name);
-            errors.push((nearness * to_the_wall(&ray) - 1.0).abs());
+            errors.push((nearness * to_the_wall(ray.origin, ray.direction) - 1.0).abs());
         }
     }
     errors.sort_by(f32::total_cmp);
