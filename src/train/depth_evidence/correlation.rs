@@ -25,12 +25,9 @@ pub(super) struct Correlator {
     /// The photo's values and ones, 0 where not known.
     grey: Vec<f32>,
     known: Vec<f32>,
-    /// Terms of a row.
-    line: Row,
-    /// Sums over columns of the last rows, in turn.
-    columns: [Row; WINDOW],
-    /// Sums over windows.
-    windows: Row,
+    /// Terms of the last rows, in turn, and their sums.
+    rows: [Row; WINDOW],
+    sums: Row,
 }
 
 impl Correlator {
@@ -42,42 +39,37 @@ impl Correlator {
             width,
             grey,
             known,
-            line: row(),
-            columns: std::array::from_fn(|_| row()),
-            windows: row(),
+            rows: std::array::from_fn(|_| row()),
+            sums: row(),
         }
     }
 
     /// Keeps the larger two of `first`, `second` and the correlation with `warped`, for every pixel.
+    #[inline(always)]
     pub(super) fn add(&mut self, warped: &[f32], first: &mut [f32], second: &mut [f32]) {
         let width = self.width;
         if width < WINDOW {
             return;
         }
         for (y, warped) in warped.chunks_exact(width).enumerate() {
-            self.sum_columns(y, warped);
+            self.take_up(y, warped);
             if y + 1 < WINDOW {
                 continue;
             }
-            self.sum_windows();
+            self.sum_rows();
             let inner = (y - REACH) * width + REACH..(y - REACH + 1) * width - REACH;
-            let n = width - WINDOW + 1;
-            let (first, second) = (&mut first[inner.clone()], &mut second[inner]);
-            let sums = self.windows.each_ref().map(|sums| &sums[..n]);
-            for x in 0..n {
-                let value = correlation(sums.map(|sums| sums[x]));
-                second[x] = second[x].max(value.min(first[x]));
-                first[x] = first[x].max(value);
-            }
+            self.keep_best(&mut first[inner.clone()], &mut second[inner]);
         }
     }
 
-    /// Terms of row `y`, and their sums over the columns of the windows.
-    fn sum_columns(&mut self, y: usize, warped: &[f32]) {
+    /// Terms of row `y`.
+    #[inline(always)]
+    fn take_up(&mut self, y: usize, warped: &[f32]) {
         let width = self.width;
         let own = y * width..(y + 1) * width;
         let (grey, is_known) = (&self.grey[own.clone()], &self.known[own]);
-        let [ns, a_s, bs, aas, bbs, abs] = self.line.each_mut().map(|line| &mut line[..width]);
+        let row = &mut self.rows[y % WINDOW];
+        let [ns, a_s, bs, aas, bbs, abs] = row.each_mut().map(|line| &mut line[..width]);
         for x in 0..width {
             let (b, n) = known(warped[x]);
             let n = n * is_known[x];
@@ -85,31 +77,38 @@ impl Correlator {
             (ns[x], a_s[x], bs[x]) = (n, a, b);
             (aas[x], bbs[x], abs[x]) = (a * a, b * b, a * b);
         }
-        let inner = width - WINDOW + 1;
-        for (line, sums) in self.line.iter().zip(&mut self.columns[y % WINDOW]) {
-            sums[..inner].copy_from_slice(&line[..inner]);
-            for step in 1..WINDOW {
-                add(&mut sums[..inner], &line[step..step + inner]);
+    }
+
+    /// Sums over the last rows.
+    #[inline(always)]
+    fn sum_rows(&mut self) {
+        let n = self.width;
+        for (term, sums) in self.sums.iter_mut().enumerate() {
+            let [a, b, c, d, e] = self.rows.each_ref().map(|row| &row[term][..n]);
+            for (x, sum) in sums[..n].iter_mut().enumerate() {
+                *sum = a[x] + b[x] + c[x] + d[x] + e[x];
             }
         }
     }
 
-    /// The sums over windows that end with the last row.
-    fn sum_windows(&mut self) {
-        let [first, others @ ..] = &self.columns;
-        for (term, sums) in self.windows.iter_mut().enumerate() {
-            sums.copy_from_slice(&first[term]);
-            for row in others {
-                add(sums, &row[term]);
-            }
+    /// Keeps the larger two of `first`, `second` and the correlation in windows of the last rows.
+    #[inline(always)]
+    fn keep_best(&self, first: &mut [f32], second: &mut [f32]) {
+        let n = first.len();
+        let second = &mut second[..n];
+        let [ns, a, b, aa, bb, ab] = self.sums.each_ref().map(|sums| &sums[..n + WINDOW - 1]);
+        for x in 0..n {
+            let sum = |of: &[f32]| of[x] + of[x + 1] + of[x + 2] + of[x + 3] + of[x + 4];
+            let value = correlation([sum(ns), sum(a), sum(b), sum(aa), sum(bb), sum(ab)]);
+            let best = first[x];
+            let lesser = if value < best { value } else { best };
+            first[x] = if value > best { value } else { best };
+            second[x] = if lesser > second[x] {
+                lesser
+            } else {
+                second[x]
+            };
         }
-    }
-}
-
-#[inline(always)]
-fn add(sums: &mut [f32], values: &[f32]) {
-    for (sum, value) in sums.iter_mut().zip(values) {
-        *sum += value;
     }
 }
 
@@ -128,9 +127,10 @@ fn known(value: f32) -> (f32, f32) {
 fn correlation([n, a, b, aa, bb, ab]: [f32; TERMS]) -> f32 {
     let (of_a, of_b) = (n * aa - a * a, n * bb - b * b);
     let least = |contrast: f32| (n * contrast) * (n * contrast);
-    let tells = n >= LEAST_SHOWN * (WINDOW * WINDOW) as f32
-        && of_a > least(LEAST_CONTRAST)
-        && of_b > least(LEAST_CONTRAST_THERE);
-    let value = (n * ab - a * b) / (of_a * of_b).max(f32::MIN_POSITIVE).sqrt();
+    // Without branches, so that it vectorises.
+    let tells = (n >= LEAST_SHOWN * (WINDOW * WINDOW) as f32)
+        & (of_a > least(LEAST_CONTRAST))
+        & (of_b > least(LEAST_CONTRAST_THERE));
+    let value = (n * ab - a * b) / (of_a * of_b).sqrt();
     if tells { value } else { UNKNOWN }
 }

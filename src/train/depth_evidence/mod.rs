@@ -31,11 +31,11 @@ use crate::geometry::{Camera, SurfaceTracer};
 use crate::neif::contraction::FieldFrame;
 
 /// Longer side of the photos that are compared, pixels.
-const PHOTO_SIDE: u32 = 160;
+const PHOTO_SIDE: u32 = 128;
 /// Most photos that are swept; of more, every second or third.
 const MOST_PHOTOS: usize = 160;
 /// Nearest depth that is tried, in half sides of the field's inner box.
-const NEAREST: f32 = 0.35;
+const NEAREST: f32 = 0.5;
 /// Most depths that are tried.
 const MOST_STEPS: usize = 128;
 /// A typical distance of what is seen, in half sides of the inner box.

@@ -1,18 +1,19 @@
 //! How deep is what one photo shows: a plane sweep (Collins 1996). Its neighbours' photos are warped onto it over planes
 //! that face it, and where one of them lies on what it shows, the photos look alike.
 
-use glam::{Mat3, Vec2, Vec3};
+use glam::{Mat3, Vec3};
 
 use super::correlation::{Correlator, UNKNOWN};
 use super::small_photo::SmallPhoto;
 use crate::geometry::Camera;
+use crate::neif::kernels::{Isa, dispatch, fma};
 
 /// Least correlation with two neighbours, and by how much it must exceed that of any other depth: what repeats itself fits
 /// at several.
 const LEAST_SCORE: f32 = 0.75;
 const LEAST_LEAD: f32 = 0.04;
 /// Steps around the best that are the same peak.
-const PEAK: usize = 3;
+const PEAK: u8 = 3;
 /// Codes of a correlation of 1.
 const CODES: f32 = 127.0;
 
@@ -25,9 +26,14 @@ pub(super) struct Steps {
     pub(super) width: f32,
 }
 
-/// One over the depth, along the camera's axis, of what each pixel of `photo` shows, world units; NaN where the
-/// neighbours do not tell.
-pub(super) fn sweep(photo: &SmallPhoto, neighbours: &[&SmallPhoto], steps: Steps) -> Vec<f32> {
+dispatch! {
+    /// One over the depth, along the camera's axis, of what each pixel of `photo` shows, world units; NaN where the
+    /// neighbours do not tell.
+    pub(super) fn sweep(photo: &SmallPhoto, neighbours: &[&SmallPhoto], steps: Steps) -> Vec<f32> = sweep_body
+}
+
+#[inline(always)]
+fn sweep_body<I: Isa>(photo: &SmallPhoto, neighbours: &[&SmallPhoto], steps: Steps) -> Vec<f32> {
     let n_pixels = photo.grey.len();
     let warps: Vec<Warp> = neighbours
         .iter()
@@ -37,46 +43,104 @@ pub(super) fn sweep(photo: &SmallPhoto, neighbours: &[&SmallPhoto], steps: Steps
     let mut codes = vec![i8::MIN; steps.n * n_pixels];
     let (mut first, mut second) = (vec![UNKNOWN; n_pixels], vec![UNKNOWN; n_pixels]);
     let mut warped = vec![f32::NAN; n_pixels];
+    let mut line = Line::new(photo.camera.width as usize);
     for (k, codes) in codes.chunks_exact_mut(n_pixels).enumerate() {
         first.fill(UNKNOWN);
         second.fill(UNKNOWN);
         for (neighbour, warp) in neighbours.iter().zip(&warps) {
-            warp.apply(k as f32 * steps.width, photo, neighbour, &mut warped);
+            warp.apply::<I>(k as f32 * steps.width, neighbour, &mut line, &mut warped);
             correlator.add(&warped, &mut first, &mut second);
         }
         for (code, (first, second)) in codes.iter_mut().zip(first.iter().zip(&second)) {
             let is_known = *second > UNKNOWN;
-            if is_known {
-                *code = (0.5 * (first + second) * CODES).round() as i8;
-            }
+            let value = (0.5 * (first + second) * CODES).round_ties_even() as i8;
+            *code = if is_known { value } else { i8::MIN };
         }
     }
-    let peak = |i: usize| peak(|k| codes[k * n_pixels + i], steps.n);
+    let peaks = peaks(&codes, n_pixels);
     (0..n_pixels)
-        .map(|i| peak(i).map_or(f32::NAN, |step| step * steps.width))
+        .map(|i| place_of(peaks[i], |k| codes[k * n_pixels + i], steps.n))
+        .map(|step| step.map_or(f32::NAN, |step| step * steps.width))
         .collect()
 }
 
-/// The step, with its fraction, at which the correlation is by far the largest.
-fn peak(code: impl Fn(usize) -> i8, n: usize) -> Option<f32> {
-    let best = (0..n).rev().max_by_key(|k| code(*k))?;
-    let value = |k: usize| f32::from(code(k)) / CODES;
-    if value(best) < LEAST_SCORE {
-        return None;
+/// Where a pixel's correlation is largest.
+#[derive(Clone, Copy, Debug)]
+struct Peak {
+    step: u8,
+    code: i8,
+    /// The largest of the steps that are not the same peak.
+    other: i8,
+}
+
+/// The peaks of all pixels; `codes`: `[steps][n_pixels]`.
+#[inline(always)]
+fn peaks(codes: &[i8], n_pixels: usize) -> Vec<Peak> {
+    let (mut best, mut at) = (vec![i8::MIN; n_pixels], vec![0_u8; n_pixels]);
+    for (k, codes) in codes.chunks_exact(n_pixels).enumerate() {
+        for ((best, at), code) in best.iter_mut().zip(&mut at).zip(codes) {
+            let is_better = *code > *best;
+            *best = if is_better { *code } else { *best };
+            *at = if is_better { k as u8 } else { *at };
+        }
     }
-    let is_other = |k: &usize| k.abs_diff(best) > PEAK;
-    let other = (0..n).filter(is_other).map(value).fold(-1.0, f32::max);
+    let mut others = vec![i8::MIN; n_pixels];
+    for (k, codes) in codes.chunks_exact(n_pixels).enumerate() {
+        for ((other, at), code) in others.iter_mut().zip(&at).zip(codes) {
+            let is_other = at.abs_diff(k as u8) > PEAK;
+            *other = if is_other {
+                (*other).max(*code)
+            } else {
+                *other
+            };
+        }
+    }
+    let found = at.into_iter().zip(best).zip(others);
+    found
+        .map(|((step, code), other)| Peak { step, code, other })
+        .collect()
+}
+
+/// The step of a peak, with its fraction; `None` where it does not stand out.
+fn place_of(peak: Peak, code: impl Fn(usize) -> i8, n: usize) -> Option<f32> {
+    let value = |code: i8| f32::from(code) / CODES;
+    let best = usize::from(peak.step);
+    let stands_out = value(peak.code) >= LEAST_SCORE
+        && value(peak.code) - value(peak.other).max(-1.0) >= LEAST_LEAD;
     // What is nearer than the last step is not known.
-    if value(best) - other < LEAST_LEAD || best + 1 >= n {
+    if !stands_out || best + 1 >= n {
         return None;
     }
     if best == 0 {
         return Some(0.0);
     }
     // The vertex of the parabola through it and those beside it.
-    let [before, middle, after] = [best - 1, best, best + 1].map(value);
+    let [before, middle, after] = [best - 1, best, best + 1].map(|k| value(code(k)));
     let bend = (2.0 * middle - before - after).max(f32::EPSILON);
     Some(best as f32 + (0.5 * (after - before) / bend).clamp(-0.5, 0.5))
+}
+
+/// A row of places in another photo: between which of its pixels.
+struct Line {
+    /// The upper left one of the four.
+    corners: Vec<u32>,
+    /// How far to the right and below, `[0, 1]`; NaN beside the picture.
+    right: Vec<f32>,
+    below: Vec<f32>,
+    /// What the four show: upper left, upper right, lower left, lower right.
+    values: [Vec<f32>; 4],
+}
+
+impl Line {
+    fn new(width: usize) -> Self {
+        let row = || vec![0.0; width];
+        Self {
+            corners: vec![0; width],
+            right: row(),
+            below: row(),
+            values: std::array::from_fn(|_| row()),
+        }
+    }
 }
 
 /// From the pixels of one pinhole camera to those of another, by the depth.
@@ -109,22 +173,69 @@ impl Warp {
         }
     }
 
-    /// What `to` shows where the pixels of `from` do, were all of it so deep; NaN where it does not.
-    fn apply(&self, nearness: f32, from: &SmallPhoto, to: &SmallPhoto, warped: &mut [f32]) {
-        let width = from.camera.width as usize;
-        let mut places = vec![Vec2::ZERO; width];
+    /// What `to` shows where the pixels of the first camera do, were all of it so deep; NaN where it does not.
+    #[inline(always)]
+    fn apply<I: Isa>(&self, nearness: f32, to: &SmallPhoto, line: &mut Line, warped: &mut [f32]) {
+        let width = line.corners.len();
+        let n = to.camera.width as usize;
+        if to.grey.len() < n + 2 {
+            // Nothing lies between four pixels.
+            warped.fill(f32::NAN);
+            return;
+        }
         for (y, row) in warped.chunks_exact_mut(width).enumerate() {
             let first = self.at_infinity * Vec3::new(0.5, y as f32 + 0.5, 1.0)
                 + nearness * self.by_nearness;
-            for (x, place) in places.iter_mut().enumerate() {
-                let at = first + x as f32 * self.at_infinity.x_axis;
-                // Behind the camera it is beside the picture.
-                let depth = if at.z > 0.0 { at.z } else { f32::NAN };
-                *place = Vec2::new(at.x / depth, at.y / depth);
+            self.find::<I>(first, &to.camera, line);
+            let [a, b, c, d] = &mut line.values;
+            let (a, b, c, d) = (
+                &mut a[..width],
+                &mut b[..width],
+                &mut c[..width],
+                &mut d[..width],
+            );
+            let (grey, corners) = (to.grey.as_slice(), &line.corners[..width]);
+            for x in 0..width {
+                let corner = corners[x] as usize;
+                let block = &grey[corner..corner + n + 2];
+                (a[x], b[x], c[x], d[x]) = (block[0], block[1], block[n], block[n + 1]);
             }
-            for (value, place) in row.iter_mut().zip(&places) {
-                *value = to.at(*place);
+            let (right, below) = (&line.right[..width], &line.below[..width]);
+            let row = &mut row[..width];
+            for x in 0..width {
+                let above = fma::<I>(right[x], b[x] - a[x], a[x]);
+                let under = fma::<I>(right[x], d[x] - c[x], c[x]);
+                row[x] = fma::<I>(below[x], under - above, above);
             }
+        }
+    }
+
+    /// Places of a row of pixels, the first of which is at `first`, homogeneous.
+    #[inline(always)]
+    fn find<I: Isa>(&self, first: Vec3, to: &Camera, line: &mut Line) {
+        let (step, width) = (self.at_infinity.x_axis, to.width as f32);
+        // A little less than the last pixel.
+        let [most_right, most_below] = [width, to.height as f32].map(|n| (n - 1.0).next_down());
+        let n = line.corners.len();
+        let (right, below) = (&mut line.right[..n], &mut line.below[..n]);
+        let corners = &mut line.corners[..n];
+        for x in 0..n {
+            let t = x as f32;
+            let depth = fma::<I>(t, step.z, first.z);
+            // Behind the camera it is beside the picture.
+            let nearness = if depth > 0.0 { 1.0 / depth } else { f32::NAN };
+            right[x] = fma::<I>(t, step.x, first.x) * nearness - 0.5;
+            below[x] = fma::<I>(t, step.y, first.y) * nearness - 0.5;
+        }
+        for x in 0..n {
+            let (u, v) = (right[x], below[x]);
+            let (column, row) = (u.clamp(0.0, most_right), v.clamp(0.0, most_below));
+            let is_inside = u == column && v == row;
+            let (column, row) = (column.floor(), row.floor());
+            let corner = row * width + column;
+            corners[x] = if is_inside { corner as i32 as u32 } else { 0 };
+            right[x] = if is_inside { u - column } else { f32::NAN };
+            below[x] = v - row;
         }
     }
 }
