@@ -43,6 +43,11 @@ pub(super) fn clear_lines_of_sight(
 /// How far a photo sees before it meets the object, by blocks of pixels.
 struct Sight {
     projector: Projector,
+    eye: Vec3,
+    /// To the middle of the object's box, a unit vector.
+    axis: Vec3,
+    /// Squared cosine of the angle around it that the box is within; -1 where the camera may be in it.
+    cos_squared: f32,
     /// Side of a block, pixels.
     block: u32,
     size: UVec2,
@@ -82,8 +87,13 @@ impl Sight {
                 .map(|i| hits[i])
                 .fold(f32::INFINITY, f32::min)
         };
+        let bounds = tracer.mesh().bounds();
+        let sin = 0.5 * bounds.extent().length() / distance;
         Self {
             projector: camera.projector(Affine3A::IDENTITY),
+            eye: camera.position(),
+            axis: (bounds.center() - camera.position()) / distance,
+            cos_squared: if sin < 1.0 { 1.0 - sin * sin } else { -1.0 },
             block,
             size,
             clear: (0..size.x * size.y).map(around).collect(),
@@ -92,6 +102,12 @@ impl Sight {
 
     /// Whether the photo sees the object through this point.
     fn is_clear(&self, p_world: Vec3) -> bool {
+        // Most points are beside the object: that is told without projecting them.
+        let toward = p_world - self.eye;
+        let along = toward.dot(self.axis);
+        if along * along.abs() < self.cos_squared * toward.length_squared() {
+            return false;
+        }
         let Some((at, distance)) = self.projector.project(p_world) else {
             return false;
         };

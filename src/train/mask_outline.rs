@@ -130,6 +130,10 @@ fn outline_pieces(soft: &[f32], width: usize, height: usize) -> Vec<Piece> {
             let corners = [i, i + 1, i + width + 1, i + width];
             let places = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)];
             let values = corners.map(|i| soft[i] - 0.5);
+            let n_inside = values.iter().filter(|value| **value > 0.0).count();
+            if n_inside % 4 == 0 {
+                continue;
+            }
             let mut crossings = Vec::with_capacity(4);
             for a in 0..4 {
                 let b = (a + 1) % 4;

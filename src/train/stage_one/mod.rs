@@ -62,6 +62,8 @@ const MARGIN_CELLS: usize = 8;
 
 /// Share of the largest part's area below which a part is no part of the object: a thing seen in the background, or noise.
 const SPECK: f64 = 0.002;
+/// Share by which the rays' distances shrink in two rounds at least, or fairing is done.
+const SETTLED: f32 = 0.003;
 /// Most seconds that a run spends on its mesh.
 const MOST_SECS: f64 = 120.0;
 /// Budgets in seconds below which the grid is coarser, and its cells then.
@@ -79,7 +81,7 @@ const FLOOR_CELLS: f32 = 1.5;
 pub struct StageOneOptions {
     /// Cells of the grid along the object's longest side.
     pub n_cells: usize,
-    /// Rounds of fairing.
+    /// Most rounds of fairing.
     pub n_rounds: usize,
     /// When to be done, with what there is by then.
     pub deadline: Option<Instant>,
@@ -204,6 +206,7 @@ pub fn make_mesh(
     };
     on_news(Making::Surface(&phi));
     on_progress(0.2);
+    let mut residuals = Vec::new();
     for round in 0..options.n_rounds {
         if !go_on() {
             return Err(StageOneError::Cancelled);
@@ -211,11 +214,22 @@ pub fn make_mesh(
         if options.is_over() {
             break;
         }
-        fairing::round(&mut phi, &evidence, &Fairing::default());
+        residuals.push(fairing::round(&mut phi, &evidence, &Fairing::default()));
         on_news(Making::Surface(&phi));
+        if is_settled(&residuals) {
+            break;
+        }
         on_progress(0.2 + 0.8 * (round + 1) as f32 / options.n_rounds as f32);
     }
     surface(dataset, &phi, SPECK)
+}
+
+/// Whether rays have not come nearer to the surface in the last two rounds, whose mean distances from it before each these are.
+fn is_settled(residuals: &[f32]) -> bool {
+    match residuals {
+        [.., former, _, last] => *former > 0.0 && *last > (1.0 - SETTLED) * former,
+        _ => false,
+    }
 }
 
 /// A surface to be faired.
