@@ -120,18 +120,28 @@ impl AnyTrainer {
         }
     }
 
-    /// Traces every training pixel anew where [`Self::needs_retracing`]; `on_progress` hears the share that is done, 0 to 1.
+    /// Object pixels that the steps of the part `[from, to]` of a plan of `n_steps` draw.
+    pub fn draws(&self, n_steps: f64, [from, to]: [f32; 2]) -> usize {
+        match self {
+            Self::Fast(trainer) => trainer.draws(n_steps, [from, to]),
+            Self::Paper(_) => 0,
+        }
+    }
+
+    /// Traces training pixels anew where [`Self::needs_retracing`], of the object about `most_objects`; `on_progress` hears
+    /// the share that is done, 0 to 1.
     ///
     /// # Errors
     /// When cancelled.
     pub fn retrace(
         &mut self,
         dataset: &Dataset,
+        most_objects: usize,
         cancel: &AtomicBool,
         on_progress: &(dyn Fn(f32) + Sync),
     ) -> Result<(), TrainError> {
         match self {
-            Self::Fast(trainer) => trainer.retrace(dataset, cancel, on_progress),
+            Self::Fast(trainer) => trainer.retrace(dataset, most_objects, cancel, on_progress),
             Self::Paper(_) => Ok(()),
         }
     }

@@ -76,6 +76,11 @@ impl Meter {
         self.since_secs += secs;
     }
 
+    /// Of the last report; 0 before there was one.
+    pub(super) fn steps_per_sec(&self) -> f32 {
+        self.last.steps_per_sec
+    }
+
     /// The figures since the last report; begins anew.
     pub(super) fn report(&mut self, plan: &Plan, clock: &Clock, trainer: &AnyTrainer) -> Progress {
         let now = clock.secs();

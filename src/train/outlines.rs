@@ -140,7 +140,7 @@ pub(super) struct OutlineFit {
     /// Standard deviation of the outlines' error but for the pictures' shifts, pixels: where a whole picture is shifted, its
     /// camera is off and its mask is right. 0 where they are exact, and without masks or mesh.
     pub(super) error_px: f32,
-    /// `[n_views]` shift of each picture; empty without a mesh.
+    /// Shift of each picture; empty without a mesh.
     pub(super) shifts: Vec<PictureShift>,
 }
 
@@ -151,9 +151,20 @@ impl OutlineFit {
         cameras: &[Camera],
         tracer: Option<&SurfaceTracer>,
     ) -> Self {
+        Self::of_views(dataset, cameras, tracer, usize::MAX)
+    }
+
+    /// Of at most so many of the views, evenly chosen.
+    pub(super) fn of_views(
+        dataset: &Dataset,
+        cameras: &[Camera],
+        tracer: Option<&SurfaceTracer>,
+        most: usize,
+    ) -> Self {
         let Some(tracer) = tracer else {
             return Self::default();
         };
+        let stride = dataset.train.len().div_ceil(most).max(1);
         let of_view = |(view, camera): (&View, &Camera)| -> Option<_> {
             let mask = view.mask.as_ref()?;
             let outline = MaskOutline::near(mask, SEARCHED_PX)?;
@@ -162,7 +173,7 @@ impl OutlineFit {
             let shift = PictureShift::of(&off);
             Some((shift, rests(&off, shift.by).collect()))
         };
-        let views = dataset.train.par_iter().zip(cameras);
+        let views = dataset.train.par_iter().zip(cameras).step_by(stride);
         let (shifts, rests): (Vec<_>, Vec<Vec<f32>>) =
             views.map(|view| of_view(view).unwrap_or_default()).unzip();
         Self {

@@ -79,6 +79,11 @@ pub(super) struct PixelOptions {
     pub background: bool,
     /// Pixels to keep, over all views.
     pub max_pixels: usize,
+    /// About how many of the object's pixels to trace, over all views: where more cannot be drawn before they are traced anew,
+    /// more would be traced in vain. Of each view as many.
+    pub most_objects: usize,
+    /// Tells one choice of them from another.
+    pub choice: u64,
     /// Blurred levels beside the sharp one.
     pub n_blurred: usize,
     /// What clipped pixels count when blurred.
@@ -326,6 +331,7 @@ fn collect_views(
 ) -> Option<Vec<ViewPixels>> {
     let n_pixels: usize = dataset.train.iter().map(|v| v.photo.n_pixels()).sum();
     let keep = (options.max_pixels as f32 / n_pixels.max(1) as f32).min(1.0);
+    let n_views = dataset.train.len().max(1);
     let collect = |(index, (view, camera)): (usize, (&View, &Camera))| {
         on_view().then(|| {
             let sides = Sides::new(view, camera, tracer, options.outline_error_px);
@@ -338,11 +344,14 @@ fn collect_views(
                 slopes: Vec::new(),
                 backgrounds: Vec::new(),
             };
-            let thinning = (index as u64, keep);
             if let Some(tracer) = tracer {
+                let n_objects = sides.object.iter().filter(|is_object| **is_object).count();
+                let most = (options.most_objects / n_views).max(1) as f32;
+                let thinning = (index as u64, keep.min(most / n_objects.max(1) as f32));
                 pixels.trace_objects(view, tracer, options, thinning, &sides.object);
             }
             if has_backgrounds(view) {
+                let thinning = (index as u64, keep);
                 pixels.collect_backgrounds(view, options, thinning, &sides.background);
             }
             pixels
@@ -362,8 +371,9 @@ impl ViewPixels {
         (index, keep): (u64, f32),
         is_object: &[bool],
     ) {
+        let seed = (options.seed ^ 0x5bd1).wrapping_add(options.choice);
         let is_wanted = |i: u32| {
-            let mut random = SlotRandom::new(options.seed ^ 0x5bd1, index, u64::from(i));
+            let mut random = SlotRandom::new(seed, index, u64::from(i));
             is_object[i as usize] && random.uniform() < keep
         };
         let camera = self.camera;

@@ -64,7 +64,7 @@ fn shaken_cameras_are_put_right_and_kept() {
         // As in a run: the object's light paths begin at the corrected cameras.
         if due.contains(&step) {
             first
-                .retrace(&dataset, &AtomicBool::new(false), &|_| ())
+                .retrace(&dataset, usize::MAX, &AtomicBool::new(false), &|_| ())
                 .unwrap();
         }
         first.step(step as f32 / 1500.0);
@@ -84,7 +84,7 @@ fn shaken_cameras_are_put_right_and_kept() {
     assert!(off < 1e-3, "{off} px lost by the checkpoint");
     // The object's light paths begin at the corrected cameras too.
     second
-        .retrace(&dataset, &AtomicBool::new(false), &|_| ())
+        .retrace(&dataset, usize::MAX, &AtomicBool::new(false), &|_| ())
         .unwrap();
     assert_eq!(
         second.pixels.cameras()[3],

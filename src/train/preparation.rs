@@ -10,6 +10,7 @@ use super::outlines::OutlineFit;
 use super::pixels::{PixelOptions, PixelStore};
 use super::placement::field_frame;
 use super::poses::Poses;
+use super::refinement;
 use crate::data::Dataset;
 use crate::geometry::{Camera, SurfaceTracer};
 use crate::render::gbuffer::PathOptions;
@@ -17,6 +18,12 @@ use crate::render::gbuffer::PathOptions;
 /// [`PathOptions::largest_turn`] in training: a mirror image that a pixel squeezes further in one direction than in the
 /// other is no round cone's, and what was learned from cones would be too rough and its lamps too wide.
 const TAUGHT_TURN: f32 = 0.08;
+
+/// Object pixels that are traced on a mesh that will soon move, at first.
+const FIRST_OBJECTS: usize = 200_000;
+
+/// Views that tell how masks lie about a mesh that has moved a little.
+const OUTLINE_VIEWS: usize = 24;
 
 /// The mesh ready for rays, and every pixel that is trained on, traced once, from cameras as the masks show them to be.
 #[derive(Debug)]
@@ -46,7 +53,10 @@ impl Prepared {
         let outlines = OutlineFit::new(dataset, &given, tracer.as_deref());
         let frame = field_frame(dataset, config.inner_box_scale);
         let poses = Poses::of(dataset, &frame, config.refine_poses, &outlines.shifts);
-        let options = pixel_options(config, tracer.is_some(), outlines.error_px);
+        let mut options = pixel_options(config, tracer.is_some(), outlines.error_px);
+        if refinement::is_wanted(config, dataset) {
+            options.most_objects = FIRST_OBJECTS;
+        }
         let cameras = poses.as_ref().map_or(given, Poses::cameras);
         let traced = tracer.as_deref();
         let on_view = watched(2 * dataset.train.len(), cancel, on_progress);
@@ -77,7 +87,8 @@ pub(super) fn given_cameras(dataset: &Dataset) -> Vec<Camera> {
     dataset.train.iter().map(|view| view.camera).collect()
 }
 
-/// Traces the pixels again, on a mesh and from cameras that have changed a little; `on_progress` gets 0..1.
+/// Traces the pixels again, on a mesh and from cameras that have changed a little: of the object about as many as are to be
+/// drawn, `(most_objects, choice)`, another choice each time. `on_progress` gets 0..1.
 ///
 /// # Errors
 /// When cancelled; the pixels are then as they were.
@@ -85,11 +96,17 @@ pub(super) fn retrace_pixels(
     pixels: &mut PixelStore,
     config: &TrainConfig,
     (dataset, tracer): (&Dataset, Option<&SurfaceTracer>),
+    (most_objects, choice): (usize, u64),
     cancel: &AtomicBool,
     on_progress: &(dyn Fn(f32) + Sync),
 ) -> Result<(), TrainError> {
-    let outlines = OutlineFit::new(dataset, &pixels.cameras(), tracer);
-    let options = pixel_options(config, tracer.is_some(), outlines.error_px);
+    let cameras = pixels.cameras();
+    let outlines = OutlineFit::of_views(dataset, &cameras, tracer, OUTLINE_VIEWS);
+    let options = PixelOptions {
+        most_objects,
+        choice,
+        ..pixel_options(config, tracer.is_some(), outlines.error_px)
+    };
     let on_view = watched(dataset.train.len(), cancel, on_progress);
     if pixels.retrace(dataset, tracer, options, &on_view) {
         Ok(())
@@ -107,6 +124,8 @@ pub(super) fn pixel_options(
         seed: config.seed,
         background: config.background != PhotoFit::Off,
         max_pixels: config.max_pixels,
+        most_objects: usize::MAX,
+        choice: 0,
         n_blurred: config.preconvolved_levels,
         // With an object the lamps' radiance is learned from what they shine on.
         clipped_radiance: if has_object {

@@ -11,6 +11,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::TrainError;
+use super::batch_size::BatchSize;
 use super::config::{Normals, TrainConfig};
 use super::normal_evidence::NormalEvidence;
 use super::normal_offsets::NormalOffsets;
@@ -184,14 +185,21 @@ impl Trainer {
         self.tracer.is_some() && (self.refinement.is_some() || self.poses().is_some())
     }
 
-    /// Traces every training pixel anew, on the mesh and from the cameras as they are known by now, on the current thread
-    /// pool; nothing where neither is refined. `on_progress` hears the share that is done, 0 to 1.
+    /// Object pixels that the steps of the part `[from, to]` of a plan of `n_steps` draw.
+    pub fn draws(&self, n_steps: f64, part: [f32; 2]) -> usize {
+        BatchSize::draws(&self.config, n_steps, part)
+    }
+
+    /// Traces training pixels anew, on the mesh and from the cameras as they are known by now, on the current thread pool;
+    /// nothing where neither is refined. Of the object about `most_objects`, as more will not be drawn. `on_progress` hears
+    /// the share that is done, 0 to 1.
     ///
     /// # Errors
     /// When cancelled; the trainer then goes on with the old paths.
     pub fn retrace(
         &mut self,
         dataset: &Dataset,
+        most_objects: usize,
         cancel: &AtomicBool,
         on_progress: &(dyn Fn(f32) + Sync),
     ) -> Result<(), TrainError> {
@@ -201,7 +209,9 @@ impl Trainer {
         self.settle_normals();
         let tracer = self.tracer.as_ref();
         let scene = (dataset, tracer.map(|tracer| &**tracer));
-        retrace_pixels(&mut self.pixels, &self.config, scene, cancel, on_progress)?;
+        let chosen = (most_objects, self.step);
+        let (pixels, config) = (&mut self.pixels, &self.config);
+        retrace_pixels(pixels, config, scene, chosen, cancel, on_progress)?;
         if let (Some(refinement), Some(tracer)) = (&mut self.refinement, tracer) {
             refinement.traced = Arc::clone(tracer.mesh());
             refinement.offsets.forget_recent();

@@ -67,7 +67,7 @@ fn bent_normals_are_straightened_by_what_they_mirror() {
     let mut refined = trainer(Normals::Refined, &dataset);
     train(&mut refined, 0..400, 1200);
     refined
-        .retrace(&dataset, &AtomicBool::new(false), &|_| ())
+        .retrace(&dataset, usize::MAX, &AtomicBool::new(false), &|_| ())
         .unwrap();
     train(&mut refined, 400..1200, 1200);
     let after = error_deg(&mesh(&mut refined));
@@ -92,7 +92,7 @@ fn pixels_traced_anew_are_those_that_a_new_trainer_would_have() {
         let before = pixels(&refined);
         train(&mut refined, 0..130, 200);
         refined
-            .retrace(&dataset, &AtomicBool::new(false), &|_| ())
+            .retrace(&dataset, usize::MAX, &AtomicBool::new(false), &|_| ())
             .unwrap();
         assert!(pixels(&refined) != before, "normals have changed");
         dataset.mesh = Some(mesh(&mut refined));
@@ -100,7 +100,9 @@ fn pixels_traced_anew_are_those_that_a_new_trainer_would_have() {
         assert!(pixels(&refined) == pixels(&new), "masks: {has_masks}");
 
         let cancelled = AtomicBool::new(true);
-        refined.retrace(&dataset, &cancelled, &|_| ()).unwrap_err();
+        refined
+            .retrace(&dataset, usize::MAX, &cancelled, &|_| ())
+            .unwrap_err();
         assert!(pixels(&refined) == pixels(&new), "as before when cancelled");
     }
 }
@@ -114,7 +116,7 @@ fn refinement_gives_the_same_bits_on_any_number_of_threads() {
             let mut trainer = trainer(Normals::Refined, &dataset);
             train(&mut trainer, 0..130, 200);
             trainer
-                .retrace(&dataset, &AtomicBool::new(false), &|_| ())
+                .retrace(&dataset, usize::MAX, &AtomicBool::new(false), &|_| ())
                 .unwrap();
             train(&mut trainer, 130..150, 200);
             (
@@ -154,7 +156,9 @@ fn what_was_learned_of_the_normals_survives_a_checkpoint() {
 fn move_and_retrace(trainer: &mut Trainer, dataset: &Dataset) {
     let goes_on = AtomicBool::new(false);
     trainer.move_surface(dataset, &goes_on).unwrap();
-    trainer.retrace(dataset, &goes_on, &|_| ()).unwrap();
+    trainer
+        .retrace(dataset, usize::MAX, &goes_on, &|_| ())
+        .unwrap();
 }
 
 /// The bent sphere as a mesh made of masks would be.

@@ -47,8 +47,10 @@ pub(super) struct Due {
     pub(super) report: f64,
     pub(super) validation: f64,
     pub(super) save: f64,
-    /// How often the pixels were traced anew.
+    /// Of the tracings of a plan, how many are behind.
     pub(super) retracing: usize,
+    /// Before that, nothing is traced anew.
+    pub(super) rested: f64,
 }
 
 /// What to do after looking at the commands.

@@ -35,6 +35,12 @@ const COOL_DOWN_SHARE: f64 = 0.15;
 /// each tracing costs what the first did.
 pub(super) const RETRACE_AT: [f32; 6] = [0.05, 0.1, 0.2, 0.3, 0.45, 0.6];
 
+/// In a plan in seconds, how many times as long as it took nothing is traced anew after a tracing: a short run is not spent on it.
+const RETRACING_RESTS: f64 = 2.0;
+
+/// Share of the plan after which a tracing that was due before is left out: what has moved needs time to be learned.
+const LATEST_RETRACING: f32 = 0.7;
+
 /// What becomes of a mesh made of outlines before paths are traced anew.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Surface {
@@ -71,8 +77,8 @@ impl Run<'_> {
         if self.worker.options.start == Start::Continue {
             self.plan = plan;
         }
-        if self.trainer.poses().is_some() {
-            // The light paths were traced from the cameras as given.
+        if self.trainer.needs_retracing() {
+            // The light paths were traced from the cameras as given, and perhaps few of them.
             self.retrace(Surface::Stays)?;
         }
         Ok(())
@@ -180,21 +186,42 @@ impl Run<'_> {
     }
 
     fn retrace_when_due(&mut self) {
-        let fraction = || self.plan.fraction(self.position());
-        let is_due = self.trainer.needs_retracing()
-            && RETRACE_AT
-                .get(self.due.retracing)
-                .is_some_and(|at| fraction() >= *at);
-        if is_due {
-            self.due.retracing += 1;
+        if !self.trainer.needs_retracing() {
+            return;
+        }
+        let fraction = self.plan.fraction(self.position());
+        let behind = RETRACE_AT.iter().filter(|at| **at <= fraction).count();
+        let is_rested = !self.plan.is_timed() || self.clock.secs() >= self.due.rested;
+        if behind > self.due.retracing && is_rested {
+            self.due.retracing = behind;
+            if fraction > LATEST_RETRACING {
+                return;
+            }
+            let begun = self.clock.secs();
             // It fails only when it is told to stop, and the run with it.
             let _stopped = self.retrace(Surface::Moves);
+            let now = self.clock.secs();
+            self.due.rested = now + RETRACING_RESTS * (now - begun);
         }
+    }
+
+    /// Object pixels that will be drawn until paths are traced anew or the run ends; all, where that is not known.
+    fn draws_to_come(&self) -> usize {
+        let rate = f64::from(self.meter.steps_per_sec());
+        let n_steps = match self.plan.planned_steps() {
+            Some(n_steps) => n_steps as f64,
+            None if rate > 0.0 => rate * self.plan.end(),
+            None => return usize::MAX,
+        };
+        let fraction = self.plan.fraction(self.position());
+        let next = RETRACE_AT.into_iter().find(|at| *at > fraction);
+        self.trainer.draws(n_steps, [fraction, next.unwrap_or(1.0)])
     }
 
     /// Traces every training pixel anew, on the run's own threads.
     fn retrace(&mut self, surface: Surface) -> Result<(), TrainError> {
         let begun = self.clock.secs();
+        let most_objects = self.draws_to_come();
         let (trainer, worker) = (&mut self.trainer, self.worker);
         let on_progress = |fraction| worker.events.send(TrainEvent::Retracing { fraction });
         let (dataset, stop) = (&self.dataset, &worker.shared.stop);
@@ -202,7 +229,7 @@ impl Run<'_> {
             if surface == Surface::Moves {
                 trainer.move_surface(dataset, stop)?;
             }
-            trainer.retrace(dataset, stop, &on_progress)
+            trainer.retrace(dataset, most_objects, stop, &on_progress)
         };
         let retraced = self.worker.pool.install(retrace);
         self.meter.leave_out(self.clock.secs() - begun);
