@@ -49,6 +49,7 @@ mod refinement;
 #[cfg(test)]
 mod refinement_tests;
 mod relative_exposures;
+mod retracing;
 mod run;
 pub mod run_folder;
 pub mod run_log;

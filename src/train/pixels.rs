@@ -464,6 +464,33 @@ mod tests {
     use crate::train::test_scene::{small_fields, sphere_in_a_box};
 
     #[test]
+    fn of_the_object_about_as_many_are_traced_as_are_wanted() {
+        let dataset = sphere_in_a_box(5, 64);
+        let tracer = SurfaceTracer::new(Arc::clone(dataset.mesh.as_ref().unwrap()));
+        let given = given_cameras(&dataset);
+        let traced = |most_objects, choice| {
+            let options = PixelOptions {
+                most_objects,
+                choice,
+                ..pixel_options(&small_fields(), true, 0.0)
+            };
+            PixelStore::collect(&dataset, &given, Some(&tracer), options, &|| true).unwrap()
+        };
+        let all = traced(usize::MAX, 0);
+        assert!(all.n_objects() > 2500, "{} pixels", all.n_objects());
+        let some = traced(1000, 0);
+        assert!((900..1100).contains(&some.n_objects()));
+        assert_eq!(some.n_backgrounds(), all.n_backgrounds());
+        for pair in some.objects_before.windows(2) {
+            let n = pair[1] - pair[0];
+            assert!((140..260).contains(&n), "{n} of a view");
+        }
+        let places = |store: &PixelStore| format!("{:?}", store.views[0].paths);
+        assert_eq!(places(&some), places(&traced(1000, 0)));
+        assert!(places(&some) != places(&traced(1000, 1)), "another choice");
+    }
+
+    #[test]
     fn targets_follow_their_cameras() {
         let dataset = sphere_in_a_box(3, 64);
         let tracer = SurfaceTracer::new(Arc::clone(dataset.mesh.as_ref().unwrap()));

@@ -8,9 +8,9 @@ use super::config::{PhotoFit, TrainConfig};
 use super::pose_step::slope_by_direction;
 use super::preparation::given_cameras;
 use super::random::SlotRandom;
+use super::retracing::RETRACE_AT;
 use super::test_scene::{small_fields, sphere_in_a_box};
 use super::trainer::Trainer;
-use super::upkeep::RETRACE_AT;
 use crate::data::Dataset;
 use crate::geometry::{Camera, Distortion};
 

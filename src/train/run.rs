@@ -12,6 +12,7 @@ use crate::train::any_trainer::AnyTrainer;
 use crate::train::events::{Finish, FinishReason, TrainCommand, TrainEvent};
 use crate::train::meter::{Clock, Meter};
 use crate::train::plan::{Budget, Plan};
+use crate::train::retracing::Retracings;
 use crate::train::run_folder::{RunConfig, RunFolder};
 use crate::train::run_log::RunLog;
 use crate::train::session::SessionError;
@@ -47,10 +48,7 @@ pub(super) struct Due {
     pub(super) report: f64,
     pub(super) validation: f64,
     pub(super) save: f64,
-    /// Of the tracings of a plan, how many are behind.
-    pub(super) retracing: usize,
-    /// Before that, nothing is traced anew.
-    pub(super) rested: f64,
+    pub(super) retracings: Retracings,
 }
 
 /// What to do after looking at the commands.
@@ -201,6 +199,9 @@ impl<'a> Run<'a> {
     fn extend(&mut self, more: Budget) {
         self.plan
             .extend(self.clock.secs(), self.trainer.steps(), more);
+        // What was traced for the rest of the former plan is too little for a much longer one.
+        let fraction = self.plan.fraction(self.position());
+        self.due.retracings = Retracings::starting_at(fraction);
         self.settling = Settling::default();
     }
 

@@ -6,6 +6,7 @@ use crate::train::TrainError;
 use crate::train::events::TrainEvent;
 use crate::train::meter::Clock;
 use crate::train::plan::{Budget, Plan};
+use crate::train::retracing::{Retracings, part_from};
 use crate::train::run::Run;
 use crate::train::run_folder::{RunFolder, RunFolderError, RunState};
 use crate::train::session::{SessionError, Start};
@@ -30,16 +31,6 @@ const RESERVE_SECS: f64 = 0.15;
 const SMALL_SHARE: f64 = 0.2;
 /// The quick end of a settled run, as a share of the time it took to settle.
 const COOL_DOWN_SHARE: f64 = 0.15;
-
-/// Shares of the plan at which the pixels are traced anew where normals or poses are refined: most is learned early, and
-/// each tracing costs what the first did.
-pub(super) const RETRACE_AT: [f32; 6] = [0.05, 0.1, 0.2, 0.3, 0.45, 0.6];
-
-/// In a plan in seconds, how many times as long as it took nothing is traced anew after a tracing: a short run is not spent on it.
-const RETRACING_RESTS: f64 = 2.0;
-
-/// Share of the plan after which a tracing that was due before is left out: what has moved needs time to be learned.
-const LATEST_RETRACING: f32 = 0.7;
 
 /// What becomes of a mesh made of outlines before paths are traced anew.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -114,7 +105,7 @@ impl Run<'_> {
         self.plan_time(begun.elapsed().as_secs_f64());
         self.clock.resume();
         let fraction = self.plan.fraction(self.position());
-        self.due.retracing = RETRACE_AT.iter().filter(|at| **at <= fraction).count();
+        self.due.retracings = Retracings::starting_at(fraction);
         self.due.report = self.clock.secs() + EARLY_REPORT_SECS;
         self.due.save = self.clock.secs() + AUTOSAVE_SECS;
         Ok(())
@@ -186,22 +177,13 @@ impl Run<'_> {
     }
 
     fn retrace_when_due(&mut self) {
-        if !self.trainer.needs_retracing() {
-            return;
-        }
         let fraction = self.plan.fraction(self.position());
-        let behind = RETRACE_AT.iter().filter(|at| **at <= fraction).count();
-        let is_rested = !self.plan.is_timed() || self.clock.secs() >= self.due.rested;
-        if behind > self.due.retracing && is_rested {
-            self.due.retracing = behind;
-            if fraction > LATEST_RETRACING {
-                return;
-            }
-            let begun = self.clock.secs();
+        let begun = self.clock.secs();
+        let timed_secs = self.plan.is_timed().then_some(begun);
+        if self.trainer.needs_retracing() && self.due.retracings.take(fraction, timed_secs) {
             // It fails only when it is told to stop, and the run with it.
             let _stopped = self.retrace(Surface::Moves);
-            let now = self.clock.secs();
-            self.due.rested = now + RETRACING_RESTS * (now - begun);
+            self.due.retracings.rest(begun, self.clock.secs());
         }
     }
 
@@ -214,11 +196,10 @@ impl Run<'_> {
             None => return usize::MAX,
         };
         let fraction = self.plan.fraction(self.position());
-        let next = RETRACE_AT.into_iter().find(|at| *at > fraction);
-        self.trainer.draws(n_steps, [fraction, next.unwrap_or(1.0)])
+        self.trainer.draws(n_steps, part_from(fraction))
     }
 
-    /// Traces every training pixel anew, on the run's own threads.
+    /// Traces training pixels anew, on the run's own threads.
     fn retrace(&mut self, surface: Surface) -> Result<(), TrainError> {
         let begun = self.clock.secs();
         let most_objects = self.draws_to_come();

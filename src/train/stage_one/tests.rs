@@ -157,6 +157,15 @@ fn balls_that_touch_have_no_neck_between_them() {
 }
 
 #[test]
+fn fairing_ends_when_rays_come_no_nearer() {
+    assert!(!is_settled(&[]) && !is_settled(&[0.4, 0.4]));
+    assert!(!is_settled(&[0.5, 0.45, 0.44]), "an eighth nearer");
+    assert!(is_settled(&[0.5, 0.45, 0.44, 0.4495]));
+    // Depth maps alone have no rays.
+    assert!(!is_settled(&[0.0, 0.0, 0.0]));
+}
+
+#[test]
 fn a_thin_strap_does_not_dissolve_between_its_rims() {
     let dataset = capture(30, strap);
     let mesh = make(&dataset).unwrap();
