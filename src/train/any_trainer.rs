@@ -120,6 +120,14 @@ impl AnyTrainer {
         }
     }
 
+    /// Whether the light paths of a restored trainer are to be traced anew.
+    pub fn has_first_paths(&self) -> bool {
+        match self {
+            Self::Fast(trainer) => trainer.has_first_paths(),
+            Self::Paper(_) => false,
+        }
+    }
+
     /// Object pixels that the steps of the part `[from, to]` of a plan of `n_steps` draw.
     pub fn draws(&self, n_steps: f64, [from, to]: [f32; 2]) -> usize {
         match self {

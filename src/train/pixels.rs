@@ -175,6 +175,11 @@ impl PixelStore {
         self.outline_error_px
     }
 
+    /// Whether no object pixels were left out that would not be drawn before they are traced anew.
+    pub(super) fn has_all_wanted(&self) -> bool {
+        self.views.iter().all(|view| view.has_all_wanted)
+    }
+
     /// Number of training views.
     pub(super) fn n_views(&self) -> usize {
         self.views.len()
@@ -319,6 +324,8 @@ struct ViewPixels {
     slopes: Vec<[[i8; 2]; 3]>,
     /// By blur level, sharp first.
     backgrounds: Vec<BlurredImage>,
+    /// Whether [`PixelOptions::most_objects`] has left none out.
+    has_all_wanted: bool,
 }
 
 /// The pixels of all views; backgrounds only of those that `has_backgrounds`. `None` once `on_view` returns false.
@@ -343,11 +350,14 @@ fn collect_views(
                 smoothness: Vec::new(),
                 slopes: Vec::new(),
                 backgrounds: Vec::new(),
+                has_all_wanted: true,
             };
             if let Some(tracer) = tracer {
                 let n_objects = sides.object.iter().filter(|is_object| **is_object).count();
                 let most = (options.most_objects / n_views).max(1) as f32;
-                let thinning = (index as u64, keep.min(most / n_objects.max(1) as f32));
+                let share = most / n_objects.max(1) as f32;
+                pixels.has_all_wanted = share >= keep;
+                let thinning = (index as u64, keep.min(share));
                 pixels.trace_objects(view, tracer, options, thinning, &sides.object);
             }
             if has_backgrounds(view) {
@@ -486,6 +496,7 @@ mod tests {
             assert!((140..260).contains(&n), "{n} of a view");
         }
         let places = |store: &PixelStore| format!("{:?}", store.views[0].paths);
+        assert!(all.has_all_wanted() && !some.has_all_wanted());
         assert_eq!(places(&some), places(&traced(1000, 0)));
         assert!(places(&some) != places(&traced(1000, 1)), "another choice");
     }

@@ -185,6 +185,12 @@ impl Trainer {
         self.tracer.is_some() && (self.refinement.is_some() || self.poses().is_some())
     }
 
+    /// Whether the light paths of a restored trainer, from the cameras as given or of a first choice of pixels, are to be
+    /// traced anew.
+    pub fn has_first_paths(&self) -> bool {
+        self.tracer.is_some() && (self.poses().is_some() || !self.pixels.has_all_wanted())
+    }
+
     /// Object pixels that the steps of the part `[from, to]` of a plan of `n_steps` draw.
     pub fn draws(&self, n_steps: f64, part: [f32; 2]) -> usize {
         BatchSize::draws(&self.config, n_steps, part)

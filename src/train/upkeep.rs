@@ -68,7 +68,7 @@ impl Run<'_> {
         if self.worker.options.start == Start::Continue {
             self.plan = plan;
         }
-        if self.trainer.needs_retracing() {
+        if self.trainer.has_first_paths() {
             // The light paths were traced from the cameras as given, and perhaps few of them.
             self.retrace(Surface::Stays)?;
         }

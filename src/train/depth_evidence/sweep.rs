@@ -178,7 +178,7 @@ impl Warp {
     fn apply<I: Isa>(&self, nearness: f32, to: &SmallPhoto, line: &mut Line, warped: &mut [f32]) {
         let width = line.corners.len();
         let n = to.camera.width as usize;
-        if to.grey.len() < n + 2 {
+        if to.camera.width < 2 || to.camera.height < 2 {
             // Nothing lies between four pixels.
             warped.fill(f32::NAN);
             return;

@@ -73,6 +73,18 @@ fn depths_of(dataset: &Dataset) -> (FieldFrame, SeenDepths) {
 }
 
 #[test]
+fn photos_a_pixel_wide_tell_nothing() {
+    let photo = |x: f32| SmallPhoto {
+        camera: Camera::look_at(Vec3::new(x, 2.0, 0.0), Vec3::ZERO, Vec3::Z, 1.0, 1, 40),
+        grey: (0..40).map(|i| (i % 7) as f32 / 7.0).collect(),
+        colors: vec![Vec3::ONE; 40],
+    };
+    let steps = Steps { n: 8, width: 0.1 };
+    let found = sweep(&photo(0.0), &[&photo(0.1), &photo(-0.1)], steps);
+    assert!(found.len() == 40 && found.iter().all(|nearness| nearness.is_nan()));
+}
+
+#[test]
 fn distances_of_the_walls_are_found_and_none_of_the_object() {
     let dataset = patterned_box(|_| Vec3::ONE);
     let (_, depths) = depths_of(&dataset);
