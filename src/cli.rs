@@ -13,6 +13,7 @@ mod info;
 mod interrupt;
 mod mesh;
 mod output;
+mod photos_found;
 mod render;
 mod scenes;
 mod sheet;

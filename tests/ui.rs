@@ -131,6 +131,7 @@ fn training_state() -> AppState {
         height: 24,
         has_object: true,
         problems: Vec::new(),
+        found: Vec::new(),
     });
     state.training.take(TrainEvent::Progress(Progress {
         step: 1234,

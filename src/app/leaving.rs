@@ -134,6 +134,7 @@ mod tests {
             height: 1,
             has_object: true,
             problems: Vec::new(),
+            found: Vec::new(),
         };
         let progress = Progress {
             step: 10,

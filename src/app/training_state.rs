@@ -175,6 +175,7 @@ impl TrainingState {
                 height,
                 has_object,
                 problems,
+                found,
             } => {
                 self.capture = Some(CaptureInfo {
                     n_train,
@@ -183,10 +184,9 @@ impl TrainingState {
                     has_object,
                 });
                 self.phase = Phase::Training;
-                return problems
-                    .into_iter()
-                    .map(|problem| (Level::Warning, problem))
-                    .collect();
+                let problems = problems.into_iter().map(|p| (Level::Warning, p));
+                let found = found.into_iter().map(|f| (Level::Info, f));
+                return problems.chain(found).collect();
             }
             TrainEvent::Progress(progress) => {
                 self.take_progress(progress);
@@ -349,6 +349,7 @@ mod tests {
             height: 5,
             has_object: true,
             problems: vec!["odd".to_owned()],
+            found: vec!["uncertain".to_owned()],
         });
         assert_eq!(told, vec![(Level::Warning, "odd".to_owned())]);
         state.take(TrainEvent::Progress(Progress {

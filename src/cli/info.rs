@@ -11,6 +11,7 @@ use serde_json::{Value, json};
 use super::capture::CaptureArgs;
 use super::failure::{Failure, OrUnusable as _};
 use super::output;
+use super::photos_found::PhotosFound;
 
 /// Arguments of `neif info`.
 #[derive(Debug, clap::Args)]
@@ -67,6 +68,7 @@ fn about_run(path: &Path) -> Result<Value, Failure> {
         .object
         .as_ref()
         .map(|o| o.tracer.mesh().triangles.len());
+    let found = PhotosFound::of(&folder.log());
     Ok(json!({
         "kind": "run",
         "path": path.to_string_lossy(),
@@ -79,6 +81,8 @@ fn about_run(path: &Path) -> Result<Value, Failure> {
         "dataset": dataset.to_string_lossy(),
         "dataset_found": dataset.exists(),
         "environment": about_environment(&scene.environment),
+        "found": found.told,
+        "photos": found.photos,
     }))
 }
 
@@ -142,6 +146,13 @@ fn append(lines: &mut Vec<String>, value: &Value, indent: usize) {
             Value::Object(_) => {
                 lines.push(format!("{margin}{name}:"));
                 append(lines, fact, indent + 1);
+            }
+            // One a photo: for scripts, and for the window's list.
+            Value::Array(facts) if facts.iter().any(Value::is_object) => {}
+            Value::Array(facts) if facts.iter().any(Value::is_string) => {
+                lines.push(format!("{margin}{name}:"));
+                let facts = facts.iter().filter_map(Value::as_str);
+                lines.extend(facts.map(|fact| format!("{margin}  {fact}")));
             }
             Value::String(fact) => lines.push(format!("{margin}{name}: {fact}")),
             other => lines.push(format!("{margin}{name}: {other}")),

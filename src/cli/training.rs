@@ -11,6 +11,7 @@ use neif::train::session::{Session, SessionError, SessionOptions};
 use super::failure::Failure;
 use super::interrupt;
 use super::output::{self, Display};
+use super::photos_found::{exposures_told, poses_told};
 
 /// How often Ctrl-C is looked for.
 const POLL: Duration = Duration::from_millis(50);
@@ -49,6 +50,7 @@ pub(crate) fn train(options: SessionOptions, json: bool) -> Result<Outcome, Fail
         display: Display::new(json),
         json,
         validation: None,
+        moved_px: Vec::new(),
         finish: None,
     };
     let mut stopping = false;
@@ -97,6 +99,8 @@ struct Watcher {
     display: Display,
     json: bool,
     validation: Option<Validation>,
+    /// By how many pixels the photos' cameras are corrected.
+    moved_px: Vec<f32>,
     finish: Option<Finish>,
 }
 
@@ -114,6 +118,7 @@ impl Watcher {
                 height,
                 has_object,
                 problems,
+                found,
             } => {
                 let kind = if *has_object {
                     "an object and its surroundings"
@@ -123,8 +128,8 @@ impl Watcher {
                 self.display.say(&format!(
                     "{n_train} training and {n_val} validation views of {width} x {height}: {kind}"
                 ));
-                for problem in problems {
-                    self.display.say(&format!("note: {problem}"));
+                for note in problems.iter().chain(found) {
+                    self.display.say(&format!("note: {note}"));
                 }
             }
             TrainEvent::Progress(progress) => {
@@ -136,25 +141,19 @@ impl Watcher {
             }
             TrainEvent::Validated(validation) => self.validation = Some(*validation),
             TrainEvent::Exposures(photos) => {
-                let stops = photos.iter().flat_map(|(_, gain)| gain.map(f32::log2));
-                let (least, most) = stops.fold((0.0_f32, 0.0_f32), |(least, most), ev| {
-                    (least.min(ev), most.max(ev))
-                });
-                self.display.say(&format!(
-                    "exposures of the photos: {least:+.2} to {most:+.2} stops from their mean"
-                ));
+                let gains = photos.iter().map(|(_, gain)| *gain);
+                self.display.say(&exposures_told(gains));
             }
             TrainEvent::Poses(photos) => {
-                let mut moved: Vec<f32> = photos.iter().map(|(_, moved_px)| *moved_px).collect();
-                moved.sort_by(f32::total_cmp);
-                if let (Some(median), Some(most)) = (moved.get(moved.len() / 2), moved.last()) {
-                    self.display.say(&format!(
-                        "poses of the photos: {median:.2} pixels corrected in the median, {most:.2} at most"
-                    ));
-                }
+                self.moved_px = photos.iter().map(|(_, moved_px)| *moved_px).collect();
             }
             TrainEvent::Warning(message) => self.display.say(&format!("warning: {message}")),
-            TrainEvent::Finished(finish) => self.finish = Some(*finish),
+            TrainEvent::Finished(finish) => {
+                if let Some(poses) = poses_told(&self.moved_px) {
+                    self.display.say(&poses);
+                }
+                self.finish = Some(*finish);
+            }
             // Saving is routine; a failure comes back from the session itself.
             TrainEvent::Saved(_)
             | TrainEvent::ViewsValidated(_)

@@ -49,6 +49,8 @@ pub enum TrainEvent {
         has_object: bool,
         /// What is odd about the capture, for people.
         problems: Vec<String>,
+        /// What was found out about its photos and is done about it, for people.
+        found: Vec<String>,
     },
     /// How training goes, about once a second.
     Progress(Progress),
@@ -64,8 +66,8 @@ pub enum TrainEvent {
     ViewsValidated(Vec<Option<f64>>),
     /// The learned exposures of the training photos: name and gain a colour of each.
     Exposures(Vec<(String, [f32; 3])>),
-    /// The refined poses of the training photos: the name of each and how far its middle has moved on what it shows,
-    /// pixels.
+    /// The refined poses of the training photos, as often as [`Self::Validated`] and at the end: the name of each and how far
+    /// its middle has moved on what it shows, pixels.
     Poses(Vec<(String, f32)>),
     /// Something that does not end the run but should be known.
     Warning(String),
@@ -175,9 +177,10 @@ impl TrainEvent {
                 height,
                 has_object,
                 problems,
+                found,
             } => json!({
                 "event": "loaded", "n_train": n_train, "n_val": n_val, "width": width,
-                "height": height, "has_object": has_object, "problems": problems,
+                "height": height, "has_object": has_object, "problems": problems, "found": found,
             }),
             Self::Progress(p) => json!({
                 "event": "progress", "step": p.step, "planned_steps": p.planned_steps,

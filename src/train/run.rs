@@ -216,9 +216,8 @@ impl<'a> Run<'a> {
             let gains = gains.iter().map(glam::Vec3::to_array).collect();
             self.tell(TrainEvent::Exposures(self.named(gains)));
         }
-        if let Some(poses) = self.trainer.poses() {
-            let moved = self.named(poses.moved_px());
-            self.tell(TrainEvent::Poses(moved));
+        if let Some(poses) = self.poses_found() {
+            self.tell(poses);
         }
         let finish = Finish {
             reason,

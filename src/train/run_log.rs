@@ -3,6 +3,8 @@
 
 use std::fmt::Write as _;
 
+use serde_json::Value;
+
 use crate::train::events::{Progress, TrainEvent, Validation};
 
 /// Columns of `metrics.csv`; an empty cell is a figure that was not measured at that moment.
@@ -64,6 +66,13 @@ impl RunLog {
     /// read are left out.
     pub fn figures(&self) -> Vec<TrainEvent> {
         self.csv.lines().skip(1).filter_map(figures_of).collect()
+    }
+
+    /// The last event of this name ([`TrainEvent::to_json`]); none before there was one.
+    pub fn last_event(&self, name: &str) -> Option<Value> {
+        let events = self.events.lines().rev();
+        let mut events = events.filter_map(|line| serde_json::from_str::<Value>(line).ok());
+        events.find(|event| event["event"] == name)
     }
 
     /// Notes an event: figures as a table row, everything else as a line of JSON.

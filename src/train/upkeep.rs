@@ -86,9 +86,10 @@ impl Run<'_> {
             width,
             height,
             has_object: self.trainer.snapshot().object.is_some(),
-            problems: problems
-                .chain(self.outlines_told())
-                .chain(self.depths_told())
+            problems: problems.collect(),
+            found: [self.outlines_told(), self.depths_told()]
+                .into_iter()
+                .flatten()
                 .collect(),
         });
         let begun = Instant::now();
@@ -249,6 +250,10 @@ impl Run<'_> {
             self.tell(TrainEvent::Validated(validation));
             self.tell(measured.of_views());
         }
+        if let Some(poses) = self.poses_found() {
+            // The log has those of the end.
+            self.worker.events.send(poses);
+        }
         let cost = begun.elapsed().as_secs_f64();
         self.due.validation = now + VALIDATE_SECS.max(cost * VALIDATE_SHARE);
     }
@@ -311,6 +316,12 @@ impl Run<'_> {
         })?;
         self.tell(TrainEvent::Saved(folder.path().to_owned()));
         Ok(())
+    }
+
+    /// The poses as they are corrected by now.
+    pub(super) fn poses_found(&self) -> Option<TrainEvent> {
+        let poses = self.trainer.poses()?;
+        Some(TrainEvent::Poses(self.named(poses.moved_px())))
     }
 
     /// Something of each training photo, with its name.
