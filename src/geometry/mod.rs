@@ -20,6 +20,7 @@ mod ray;
 mod redistance;
 mod sampling;
 mod scalar_grid;
+mod subdivision;
 #[cfg(test)]
 pub(crate) mod test_mesh;
 mod wide_bvh;

@@ -13,6 +13,7 @@ use crate::neif::hash_grid::{
 };
 use crate::neif::kernels::math::all_finite;
 use crate::train::picture_shift::SAMPLING_PX;
+use crate::train::statistics::share_beyond;
 
 /// The grid, in a cube around the object. A mesh of outlines has 144 cells along its longest side.
 const GRID: GridConfig = GridConfig {
@@ -22,13 +23,21 @@ const GRID: GridConfig = GridConfig {
     log2_table_size: 16,
     least_weight: 0.0,
 };
+/// Cells of further levels, and the size of their tables, for photos that show finer relief.
+const FINER: [u32; 2] = [227, 357];
+const LOG2_FINER_TABLE: u32 = 18;
+/// Pixels that a cell is wide at least.
+const CELL_PX: f32 = 1.6;
 /// Of the running means of gradient and squared gradient.
-const BETA1: f32 = 0.9;
+const BETA1: f32 = 0.95;
 const BETA2: f32 = 0.99;
 /// Strength of the pull towards the mesh's own normals: a pixel's squared error (sRGB, summed over the colours) that is
 /// worth a correction of one radian. What hardly shows, as on rough and diffuse surfaces, is left to the mesh. It is for
 /// meshes of exact outlines: the square of the ripples of others grows as that of the outlines' error.
 const PULL: f32 = 3.0;
+/// Length of a level's correction from which on the pull grows no further, as of a Cauchy distribution: ripples of a mesh are small
+/// everywhere, relief is large where there is some.
+const RELIEF: f32 = 0.01;
 /// Gradient below which a value moves less than the rate, of a pixel's squared error by radians.
 const LEAST_GRADIENT: f32 = 0.005;
 
@@ -68,15 +77,33 @@ pub(super) struct OffsetBatch {
 }
 
 impl NormalOffsets {
-    /// No correction anywhere in the cube around `bounds`, of a mesh of outlines that err by `outline_error_px` pixels.
-    pub(super) fn new(bounds: &Aabb, outline_error_px: f32) -> Self {
+    /// No correction anywhere in the cube around `bounds`, of a mesh of outlines that err by `outline_error_px` pixels, of width
+    /// `pixel` at the object, scene units.
+    pub(super) fn new(bounds: &Aabb, outline_error_px: f32, pixel: f32) -> Self {
         // A margin, so that the rim of the cube is never needed.
         let side = 1.05 * bounds.extent().max_element();
+        let is_seen = |cells: &u32| side / *cells as f32 >= CELL_PX * pixel;
+        let finer = |cells: u32| {
+            GridConfig {
+                n_levels: 1,
+                coarsest: cells,
+                finest: cells,
+                log2_table_size: LOG2_FINER_TABLE,
+                ..GRID
+            }
+            .levels()
+        };
+        let finer = FINER.into_iter().filter(is_seen).flat_map(finer);
         Self {
             corner: bounds.center() - Vec3::splat(0.5 * side),
             side,
             pull: PULL / (1.0 + (outline_error_px / SAMPLING_PX).powi(2)),
-            tables: GRID.levels().into_iter().map(LevelTable::new).collect(),
+            tables: GRID
+                .levels()
+                .into_iter()
+                .chain(finer)
+                .map(LevelTable::new)
+                .collect(),
         }
     }
 
@@ -103,13 +130,21 @@ impl NormalOffsets {
         self.forget_recent();
     }
 
-    /// The mesh has taken them up and is another.
+    /// The mesh has taken them up and is another, but for relief that is finer than its cells and stays as it was.
     pub(super) fn restart(&mut self) {
-        for table in &mut self.tables {
-            table.total.fill(0.0);
-            table.moments.fill(0.0);
+        let (taken_up, finer) = self.tables.split_at_mut(GRID.n_levels);
+        for table in taken_up {
+            for values in [&mut table.total, &mut table.moments, &mut table.recent] {
+                values.fill(0.0);
+            }
         }
-        self.forget_recent();
+        for table in finer {
+            table.recent.copy_from_slice(&table.total);
+            // The fourth of a total counts its updates.
+            for recent in table.recent.as_chunks_mut::<FEATURES>().0 {
+                recent[FEATURES - 1] = 0.0;
+            }
+        }
     }
 
     /// The pixels were traced anew, on a mesh that has all that was learned.
@@ -201,7 +236,8 @@ impl LevelTable {
     }
 
     /// A step of Adam (Kingma and Ba, arXiv:1412.6980) with one second moment an entry, so that it does not matter how the
-    /// axes lie. What no pixel touched is left alone.
+    /// axes lie, as far as its mean gradient is more than chance: Adam's steps are as long where pixels disagree, and a
+    /// mirror shows them as ripples. What no pixel touched is left alone.
     fn update(&mut self, rate: f32, epsilon: f32, pull: f32) {
         let entries = self
             .total
@@ -219,6 +255,8 @@ impl LevelTable {
             *n_updates += 1.0;
             let unbias = [BETA1, BETA2].map(|beta| 1.0 - beta.powf(*n_updates));
             let weight = gradient[3];
+            let length_squared: f32 = total[..3].iter().map(|v| v * v).sum();
+            let pull = pull / (1.0 + length_squared / (RELIEF * RELIEF));
             let mut square = 0.0;
             for k in 0..3 {
                 let d = gradient[k] + weight * pull * total[k];
@@ -226,7 +264,14 @@ impl LevelTable {
                 square += d * d;
             }
             moments[3] += (1.0 - BETA2) * (square - moments[3]);
-            let share = rate / (unbias[0] * ((moments[3] / unbias[1]).sqrt() + epsilon));
+            let [mean_square, square_mean] = [
+                moments[3] / unbias[1],
+                moments[..3].iter().map(|m| m * m).sum::<f32>() / unbias[0].powi(2),
+            ];
+            // What chance alone leaves of the mean of gradients that know of no direction.
+            let chance = (1.0 - BETA1) / (1.0 + BETA1) * (2.0 - unbias[0]) / unbias[0];
+            let sure = share_beyond(square_mean, chance * mean_square);
+            let share = sure * rate / (unbias[0] * (mean_square.sqrt() + epsilon));
             for k in 0..3 {
                 let step = share * moments[k];
                 total[k] -= step;
@@ -261,29 +306,86 @@ impl OffsetBatch {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::train::random::SlotRandom;
+
+    fn cube() -> Aabb {
+        Aabb {
+            min: -Vec3::ONE,
+            max: Vec3::ONE,
+        }
+    }
+
+    #[test]
+    fn relief_finer_than_the_mesh_outlives_its_moves() {
+        let learned = |pixel: f32| {
+            let mut offsets = NormalOffsets::new(&cube(), 0.0, pixel);
+            let mut batch = OffsetBatch::default();
+            let at = |offsets: &NormalOffsets, batch: &mut OffsetBatch| {
+                offsets.evaluate(std::iter::once(Vec3::splat(0.1)), batch);
+                batch.values[0]
+            };
+            for _ in 0..10 {
+                at(&offsets, &mut batch);
+                batch.add(0, Vec3::X, 1.0);
+                offsets.update(&[&batch], 1e-3, 1);
+            }
+            let before = at(&offsets, &mut batch);
+            offsets.restart();
+            (before, at(&offsets, &mut batch))
+        };
+        let (before, after) = learned(0.1);
+        assert!(before < 0.0 && after == 0.0, "{before} became {after}");
+        let (before, after) = learned(0.002);
+        let share = after / before;
+        // Two of ten levels, less at a point between their corners.
+        assert!((0.05..0.4).contains(&share), "{before} became {after}");
+    }
+
+    /// What becomes of a correction that pixels ask for with as much force as the pull at an exact mesh, as its share.
+    fn corrected(wanted: f32, error_px: f32) -> f32 {
+        let force = PULL / GRID.n_levels as f32;
+        let mut offsets = NormalOffsets::new(&cube(), error_px, 0.1);
+        let mut batch = OffsetBatch::default();
+        for _ in 0..3000 {
+            offsets.evaluate(std::iter::once(Vec3::splat(0.1)), &mut batch);
+            let off = Vec3::from_slice(&batch.values) - wanted * Vec3::X;
+            batch.add(0, force * off, 1.0);
+            offsets.update(&[&batch], 1e-4, 1);
+        }
+        batch.values[0] / wanted
+    }
 
     #[test]
     fn meshes_of_uncertain_outlines_are_corrected_further() {
-        let bounds = Aabb {
-            min: -Vec3::ONE,
-            max: Vec3::ONE,
-        };
-        // The pixels ask for a correction by 0.1 with as much force as the pull at an exact mesh.
-        let wanted = Vec3::new(0.1, 0.0, 0.0);
-        let force = PULL / GRID.n_levels as f32;
-        let corrected = |error_px: f32| {
-            let mut offsets = NormalOffsets::new(&bounds, error_px);
-            let mut batch = OffsetBatch::default();
-            for _ in 0..3000 {
-                offsets.evaluate(std::iter::once(Vec3::splat(0.1)), &mut batch);
-                let off = Vec3::from_slice(&batch.values) - wanted;
-                batch.add(0, force * off, 1.0);
-                offsets.update(&[&batch], 1e-4, 1);
-            }
-            batch.values[0] / wanted.x
-        };
-        let [exact, uncertain] = [0.0, 1.2].map(corrected);
+        let [exact, uncertain] = [0.0, 1.2].map(|error_px| corrected(0.01, error_px));
         assert!((exact - 0.5).abs() < 0.05, "{exact}");
         assert!((uncertain - 0.93).abs() < 0.05, "{uncertain}");
+    }
+
+    #[test]
+    fn pixels_that_disagree_bend_nothing() {
+        let moved = |sign: &mut dyn FnMut() -> f32| {
+            let mut offsets = NormalOffsets::new(&cube(), 0.0, 0.1);
+            let mut batch = OffsetBatch::default();
+            for _ in 0..200 {
+                offsets.evaluate(std::iter::once(Vec3::splat(0.1)), &mut batch);
+                batch.add(0, sign() * Vec3::X, 1e-3);
+                offsets.update(&[&batch], 1e-3, 1);
+            }
+            batch.values[0].abs()
+        };
+        let mut random = SlotRandom::new(1, 0, 0);
+        let agreeing = moved(&mut || 1.0);
+        let disagreeing = moved(&mut || if random.uniform() < 0.5 { -1.0 } else { 1.0 });
+        assert!(
+            disagreeing < 0.02 * agreeing,
+            "{disagreeing} beside {agreeing}"
+        );
+    }
+
+    #[test]
+    fn relief_is_hardly_pulled_back() {
+        let steep = corrected(0.4, 0.0);
+        assert!(steep > 0.9, "{steep}");
     }
 }

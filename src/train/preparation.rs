@@ -45,10 +45,8 @@ impl Prepared {
         on_progress: &(dyn Fn(f32) + Sync),
     ) -> Result<Self, TrainError> {
         config.validate()?;
-        let tracer = dataset
-            .mesh
-            .as_ref()
-            .map(|mesh| Arc::new(SurfaceTracer::new(Arc::clone(mesh))));
+        let mesh = refinement::mesh_to_refine(config, dataset);
+        let tracer = mesh.map(|mesh| Arc::new(SurfaceTracer::new(mesh)));
         let given = given_cameras(dataset);
         let outlines = OutlineFit::new(dataset, &given, tracer.as_deref());
         let frame = field_frame(dataset, config.inner_box_scale);

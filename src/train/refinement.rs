@@ -17,15 +17,22 @@ use super::normal_evidence::NormalEvidence;
 use super::normal_offsets::NormalOffsets;
 use super::preparation::retrace_pixels;
 use super::stage_one::{self, KnownNormals, StageOneError};
+use super::statistics::middle;
 use super::trainer::Trainer;
-use crate::data::Dataset;
 use crate::data::tensor_file::TensorFile;
+use crate::data::{Dataset, View};
 use crate::geometry::{Aabb, Mesh, SurfaceTracer};
 
 /// Steps before normals are learned: until then the surroundings have no features to go by.
 pub(super) const DELAY: u64 = 100;
-/// Learning rate at the beginning, radians.
-pub(super) const RATE: f32 = 1e-3;
+/// Learning rates at the beginning and at the end, radians: relief is steep and is to be there before roughness stands for it,
+/// and what is smooth is to end without noise.
+const RATES: [f32; 2] = [1e-2, 2e-4];
+
+/// Pixels that two vertices of a mesh are apart at most, about.
+const DETAIL_PX: f32 = 1.6;
+/// Triangles that subdividing makes at most.
+const MOST_TRIANGLES: usize = 1_500_000;
 
 /// Corrections of the normals, and the mesh that they are of.
 #[derive(Debug)]
@@ -52,6 +59,51 @@ pub(super) fn is_wanted(config: &TrainConfig, dataset: &Dataset) -> bool {
         }
 }
 
+/// The capture's mesh for a run with these settings: where its normals are refined, with vertices about as near to each other
+/// as pixels of the photos.
+pub(super) fn mesh_to_refine(config: &TrainConfig, dataset: &Dataset) -> Option<Arc<Mesh>> {
+    let mesh = dataset.mesh.as_ref()?;
+    let is_wanted = is_wanted(config, dataset);
+    Some(if is_wanted {
+        with_detail(Arc::clone(mesh), pixel_width(dataset))
+    } else {
+        Arc::clone(mesh)
+    })
+}
+
+/// Width of the photos' pixels at the object, scene units, in the middle; infinite where there is none.
+fn pixel_width(dataset: &Dataset) -> f32 {
+    let Some(bounds) = dataset.object_box() else {
+        return f32::INFINITY;
+    };
+    let width = |view: &View| {
+        let away = Vec3::from(view.camera.world_from_camera.translation) - bounds.center();
+        away.length() * view.camera.pixel_angle()
+    };
+    let mut widths: Vec<f32> = dataset.train.iter().map(width).collect();
+    if widths.is_empty() {
+        f32::INFINITY
+    } else {
+        middle(&mut widths)
+    }
+}
+
+/// The same surface with vertices as near to each other as asks for a normal a pixel of this width.
+fn with_detail(mut mesh: Arc<Mesh>, pixel: f32) -> Arc<Mesh> {
+    while mesh.edge_length() > DETAIL_PX * pixel && 4 * mesh.triangles.len() <= MOST_TRIANGLES {
+        mesh = Arc::new(mesh.subdivided());
+    }
+    mesh
+}
+
+/// Learning rate where a run is by so large a share, radians.
+pub(super) fn rate(progress: f32) -> f32 {
+    let [first, last] = RATES;
+    let progress = progress.clamp(0.0, 1.0);
+    // It falls late, since a surface that has moved is to be learned again.
+    first * (last / first).powf(progress * progress)
+}
+
 impl Refinement {
     /// Nothing is corrected yet; `None` where nothing shall be. The masks' outlines err by `outline_error_px` pixels.
     pub(super) fn of(
@@ -67,7 +119,7 @@ impl Refinement {
         let moves = is_made && stage_one::is_of_outlines(dataset);
         let bounds = dataset.object_box()?;
         Some(Self {
-            offsets: NormalOffsets::new(&bounds, error_px),
+            offsets: NormalOffsets::new(&bounds, error_px, pixel_width(dataset)),
             evidence: moves.then(|| NormalEvidence::new(&bounds)),
             object_box: bounds,
             traced: Arc::clone(mesh),
@@ -170,8 +222,9 @@ impl Trainer {
             Ok(mesh) => {
                 evidence.clear();
                 refinement.offsets.restart();
-                refinement.traced = Arc::new(mesh);
-                let tracer = SurfaceTracer::new(Arc::clone(&refinement.traced));
+                refinement.traced = with_detail(Arc::new(mesh), pixel_width(dataset));
+                let mesh = refinement.offsets.applied_to(&refinement.traced);
+                let tracer = SurfaceTracer::new(Arc::new(mesh));
                 self.tracer = Some(Arc::new(tracer));
                 Ok(())
             }

@@ -546,7 +546,7 @@ impl Trainer {
             && self.step > refinement::DELAY
         {
             let batches: Vec<_> = self.chunks.iter().map(|c| &c.offsets).collect();
-            let rate = decay * refinement::RATE;
+            let rate = refinement::rate(progress);
             let n_pixels = self.batch_size.objects;
             refinement.offsets.update(&batches, rate, n_pixels);
             if let Some(evidence) = &mut refinement.evidence {
