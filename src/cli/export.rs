@@ -9,7 +9,9 @@ use neif::geometry::{Atlas, Texel};
 use neif::neif::region::ObjectEdit;
 use neif::neif::{EnvironmentTransform, ObjectModel};
 use neif::render::metallic_roughness::{DIELECTRIC, MetallicRoughness};
-use neif::render::{BakedSurface, Scene, bake, panorama, radiance_as_albedo, trained_light};
+use neif::render::{
+    BakedSurface, Scene, Unwrapped, bake, panorama, radiance_as_albedo, trained_light,
+};
 
 use super::edits::MaterialFlags;
 use super::failure::Failure;
@@ -61,16 +63,21 @@ pub(crate) fn run(args: &ExportArgs) -> Result<(), Failure> {
     })?;
     scenes::make_folder_of(&args.out)?;
     let mesh = object.tracer.mesh();
-    let atlas = Atlas::new(mesh, args.texture_size, PADDING_PX).ok_or_else(|| {
+    let unwrapped = Unwrapped::new(mesh, args.texture_size, PADDING_PX).ok_or_else(|| {
         Failure::unusable(anyhow::anyhow!(
             "--texture-size {}: too small for this mesh of {} triangles",
             args.texture_size,
             mesh.triangles.len()
         ))
     })?;
-    let baked = baked(&run.scene, object, &args.material.edit()?, &atlas)?;
+    let baked = baked(
+        &run.scene,
+        object,
+        &args.material.edit()?,
+        unwrapped.own_atlas(),
+    )?;
     let upright = z_up_from_world(run.scene.environment.up());
-    let mesh = textured(object, &atlas, &baked, upright);
+    let mesh = textured(&unwrapped, &baked, upright);
     write_textured_glb(&args.out, &mesh)?;
     output::line(&args.out.display().to_string())?;
     if !args.no_environment {
@@ -132,13 +139,8 @@ fn z_up_from_world(up: Vec3) -> Quat {
 }
 
 /// The mesh with its textures; the vertices stay in the capture's axes and the node turns them into glTF's, y up.
-fn textured(
-    object: &ObjectModel,
-    atlas: &Atlas,
-    baked: &BakedSurface,
-    z_up_from_world: Quat,
-) -> TexturedMesh {
-    let mesh = object.tracer.mesh();
+fn textured(unwrapped: &Unwrapped, baked: &BakedSurface, z_up_from_world: Quat) -> TexturedMesh {
+    let Unwrapped { mesh, atlas, .. } = unwrapped;
     let copied =
         |list: &[Vec3]| -> Vec<Vec3> { atlas.vertices.iter().map(|&v| list[v as usize]).collect() };
     let texture = |texels: Vec<[u8; 3]>| Texture {
@@ -160,6 +162,8 @@ fn textured(
             most / DIELECTRIC,
         )
     });
+    let tangents = atlas.tangents(mesh);
+    let normals = unwrapped.normal_map(&tangents, PADDING_PX);
     TexturedMesh {
         name: "object".to_owned(),
         positions: copied(&mesh.positions),
@@ -171,6 +175,12 @@ fn textured(
         base_color: texture(base.collect()),
         metallic_roughness: texture(surface.collect()),
         specular_color,
+        normal_map: normals.map(|normals| {
+            let codes = normals
+                .iter()
+                .map(|n| (0.5 + 0.5 * *n).to_array().map(code));
+            (texture(codes.collect()), tangents)
+        }),
     }
 }
 

@@ -30,6 +30,10 @@ pub struct Texel {
     pub position: Vec3,
     /// Unit shading normal there.
     pub normal: Vec3,
+    /// The unwrapped vertices around it, and the share that each has in it.
+    pub corners: [u32; 3],
+    /// See [`Self::corners`].
+    pub weights: Vec3,
 }
 
 impl Atlas {
@@ -77,6 +81,8 @@ impl Atlas {
                     index: index as u32,
                     position: mix(&mesh.positions),
                     normal: mix(&mesh.normals).normalize_or(Vec3::Z),
+                    corners: triangle,
+                    weights,
                 });
             }
         };

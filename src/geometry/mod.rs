@@ -21,6 +21,7 @@ mod redistance;
 mod sampling;
 mod scalar_grid;
 mod subdivision;
+mod tangents;
 #[cfg(test)]
 pub(crate) mod test_mesh;
 mod wide_bvh;

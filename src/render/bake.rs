@@ -66,11 +66,11 @@ pub fn bake(
             roughness: baked.roughness,
         });
     }
-    let mean = mean(pixels.iter().flatten());
+    let overall = mean(&mut pixels.iter().flatten().copied());
     for _ in 0..=padding_px {
-        grow(&mut pixels, atlas.size_px as usize);
+        grow(&mut pixels, atlas.size_px as usize, mean);
     }
-    let filled = |pixel: &Option<Pixel>| pixel.unwrap_or(mean);
+    let filled = |pixel: &Option<Pixel>| pixel.unwrap_or(overall);
     BakedSurface {
         size_px: atlas.size_px,
         material: pixels.iter().map(|p| filled(p).material).collect(),
@@ -119,11 +119,11 @@ fn bake_texels(
         .collect()
 }
 
-fn mean<'a>(pixels: impl Iterator<Item = &'a Pixel>) -> Pixel {
+fn mean(pixels: &mut dyn Iterator<Item = Pixel>) -> Pixel {
     let mut sum = Pixel::default();
     let mut n = 0.0;
     for pixel in pixels {
-        add(&mut sum, pixel);
+        add(&mut sum, &pixel);
         n += 1.0;
     }
     divided(sum, f32::max(n, 1.0))
@@ -148,7 +148,11 @@ fn divided(sum: Pixel, n: f32) -> Pixel {
 }
 
 /// Gives every empty pixel beside filled ones their mean, so that look-ups between texels do not bleed.
-fn grow(pixels: &mut [Option<Pixel>], size: usize) {
+pub(super) fn grow<P: Copy + Send + Sync>(
+    pixels: &mut [Option<P>],
+    size: usize,
+    mean: impl Fn(&mut dyn Iterator<Item = P>) -> P + Sync,
+) {
     let before = pixels.to_vec();
     pixels
         .par_chunks_mut(size)
@@ -162,12 +166,9 @@ fn grow(pixels: &mut [Option<Pixel>], size: usize) {
             };
             for (x, pixel) in row.iter_mut().enumerate() {
                 if pixel.is_none() {
-                    let (mut sum, mut n) = (Pixel::default(), 0.0);
-                    for other in around(x).filter_map(|i| before[i].as_ref()) {
-                        add(&mut sum, other);
-                        n += 1.0;
-                    }
-                    *pixel = (n > 0.0).then(|| divided(sum, n));
+                    let mut filled = around(x).filter_map(|i| before[i]).peekable();
+                    let is_beside = filled.peek().is_some();
+                    *pixel = is_beside.then(|| mean(&mut filled));
                 }
             }
         });

@@ -44,6 +44,7 @@ mod thread_clock;
 mod tone_map;
 pub mod trace;
 pub mod turntable;
+mod unwrapped;
 
 pub use background::{BLUR_STD, Background};
 pub use bake::{BakedSurface, bake, radiance_as_albedo};
@@ -64,3 +65,4 @@ pub use scene::{Layer, Scene};
 pub use shade::{ShadeScratch, compose, shade_background, shade_object};
 pub use tone_map::ToneMap;
 pub use turntable::Spin;
+pub use unwrapped::Unwrapped;

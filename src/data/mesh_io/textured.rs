@@ -4,7 +4,7 @@
 
 use std::path::Path;
 
-use glam::{Quat, Vec2, Vec3};
+use glam::{Quat, Vec2, Vec3, Vec4};
 use serde_json::{Value, json};
 
 use super::gltf::write_chunks;
@@ -49,6 +49,9 @@ pub struct TexturedMesh {
     pub base_color: Texture,
     /// Roughness in G, metalness in B, linear.
     pub metallic_roughness: Texture,
+    /// Directions in the frame of normals and tangents, `0.5 + 0.5 xyz`, and the tangents: `[n]`, unit, and the side of the
+    /// bitangent.
+    pub normal_map: Option<(Texture, Vec<Vec4>)>,
     /// Reflectance of the part that is no metal, sRGB, and the factor that it is multiplied by, on top of 0.04.
     pub specular_color: Option<(Texture, f32)>,
 }
@@ -93,11 +96,16 @@ pub fn write_textured_glb(path: &Path, mesh: &TexturedMesh) -> Result<(), DataEr
     let positions = binary.add_floats(vectors(&mesh.positions));
     let normals = binary.add_floats(vectors(&mesh.normals));
     let uvs = binary.add_floats(mesh.uvs.iter().flat_map(Vec2::to_array));
+    let tangents = mesh
+        .normal_map
+        .as_ref()
+        .map(|(_, tangents)| binary.add_floats(tangents.iter().flat_map(Vec4::to_array)));
     let indices = mesh.triangles.iter().flatten();
     let indices: Vec<u8> = indices.flat_map(|i| i.to_le_bytes()).collect();
     let indices = binary.add(&indices, Some(ELEMENT_BUFFER));
     let mut pictures = vec![&mesh.base_color, &mesh.metallic_roughness];
     pictures.extend(mesh.specular_color.as_ref().map(|(texture, _)| texture));
+    pictures.extend(mesh.normal_map.as_ref().map(|(texture, _)| texture));
     let mut images = Vec::new();
     for picture in &pictures {
         let png = encode_png(picture.size_px, picture.size_px, &picture.texels)
@@ -136,6 +144,12 @@ pub fn write_textured_glb(path: &Path, mesh: &TexturedMesh) -> Result<(), DataEr
         "bufferViews": binary.views,
         "buffers": [{"byteLength": binary.bytes.len()}],
     });
+    if let Some(view) = tangents {
+        root["accessors"].as_array_mut().into_iter().for_each(|accessors| {
+            accessors.push(json!({"bufferView": view, "componentType": FLOAT, "count": n_vertices, "type": "VEC4"}));
+        });
+        root["meshes"][0]["primitives"][0]["attributes"]["TANGENT"] = json!(4);
+    }
     if mesh.specular_color.is_some() {
         root["extensionsUsed"] = json!(["KHR_materials_specular"]);
     }
@@ -166,6 +180,10 @@ fn material(mesh: &TexturedMesh) -> Value {
             "specularColorTexture": {"index": 2},
         }});
     }
+    if mesh.normal_map.is_some() {
+        let index = 2 + usize::from(mesh.specular_color.is_some());
+        material["normalTexture"] = json!({"index": index});
+    }
     material
 }
 
@@ -188,6 +206,7 @@ mod tests {
             rotation: Quat::from_rotation_x(-std::f32::consts::FRAC_PI_2),
             base_color: texture(100),
             metallic_roughness: texture(50),
+            normal_map: Some((texture(128), vec![Vec4::new(1.0, 0.0, 0.0, 1.0); 4])),
             specular_color: Some((texture(25), 2.5)),
         }
     }
@@ -202,7 +221,7 @@ mod tests {
         assert!((mesh.positions[3] - Vec3::new(0.0, 1.0, -1.0)).length() < 1e-6);
         let file = gltf::Gltf::open(&path).unwrap();
         let blob = file.blob.as_ref().unwrap();
-        for (image, first) in file.images().zip([100, 50, 25]) {
+        for (image, first) in file.images().zip([100, 50, 25, 128]) {
             let gltf::image::Source::View { view, mime_type } = image.source() else {
                 panic!("inside the file");
             };
@@ -213,6 +232,15 @@ mod tests {
             assert_eq!(picture.get_pixel(0, 0).0, [first, 1, 2]);
             assert_eq!(picture.get_pixel(1, 1).0, [9, 10, 11]);
         }
-        assert_eq!(file.images().count(), 3, "three textures");
+        assert_eq!(file.images().count(), 4, "four textures");
+        let material = file.materials().next().unwrap();
+        let normals = material.normal_texture().unwrap().texture();
+        assert_eq!(normals.source().index(), 3);
+        let primitive = file.meshes().next().unwrap().primitives().next().unwrap();
+        let tangents = primitive.get(&gltf::Semantic::Tangents).unwrap();
+        assert_eq!(
+            (tangents.count(), tangents.dimensions()),
+            (4, gltf::accessor::Dimensions::Vec4)
+        );
     }
 }
