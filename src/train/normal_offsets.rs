@@ -1,8 +1,8 @@
 //! Corrections of a mesh's normals, learned with everything else.
 //!
-//! A mirror doubles the error of its normal, and a mesh made of outlines alone has ripples of a degree. A correction is a
-//! small vector in the tangent plane, the plain sum over the levels of a grid around the object: coarse levels learn what
-//! many pixels agree on, fine ones the rest.
+//! A mirror doubles the error of its normal, and a mesh made of outlines alone has ripples of a degree and no fine relief. A
+//! correction is a small vector in the tangent plane, the plain sum over the levels of a grid around the object: coarse
+//! levels learn what many pixels agree on, fine ones the rest.
 
 use glam::Vec3;
 use rayon::prelude::*;
