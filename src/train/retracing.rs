@@ -48,6 +48,11 @@ pub(super) fn part_from(fraction: f32) -> [f32; 2] {
     [fraction, next.unwrap_or(1.0)]
 }
 
+/// Whether the last quarter of a run that is by so large a share of its plan has no tracing left to show what it brings.
+pub(super) fn are_all_shown(fraction: f32) -> bool {
+    RETRACE_AT.iter().all(|at| *at <= 0.75 * fraction)
+}
+
 fn due_by(fraction: f32) -> usize {
     RETRACE_AT.iter().filter(|at| **at <= fraction).count()
 }
@@ -83,6 +88,11 @@ mod tests {
         // Overdue at the end: left out.
         let mut late = Retracings::starting_at(0.5);
         assert!(!late.take(0.5, None) && !late.take(0.9, None) && !late.take(0.95, None));
+    }
+
+    #[test]
+    fn the_last_quarter_is_to_follow_all_tracings() {
+        assert!(!are_all_shown(0.7) && are_all_shown(0.85));
     }
 
     #[test]

@@ -6,7 +6,7 @@ use crate::train::TrainError;
 use crate::train::events::TrainEvent;
 use crate::train::meter::Clock;
 use crate::train::plan::{Budget, Plan};
-use crate::train::retracing::{Retracings, part_from};
+use crate::train::retracing::{Retracings, are_all_shown, part_from};
 use crate::train::run::Run;
 use crate::train::run_folder::{RunFolder, RunFolderError, RunState};
 use crate::train::session::{SessionError, Start};
@@ -260,8 +260,10 @@ impl Run<'_> {
 
     fn cool_down_when_settled(&mut self) {
         let (now, position) = (self.clock.secs(), self.position());
+        let changes_paths =
+            self.trainer.needs_retracing() && !are_all_shown(self.plan.fraction(position));
         let may = self.worker.options.config.early_stop && !self.plan.is_cooling_down();
-        if may && self.settling.is_settled(&self.plan, now) {
+        if may && !changes_paths && self.settling.is_settled(&self.plan, now) {
             self.plan.cool_down(position, now * COOL_DOWN_SHARE);
         }
     }
