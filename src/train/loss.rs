@@ -5,10 +5,13 @@ use glam::Vec3;
 use crate::color::{srgb_from_linear, srgb_slope};
 use crate::neif::display::Display;
 
-/// Target from which a pixel counts as clipped: brighter predictions are not wrong.
+/// Target from which a pixel counts as clipped.
 pub(super) const CLIPPED: f32 = 0.998;
 /// Radiance of a clipped colour beside one that is not.
 const PARTLY_CLIPPED: f32 = 1.2;
+/// Targets between which it matters less and less how much brighter than white a pixel is predicted: JPEG leaves more than half of a
+/// clipped area a little below white.
+const ALMOST_CLIPPED: [f32; 2] = [0.75, 0.95];
 /// Lower end of the logarithm in the exponent's gradient: `ln 0`.
 const TINY: f32 = 1e-6;
 
@@ -26,28 +29,41 @@ pub(super) struct PixelLoss {
     pub d_gamma: f32,
 }
 
-/// `|srgb(C)^gamma - target|²` with its gradients (Eq. 9).
+/// `|srgb(C)^gamma - target|²` with its gradients (Eq. 9), clipped as photos are.
 pub(super) fn pixel_loss(display: Display, linear: Vec3, target: [f32; 3]) -> PixelLoss {
     let mut loss = PixelLoss::default();
     for c in 0..3 {
         // `max` would turn NaN into 0 and hide it from the non-finite check.
         let x = if linear[c] < 0.0 { 0.0 } else { linear[c] };
-        let srgb = srgb_from_linear(x);
-        let shown = display.value(x);
+        let (shown, slope, d_gamma) = shown(display, x, target[c]);
         let difference = shown - target[c];
-        if target[c] >= CLIPPED && difference > 0.0 {
-            continue;
-        }
         loss.value += difference * difference;
         let d_shown = 2.0 * difference;
-        // d srgb^g = g srgb^(g-1); the ratio shown/srgb is 1 where both vanish.
-        let ratio = if srgb > TINY { shown / srgb } else { 1.0 };
         loss.difference[c] = difference;
-        loss.slope[c] = display.gamma * ratio * srgb_slope(x);
-        loss.d_linear[c] = d_shown * display.gamma * ratio * srgb_slope(x);
-        loss.d_gamma += d_shown * shown * srgb.max(TINY).ln();
+        loss.slope[c] = slope;
+        loss.d_linear[c] = d_shown * slope;
+        loss.d_gamma += d_shown * d_gamma;
     }
     loss
+}
+
+/// What a photo shows of the radiance `x >= 0`, and its slopes by that and by the exponent. Above white it saturates as photos
+/// do: that a lamp of twenty times white lies half a pixel beside where it is predicted does not make it dim. What is left of
+/// the slope there, so that a lamp can fade where there is none, goes as the target gets white itself.
+fn shown(display: Display, x: f32, target: f32) -> (f32, f32, f32) {
+    if x > 1.0 {
+        let [from, to] = ALMOST_CLIPPED;
+        let share = ((to - target) / (to - from)).clamp(0.0, 1.0);
+        let slope = share * srgb_slope(1.0);
+        let above = slope * (1.0 - 1.0 / x);
+        let shown = 1.0 + display.gamma * above;
+        return (shown, display.gamma * slope / (x * x), above);
+    }
+    let (srgb, shown) = (srgb_from_linear(x), display.value(x));
+    // d srgb^g = g srgb^(g-1); the ratio shown/srgb is 1 where both vanish.
+    let ratio = if srgb > TINY { shown / srgb } else { 1.0 };
+    let slope = display.gamma * ratio * srgb_slope(x);
+    (shown, slope, shown * srgb.max(TINY).ln())
 }
 
 /// Radiance that a clipped colour is taken for: `lamp` where all three are clipped. A saturated light that clips in one
@@ -115,6 +131,23 @@ mod tests {
     fn brighter_than_a_clipped_target_is_not_wrong() {
         let loss = pixel_loss(Display { gamma: 1.0 }, Vec3::splat(7.0), [1.0; 3]);
         assert_eq!((loss.value, loss.d_linear), (0.0, Vec3::ZERO));
+    }
+
+    #[test]
+    fn a_lamp_is_hardly_contradicted_by_what_is_almost_white_and_fades_where_there_is_none() {
+        let loss = |target: f32| {
+            pixel_loss(
+                Display { gamma: 1.0 },
+                Vec3::new(20.0, 2.0, 1.5),
+                [target; 3],
+            )
+        };
+        assert_eq!(loss(0.96).d_linear, Vec3::ZERO);
+        let (beside, rim) = (loss(0.3), loss(0.9));
+        assert!(beside.d_linear.cmpgt(Vec3::ZERO).all(), "{beside:?}");
+        assert!(rim.d_linear.cmplt(0.1 * beside.d_linear).all(), "{rim:?}");
+        // However bright, it is wrong by little more than white is.
+        assert!(beside.difference.max_element() < 1.2, "{beside:?}");
     }
 
     #[test]
