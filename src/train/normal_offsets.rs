@@ -31,6 +31,10 @@ const CELL_PX: f32 = 1.6;
 /// Of the running means of gradient and squared gradient.
 const BETA1: f32 = 0.95;
 const BETA2: f32 = 0.99;
+/// By how much further a value moves at first, and the updates after which that is halved: relief is steep, and is to be there
+/// before roughness stands for it.
+const HASTE: f32 = 9.0;
+const HASTY_UPDATES: f32 = 300.0;
 /// Strength of the pull towards the mesh's own normals: a pixel's squared error (sRGB, summed over the colours) that is
 /// worth a correction of one radian. What hardly shows, as on rough and diffuse surfaces, is left to the mesh. It is for
 /// meshes of exact outlines: the square of the ripples of others grows as that of the outlines' error.
@@ -199,7 +203,7 @@ impl NormalOffsets {
         }
     }
 
-    /// One step from the batches' gradients; `n_pixels` is what it drew, `rate` in radians.
+    /// One step from the batches' gradients; `n_pixels` is what it drew, `rate` in radians, of values that were updated often.
     pub(super) fn update(&mut self, batches: &[&OffsetBatch], rate: f32, n_pixels: usize) {
         let epsilon = LEAST_GRADIENT / n_pixels.max(1) as f32;
         self.tables.par_iter_mut().rev().for_each(|table| {
@@ -251,9 +255,9 @@ impl LevelTable {
             if *gradient == [0.0; FEATURES] {
                 continue;
             }
-            let [.., n_updates] = total;
-            *n_updates += 1.0;
-            let unbias = [BETA1, BETA2].map(|beta| 1.0 - beta.powf(*n_updates));
+            total[3] += 1.0;
+            let n_updates = total[3];
+            let unbias = [BETA1, BETA2].map(|beta| 1.0 - beta.powf(n_updates));
             let weight = gradient[3];
             let length_squared: f32 = total[..3].iter().map(|v| v * v).sum();
             let pull = pull / (1.0 + length_squared / (RELIEF * RELIEF));
@@ -271,6 +275,7 @@ impl LevelTable {
             // What chance alone leaves of the mean of gradients that know of no direction.
             let chance = (1.0 - BETA1) / (1.0 + BETA1) * (2.0 - unbias[0]) / unbias[0];
             let sure = share_beyond(square_mean, chance * mean_square);
+            let rate = rate * (1.0 + HASTE / (1.0 + n_updates / HASTY_UPDATES));
             let share = sure * rate / (unbias[0] * (mean_square.sqrt() + epsilon));
             for k in 0..3 {
                 let step = share * moments[k];

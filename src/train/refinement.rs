@@ -25,9 +25,8 @@ use crate::geometry::{Aabb, Mesh, SurfaceTracer};
 
 /// Steps before normals are learned: until then the surroundings have no features to go by.
 pub(super) const DELAY: u64 = 100;
-/// Learning rates at the beginning and at the end, radians: relief is steep and is to be there before roughness stands for it,
-/// and what is smooth is to end without noise.
-const RATES: [f32; 2] = [1e-2, 2e-4];
+/// Learning rates at the beginning and at the end, radians: what is smooth is to end without noise.
+const RATES: [f32; 2] = [1e-3, 1e-4];
 
 /// Pixels that two vertices of a mesh are apart at most, about.
 const DETAIL_PX: f32 = 1.6;
@@ -99,9 +98,7 @@ fn with_detail(mut mesh: Arc<Mesh>, pixel: f32) -> Arc<Mesh> {
 /// Learning rate where a run is by so large a share, radians.
 pub(super) fn rate(progress: f32) -> f32 {
     let [first, last] = RATES;
-    let progress = progress.clamp(0.0, 1.0);
-    // It falls late, since a surface that has moved is to be learned again.
-    first * (last / first).powf(progress * progress)
+    first * (last / first).powf(progress.clamp(0.0, 1.0))
 }
 
 impl Refinement {
