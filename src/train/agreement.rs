@@ -8,8 +8,8 @@ use std::ops::Range;
 
 use glam::Vec3;
 
-use super::chunk::StepContext;
 use super::random::SlotRandom;
+use super::step_context::StepContext;
 use super::unseen::look;
 use crate::geometry::sample_vmf;
 use crate::neif::EnvironmentTransform;

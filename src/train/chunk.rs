@@ -8,28 +8,24 @@ use std::ops::Range;
 use glam::Vec3;
 
 use super::agreement;
-use super::batch_size::BatchSize;
-use super::config::TrainConfig;
 use super::depth_evidence::{fading, misplacement};
 use super::distortion::distortion;
 use super::loss::{clipped_pull, pixel_loss};
-use super::normal_offsets::{NormalOffsets, OffsetBatch};
+use super::normal_offsets::OffsetBatch;
 use super::photo_rows::PhotoRows;
-use super::pixels::{BackgroundSample, ObjectPixel, PixelStore};
+use super::pixels::{BackgroundSample, ObjectPixel};
 use super::random::SlotRandom;
+use super::step_context::StepContext;
 use super::tilted_rays::{PixelError, TiltedRays};
 use super::unseen::{self, Triple};
-use super::unseen_light::{UnseenDirections, trust_in_evenness, unevenness};
+use super::unseen_light::{trust_in_evenness, unevenness};
 use crate::geometry::orthonormal_basis;
 use crate::neif::EnvironmentTransform;
-use crate::neif::contraction::FieldFrame;
 use crate::neif::density_grid::DensityGrid;
-use crate::neif::display::Display;
 use crate::neif::kernels::math::all_finite;
 use crate::neif::light_path::{self, LitVertex, PathVertex};
-use crate::neif::material::{Material, MaterialBatch, Surface};
-use crate::neif::mlp::Transposed;
-use crate::neif::radiance_field::{FieldBatch, FieldRay, FieldTransposed, RadianceField};
+use crate::neif::material::{MaterialBatch, Surface};
+use crate::neif::radiance_field::{FieldBatch, FieldRay};
 
 /// Every so many object pixels one takes part in the smoothness term.
 const SMOOTHNESS_STRIDE: usize = 4;
@@ -45,50 +41,6 @@ const DIELECTRIC: f32 = 0.08;
 /// roughness settle on sharper ones than coming from blurred lobes: 0.2 dB more of the object than from 0.3.
 const INITIAL_ROUGHNESS: f32 = 0.1;
 const HOLD_STRENGTH: f32 = 1.0;
-
-/// What all chunks of a step read.
-#[derive(Clone, Copy)]
-pub(super) struct StepContext<'a> {
-    pub(super) config: &'a TrainConfig,
-    pub(super) pixels: &'a PixelStore,
-    pub(super) frame: &'a FieldFrame,
-    pub(super) field: &'a RadianceField,
-    pub(super) field_transposed: &'a FieldTransposed,
-    pub(super) density: &'a DensityGrid,
-    pub(super) batch_size: BatchSize,
-    pub(super) material: Option<&'a Material>,
-    pub(super) material_transposed: &'a Transposed,
-    pub(super) display: Display,
-    /// What each photo's exposure multiplies radiance by; empty where all are alike.
-    pub(super) gains: &'a [Vec3],
-    /// Whether exposures are sought.
-    pub(super) finds_exposures: bool,
-    /// Whether the photos' poses are refined.
-    pub(super) finds_poses: bool,
-    /// Where no photo looks.
-    pub(super) unseen: &'a UnseenDirections,
-    /// Corrections of the normals, where they are refined, and whether they are learned yet.
-    pub(super) offsets: Option<&'a NormalOffsets>,
-    pub(super) tilts: bool,
-    pub(super) step: u64,
-    pub(super) samples_per_ray: usize,
-    pub(super) uniform_share: f32,
-}
-
-impl StepContext<'_> {
-    /// Pairs of rays a step into directions in which no photo looks.
-    fn n_unseen_pairs(&self) -> usize {
-        let is_asked = self.material.is_some()
-            && self.unseen.share() > 0.0
-            && self.step >= u64::from(self.config.evenness_delay);
-        usize::from(is_asked) * self.config.unseen_pairs
-    }
-
-    /// The gain of a training view.
-    fn gain(&self, view: usize) -> Vec3 {
-        self.gains.get(view).copied().unwrap_or(Vec3::ONE)
-    }
-}
 
 /// Sums over a chunk's pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -60,6 +60,7 @@ pub mod snapshot;
 mod srgb_codes;
 pub mod stage_one;
 mod statistics;
+mod step_context;
 #[cfg(test)]
 mod test_scene;
 mod tilted_rays;

@@ -2,10 +2,10 @@
 
 use glam::Vec3;
 
-use super::chunk::StepContext;
 use super::exposures::ExposureRow;
 use super::loss::PixelLoss;
 use super::pose_step::PoseRow;
+use super::step_context::StepContext;
 
 /// The equations of a chunk's pixels, of those that are sought.
 #[derive(Debug, Default)]

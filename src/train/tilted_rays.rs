@@ -5,11 +5,11 @@
 
 use glam::Vec3;
 
-use super::chunk::StepContext;
 use super::loss::PixelLoss;
 use super::normal_evidence::NormalRow;
 use super::normal_offsets::OffsetBatch;
 use super::random::SlotRandom;
+use super::step_context::StepContext;
 use crate::geometry::orthonormal_basis;
 use crate::neif::EnvironmentTransform;
 use crate::neif::light_path::{LitVertex, first_lobe_ray};

@@ -7,9 +7,9 @@
 use std::f32::consts::TAU;
 use std::ops::Range;
 
-use super::chunk::StepContext;
 use super::pixels::BackgroundSample;
 use super::random::SlotRandom;
+use super::step_context::StepContext;
 use glam::Vec3;
 
 use crate::geometry::orthonormal_basis;

@@ -10,8 +10,8 @@ use std::ops::Range;
 
 use glam::{Affine3A, Vec3};
 
-use super::chunk::StepContext;
 use super::random::SlotRandom;
+use super::step_context::StepContext;
 use crate::data::Dataset;
 use crate::geometry::{Projector, fibonacci_sphere, orthonormal_basis};
 use crate::neif::contraction::FieldFrame;
