@@ -17,6 +17,7 @@ mod exposures;
 pub mod flip;
 mod ground;
 pub mod held_out;
+mod image_gradient;
 pub mod latest;
 mod learned;
 mod line_of_sight;
@@ -72,6 +73,7 @@ mod unseen_light;
 mod upkeep;
 mod validation;
 pub mod view_error;
+mod view_pixels;
 mod void;
 
 pub use any_trainer::AnyTrainer;

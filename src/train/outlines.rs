@@ -8,8 +8,8 @@ use rayon::prelude::*;
 
 use super::mask_outline::MaskOutline;
 use super::picture_shift::{Off, PictureShift, SAMPLING_PX, rests};
-use super::pixels::bands;
 use super::statistics::scatter;
+use super::view_pixels::bands;
 use crate::data::{Dataset, Mask, View};
 use crate::geometry::{Camera, SurfaceTracer};
 use crate::render::GBuffer;

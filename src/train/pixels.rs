@@ -3,25 +3,16 @@
 use std::ops::Range;
 
 use glam::Vec3;
-use rayon::prelude::*;
 
 use super::depth_evidence::SeenDepths;
-use super::outlines::Sides;
-use super::packed_path::PackedPaths;
+use super::image_gradient::SLOPE_CODES;
 use super::pose_step::slope_by_direction;
-use super::preconvolution::{BlurredImage, blurred_images};
+use super::preconvolution::BlurredImage;
 use super::random::SlotRandom;
-use super::srgb_codes::SrgbCodes;
+use super::view_pixels::{PixelOptions, ViewPixels, collect_views};
 use crate::data::{Dataset, View};
 use crate::geometry::{Camera, SurfaceTracer};
 use crate::neif::light_path::PathVertex;
-use crate::render::GBuffer;
-use crate::render::gbuffer::PathOptions;
-
-/// Codes of a slope of 1 a pixel, the largest that central differences give.
-const SLOPE_CODES: f32 = 127.0;
-/// Pixels traced at once: what is kept of them is smaller than what tracing needs.
-const BAND_PIXELS: usize = 1 << 15;
 
 /// A drawn pixel that shows only the object.
 #[derive(Clone, Copy, Debug)]
@@ -68,30 +59,6 @@ pub(super) struct BackgroundSample {
     pub nearness: Option<f32>,
     /// Its blur level and index there.
     place: (usize, usize),
-}
-
-/// How pixels are collected.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct PixelOptions {
-    /// Seed of the thinning.
-    pub seed: u64,
-    /// Whether the background is collected.
-    pub background: bool,
-    /// Pixels to keep, over all views.
-    pub max_pixels: usize,
-    /// About how many of the object's pixels to trace, over all views: where more cannot be drawn before they are traced anew,
-    /// more would be traced in vain. Of each view as many.
-    pub most_objects: usize,
-    /// Tells one choice of them from another.
-    pub choice: u64,
-    /// Blurred levels beside the sharp one.
-    pub n_blurred: usize,
-    /// What clipped pixels count when blurred.
-    pub clipped_radiance: f32,
-    /// How far object pixels are traced.
-    pub paths: PathOptions,
-    /// Standard deviation of the error of the masks' outlines, pixels; 0: exact.
-    pub outline_error_px: f32,
 }
 
 impl PixelStore {
@@ -309,160 +276,6 @@ fn total(before: &[usize]) -> usize {
 fn locate(before: &[usize], k: usize) -> (usize, usize) {
     let view = before.partition_point(|&n| n <= k) - 1;
     (view, k - before[view])
-}
-
-/// The training pixels of one view.
-#[derive(Debug)]
-struct ViewPixels {
-    camera: Camera,
-    /// As it was when the object's light paths were traced.
-    traced: Camera,
-    /// Light paths, targets, `exp(-|image gradient|)` in 255ths and slopes in [`SLOPE_CODES`] of its object pixels.
-    paths: PackedPaths,
-    targets: SrgbCodes,
-    smoothness: Vec<u8>,
-    slopes: Vec<[[i8; 2]; 3]>,
-    /// By blur level, sharp first.
-    backgrounds: Vec<BlurredImage>,
-    /// Whether [`PixelOptions::most_objects`] has left none out.
-    has_all_wanted: bool,
-}
-
-/// The pixels of all views; backgrounds only of those that `has_backgrounds`. `None` once `on_view` returns false.
-fn collect_views(
-    (dataset, cameras): (&Dataset, &[Camera]),
-    tracer: Option<&SurfaceTracer>,
-    options: &PixelOptions,
-    has_backgrounds: impl Fn(&View) -> bool + Sync,
-    on_view: &(dyn Fn() -> bool + Sync),
-) -> Option<Vec<ViewPixels>> {
-    let n_pixels: usize = dataset.train.iter().map(|v| v.photo.n_pixels()).sum();
-    let keep = (options.max_pixels as f32 / n_pixels.max(1) as f32).min(1.0);
-    let n_views = dataset.train.len().max(1);
-    let collect = |(index, (view, camera)): (usize, (&View, &Camera))| {
-        on_view().then(|| {
-            let sides = Sides::new(view, camera, tracer, options.outline_error_px);
-            let mut pixels = ViewPixels {
-                camera: *camera,
-                traced: *camera,
-                paths: PackedPaths::default(),
-                targets: SrgbCodes::like(&view.photo),
-                smoothness: Vec::new(),
-                slopes: Vec::new(),
-                backgrounds: Vec::new(),
-                has_all_wanted: true,
-            };
-            if let Some(tracer) = tracer {
-                let n_objects = sides.object.iter().filter(|is_object| **is_object).count();
-                let most = (options.most_objects / n_views).max(1) as f32;
-                let share = most / n_objects.max(1) as f32;
-                pixels.has_all_wanted = share >= keep;
-                let thinning = (index as u64, keep.min(share));
-                pixels.trace_objects(view, tracer, options, thinning, &sides.object);
-            }
-            if has_backgrounds(view) {
-                let thinning = (index as u64, keep);
-                pixels.collect_backgrounds(view, options, thinning, &sides.background);
-            }
-            pixels
-        })
-    };
-    let views = dataset.train.par_iter().zip(cameras).enumerate();
-    views.map(collect).collect()
-}
-
-impl ViewPixels {
-    /// Traces the object's pixels; of the `index`-th view a share `keep` is kept.
-    fn trace_objects(
-        &mut self,
-        view: &View,
-        tracer: &SurfaceTracer,
-        options: &PixelOptions,
-        (index, keep): (u64, f32),
-        is_object: &[bool],
-    ) {
-        let seed = (options.seed ^ 0x5bd1).wrapping_add(options.choice);
-        let is_wanted = |i: u32| {
-            let mut random = SlotRandom::new(seed, index, u64::from(i));
-            is_object[i as usize] && random.uniform() < keep
-        };
-        let camera = self.camera;
-        for rows in bands(&camera) {
-            let first = rows.start * camera.width;
-            let gbuffer = GBuffer::trace_some(tracer, &camera, rows, options.paths, is_wanted);
-            for (i, coverage) in (first..).zip(gbuffer.coverage()) {
-                if *coverage >= 1.0 && self.paths.push(gbuffer.paths_at(i)) {
-                    self.targets.extend([view.photo.srgb(i as usize)]);
-                    self.smoothness.push(smoothness(view, i as usize));
-                    self.slopes.push(slopes(view, i as usize, is_object));
-                }
-            }
-        }
-        self.paths.shrink();
-        self.targets.shrink();
-        self.smoothness.shrink_to_fit();
-        self.slopes.shrink_to_fit();
-    }
-
-    fn collect_backgrounds(
-        &mut self,
-        view: &View,
-        options: &PixelOptions,
-        (index, keep): (u64, f32),
-        is_background: &[bool],
-    ) {
-        let mut random: Vec<SlotRandom> = (0..=options.n_blurred as u64)
-            .map(|level| SlotRandom::new(options.seed ^ 0x1b87, index, level))
-            .collect();
-        self.backgrounds = blurred_images(
-            &view.photo,
-            is_background,
-            options.n_blurred,
-            options.clipped_radiance,
-            |level: usize| random[level].uniform() < keep,
-        );
-    }
-}
-
-/// Rows that are traced at once.
-pub(super) fn bands(camera: &Camera) -> impl Iterator<Item = Range<u32>> {
-    let (width, height) = (camera.width.max(1) as usize, camera.height);
-    let step = (BAND_PIXELS / width).max(1);
-    (0..height)
-        .step_by(step)
-        .map(move |y| y..(y + step as u32).min(height))
-}
-
-/// `exp(-|image gradient|)` at pixel `i`, in 255ths.
-fn smoothness(view: &View, i: usize) -> u8 {
-    ((-image_gradient(view, i)).exp() * f32::from(u8::MAX)).round() as u8
-}
-
-/// Length of the grey image's gradient at pixel `i`, central differences, per pixel.
-fn image_gradient(view: &View, i: usize) -> f32 {
-    let (width, height) = (view.photo.width() as usize, view.photo.height() as usize);
-    let (x, y) = (i % width, i / width);
-    let grey = |x: usize, y: usize| view.photo.srgb(y * width + x).iter().sum::<f32>() / 3.0;
-    let dx = grey((x + 1).min(width - 1), y) - grey(x.saturating_sub(1), y);
-    let dy = grey(x, (y + 1).min(height - 1)) - grey(x, y.saturating_sub(1));
-    0.5 * dx.hypot(dy)
-}
-
-/// Slopes of the colours at pixel `i` by central differences, in [`SLOPE_CODES`]; 0 where a neighbour is not all object.
-fn slopes(view: &View, i: usize, is_object: &[bool]) -> [[i8; 2]; 3] {
-    let (width, n) = (view.photo.width() as usize, view.photo.n_pixels());
-    let column = i % width;
-    let is_inside = column > 0 && column + 1 < width && i >= width && i + width < n;
-    let along = |step: usize| {
-        let is_known = is_inside && is_object[i - step] && is_object[i + step];
-        let ends = is_known.then(|| [i - step, i + step].map(|i| view.photo.srgb(i)));
-        ends.unwrap_or_default()
-    };
-    let (right, down) = (along(1), along(width));
-    let code = |[before, after]: [[f32; 3]; 2], color: usize| {
-        (0.5 * (after[color] - before[color]) * SLOPE_CODES).round() as i8
-    };
-    std::array::from_fn(|color| [code(right, color), code(down, color)])
 }
 
 #[cfg(test)]
