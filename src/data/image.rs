@@ -9,6 +9,7 @@ use std::path::Path;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{DynamicImage, ExtendedColorType, ImageEncoder as _, ImageReader, Limits};
 
+use super::chroma::chroma_block_of;
 use super::exr_image::{exr_size, read_exr_linear};
 use super::mask_color::coverage_of;
 use super::{DataError, Mask, Photo, write_atomically};
@@ -102,6 +103,7 @@ pub(super) fn decode(path: &Path) -> Result<Decoded, DataError> {
             width,
             height,
             pixels: in_threes(picture.into_rgb8().as_raw()),
+            chroma_block: chroma_block_of(path),
         },
     };
     Ok(Decoded { photo, alpha })

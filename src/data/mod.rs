@@ -10,6 +10,7 @@ mod camera_file;
 mod capture_path;
 mod check;
 mod choices;
+mod chroma;
 mod colmap;
 mod depth;
 mod error;

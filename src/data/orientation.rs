@@ -45,12 +45,17 @@ pub(super) fn lies_on_its_side(orientation: Orientation) -> bool {
 pub(super) fn turned_photo(photo: Photo, orientation: Orientation) -> Photo {
     let (w, h) = (photo.width(), photo.height());
     match photo {
-        Photo::Rgb8 { pixels, .. } => {
+        Photo::Rgb8 {
+            pixels,
+            chroma_block,
+            ..
+        } => {
             let (width, height, pixels) = turned(w, h, &pixels, orientation);
             Photo::Rgb8 {
                 width,
                 height,
                 pixels,
+                chroma_block: turned_block((w, h), chroma_block, orientation),
             }
         }
         Photo::Ldr { pixels, .. } => {
@@ -69,6 +74,22 @@ pub(super) fn turned_photo(photo: Photo, orientation: Orientation) -> Photo {
                 pixels,
             }
         }
+    }
+}
+
+/// [`Photo::chroma_block`] of a turned `w` x `h` photo. Blocks that do not fill it may begin with a part of one then; such
+/// photos go without.
+fn turned_block(
+    (w, h): (u32, u32),
+    [columns, rows]: [u32; 2],
+    orientation: Orientation,
+) -> [u32; 2] {
+    if w % columns != 0 || h % rows != 0 {
+        [1, 1]
+    } else if lies_on_its_side(orientation) {
+        [rows, columns]
+    } else {
+        [columns, rows]
     }
 }
 
@@ -126,5 +147,13 @@ mod tests {
             assert_eq!((width, height), expected.dimensions(), "{orientation:?}");
             assert_eq!(&pixels, expected.as_raw(), "{orientation:?}");
         }
+    }
+
+    #[test]
+    fn blocks_of_chroma_turn_with_their_photo() {
+        let block = |size, orientation| turned_block(size, [2, 1], orientation);
+        assert_eq!(block((4, 3), Orientation::Rotate180), [2, 1]);
+        assert_eq!(block((4, 3), Orientation::Rotate90), [1, 2]);
+        assert_eq!(block((5, 4), Orientation::Rotate90), [1, 1], "half a block");
     }
 }

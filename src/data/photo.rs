@@ -13,6 +13,9 @@ pub enum Photo {
         height: u32,
         /// `[height * width]` RGB.
         pixels: Vec<[u8; 3]>,
+        /// Columns and rows of the blocks, from the top left, whose pixels have their chroma in common, as JPEG files of most
+        /// cameras store it; 1 and 1: each pixel has its own.
+        chroma_block: [u32; 2],
     },
     /// From PNG of 16 bits a colour: sRGB-encoded, `0..=65535` for 0..1.
     Ldr {
@@ -54,6 +57,14 @@ impl Photo {
     /// Pixels in all.
     pub fn n_pixels(&self) -> usize {
         self.width() as usize * self.height() as usize
+    }
+
+    /// Columns and rows of the blocks whose pixels have their chroma in common; 1 and 1: each pixel has its own.
+    pub fn chroma_block(&self) -> [u32; 2] {
+        match self {
+            Self::Rgb8 { chroma_block, .. } => *chroma_block,
+            Self::Ldr { .. } | Self::Hdr { .. } => [1, 1],
+        }
     }
 
     /// Pixel `i`, sRGB-encoded; above 1 only for [`Photo::Hdr`].
@@ -122,6 +133,7 @@ mod tests {
             width: 256,
             height: 1,
             pixels: (0..=u8::MAX).map(|c| [c; 3]).collect(),
+            chroma_block: [1, 1],
         };
         let wide = Photo::Ldr {
             width: 256,

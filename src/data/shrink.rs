@@ -39,6 +39,7 @@ pub(super) fn shrunk_photo(
                 width,
                 height,
                 pixels: means(size, new_size, weight, linear, |c| encoded(c, 255.0) as u8),
+                chroma_block: [1, 1],
             }
         }
         Photo::Ldr { .. } => Photo::Ldr {
@@ -220,8 +221,15 @@ mod tests {
             width: 2,
             height: 1,
             pixels: vec![[255; 3], [0; 3]],
+            chroma_block: [2, 1],
         };
-        let mean = shrunk_photo(&photo, None, 1, 1).srgb(0)[0];
+        let shrunk = shrunk_photo(&photo, None, 1, 1);
+        assert_eq!(
+            shrunk.chroma_block(),
+            [1, 1],
+            "blocks are no longer whole pixels"
+        );
+        let mean = shrunk.srgb(0)[0];
         assert!((linear_from_srgb(mean) - 0.5).abs() < 0.01, "{mean}");
         let mask = Mask {
             width: 2,

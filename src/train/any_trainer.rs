@@ -175,6 +175,11 @@ impl AnyTrainer {
         either!(self, trainer => trainer.pixels.outline_error_px())
     }
 
+    /// Training photos in which pixels of the object have their chroma in common, where that is made use of.
+    pub fn n_sharing_chroma(&self) -> usize {
+        either!(self, trainer => trainer.pixels.n_sharing_chroma())
+    }
+
     /// Share of the photos' pixels whose depth they told before training, `[0, 1]`.
     pub fn share_of_depths(&self) -> f32 {
         let depths = either!(self, trainer => trainer.pixels.depths.as_ref());

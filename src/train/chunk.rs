@@ -10,10 +10,10 @@ use glam::Vec3;
 use super::agreement;
 use super::depth_evidence::{fading, misplacement};
 use super::distortion::distortion;
-use super::loss::{clipped_pull, pixel_loss};
+use super::loss::{PixelLoss, clipped_pull, keep_luma, pixel_loss, share_chroma};
 use super::normal_offsets::OffsetBatch;
 use super::photo_rows::PhotoRows;
-use super::pixels::{BackgroundSample, ObjectPixel};
+use super::pixels::{BackgroundSample, ObjectPixel, ToldChroma};
 use super::random::SlotRandom;
 use super::step_context::StepContext;
 use super::tilted_rays::{PixelError, TiltedRays};
@@ -57,6 +57,7 @@ pub(super) struct ChunkLoss {
 #[derive(Clone, Debug)]
 struct ObjectSlot {
     pixel: ObjectPixel,
+    told: ToldChroma,
     /// Its paths, among the chunk's.
     paths: Range<usize>,
 }
@@ -180,9 +181,11 @@ impl Chunk {
 
     /// The vertices of the object pixels' paths first, then the neighbours of the smoothness term.
     fn draw_objects(&mut self, context: &StepContext<'_>, objects: Range<usize>) {
-        for slot in objects {
-            let mut random = SlotRandom::new(context.config.seed, context.step, slot as u64);
-            let mut pixel = context.pixels.draw_object(&mut random);
+        let drawn = context.pixels.draw_objects(objects.len(), |i| {
+            let slot = (objects.start + i) as u64;
+            SlotRandom::new(context.config.seed, context.step, slot)
+        });
+        for (mut pixel, told) in drawn {
             let (first, first_vertex) = (self.paths.len(), self.vertices.len());
             let paths = &mut self.paths;
             context
@@ -194,6 +197,7 @@ impl Chunk {
             context.pixels.follow_camera(&mut pixel, begin);
             self.slots.push(ObjectSlot {
                 pixel,
+                told,
                 paths: first..self.paths.len(),
             });
         }
@@ -312,9 +316,7 @@ impl Chunk {
         self.depth_losses(context);
         self.agreement_losses(context);
         self.evenness_losses(context);
-        for index in 0..self.slots.len() {
-            self.object_loss(context, index);
-        }
+        self.object_losses(context);
         self.tilted
             .backward(&self.batch, &self.errors, &mut self.offsets);
         context.field.backward(
@@ -351,7 +353,7 @@ impl Chunk {
             let exposed = Vec3::from(self.batch.radiance[ray]) * gain;
             let loss = pixel_loss(context.display, exposed, sample.target);
             self.loss.background += f64::from(loss.value);
-            self.loss.d_gamma += f64::from(loss.d_gamma * scale);
+            self.loss.d_gamma += f64::from(loss.d_gamma() * scale);
             let (value, d) = clipped_pull(
                 exposed,
                 sample.target,
@@ -360,7 +362,7 @@ impl Chunk {
             );
             self.loss.background += f64::from(clipped_weight * value);
             let d = d * clipped_weight;
-            self.batch.d_radiance[ray] = ((loss.d_linear + d) * gain * scale).to_array();
+            self.batch.d_radiance[ray] = ((loss.d_linear() + d) * gain * scale).to_array();
             let asked = (sample.view, exposed, &loss);
             self.photo_rows.ask(context, asked, || {
                 let slope = context.pixels.slope(sample);
@@ -435,8 +437,28 @@ impl Chunk {
         self.loss.priors += f64::from(scale) * sum;
     }
 
-    /// Eq. 7 and its way back for one object pixel: the mean of its paths.
-    fn object_loss(&mut self, context: &StepContext<'_>, index: usize) {
+    /// Eq. 7 and its way back for all object pixels.
+    fn object_losses(&mut self, context: &StepContext<'_>) {
+        let losses = (0..self.slots.len()).map(|index| self.object_loss(context, index));
+        let mut losses: Vec<PixelLoss> = losses.collect();
+        let mut rest = losses.as_mut_slice();
+        for alike in self.slots.chunk_by(|a, b| a.told == b.told) {
+            let (of_them, others) = rest.split_at_mut(alike.len());
+            match alike[0].told {
+                ToldChroma::Own => {}
+                ToldChroma::Mean(_) => share_chroma(of_them),
+                ToldChroma::None => keep_luma(of_them),
+            }
+            rest = others;
+        }
+        for (index, loss) in losses.iter().enumerate() {
+            self.object_backward(context, index, loss);
+        }
+    }
+
+    /// Eq. 7 for one object pixel, the mean of its paths, against what the photo shows there. Of the photo's exposure and pose
+    /// its colour is asked as it is: what is wrong in its chroma evens out.
+    fn object_loss(&mut self, context: &StepContext<'_>, index: usize) -> PixelLoss {
         let slot = &self.slots[index];
         let mut out = Vec3::ZERO;
         for path in &self.paths[slot.paths.clone()] {
@@ -448,14 +470,9 @@ impl Chunk {
             );
             out += lit[0].outgoing();
         }
-        let share = 1.0 / slot.paths.len() as f32;
         let pixel = &slot.pixel;
-        let gain = context.gain(pixel.view);
-        let exposed = out * share * gain;
+        let exposed = out * (1.0 / slot.paths.len() as f32) * context.gain(pixel.view);
         let loss = pixel_loss(context.display, exposed, pixel.target);
-        let scale = 1.0 / context.batch_size.objects as f32;
-        self.loss.object += f64::from(loss.value);
-        self.loss.d_gamma += f64::from(loss.d_gamma * scale);
         let point = &self.vertices[self.paths[slot.paths.start].points.start].point;
         let asked = (pixel.view, exposed, &loss);
         self.photo_rows.ask(context, asked, || {
@@ -464,8 +481,19 @@ impl Chunk {
             let distance = point.position.distance(eye) / context.frame.half_side;
             (-point.to_eye, slope, (distance, 1.0))
         });
-        let d_out = loss.d_linear * gain * (scale * share);
-        self.errors.push(PixelError::new(&loss, gain, d_out));
+        loss
+    }
+
+    /// The way back for one object pixel.
+    fn object_backward(&mut self, context: &StepContext<'_>, index: usize, loss: &PixelLoss) {
+        let slot = &self.slots[index];
+        let share = 1.0 / slot.paths.len() as f32;
+        let gain = context.gain(slot.pixel.view);
+        let scale = 1.0 / context.batch_size.objects as f32;
+        self.loss.object += f64::from(loss.value);
+        self.loss.d_gamma += f64::from(loss.d_gamma() * scale);
+        let d_out = loss.d_linear() * gain * (scale * share);
+        self.errors.push(PixelError::new(loss, gain, d_out));
         for path in &self.paths[slot.paths.clone()] {
             light_path::backward(
                 &self.lit[path.lit.clone()],

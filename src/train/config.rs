@@ -108,6 +108,9 @@ pub struct TrainConfig {
     pub photo_exposures: PhotoFit,
     /// Whether the poses of the training photos are refined.
     pub refine_poses: PhotoFit,
+    /// Whether object pixels whose chroma their photo's file has in common are compared by each one's luma and the mean of their
+    /// chroma, drawn together.
+    pub shared_chroma: bool,
     /// Whether the surroundings are learned from the background of the photos, not from reflections alone. `Auto`: where
     /// there is no object, or the background does not stand still in the picture as on a turntable.
     pub background: PhotoFit,
@@ -217,6 +220,7 @@ impl Default for TrainConfig {
             gamma_rate: 5e-4,
             photo_exposures: PhotoFit::Auto,
             refine_poses: PhotoFit::Auto,
+            shared_chroma: true,
             background: PhotoFit::Auto,
             normals: Normals::Auto,
             warmup_steps: 50,
@@ -262,6 +266,7 @@ impl TrainConfig {
             paper: Some(PaperConfig::default()),
             photo_exposures: PhotoFit::Off,
             refine_poses: PhotoFit::Off,
+            shared_chroma: false,
             object_pixels: 32,
             background_pixels: 32,
             batch_growth: 0.0,

@@ -4,6 +4,7 @@ mod adam;
 mod agreement;
 pub mod any_trainer;
 mod batch_size;
+mod block_chroma;
 mod checkpoint;
 mod chunk;
 pub mod config;

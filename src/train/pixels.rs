@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use glam::Vec3;
 
+use super::block_chroma::block_around;
 use super::depth_evidence::SeenDepths;
 use super::image_gradient::SLOPE_CODES;
 use super::pose_step::slope_by_direction;
@@ -26,6 +27,17 @@ pub(super) struct ObjectPixel {
     pub smoothness: f32,
     /// Slopes of the target's colours to the right and downwards, by pixels; 0 beside the outline.
     slopes: [[f32; 2]; 3],
+}
+
+/// What a photo tells of the chroma of a drawn pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum ToldChroma {
+    /// All.
+    Own,
+    /// The mean of those with the same number.
+    Mean(usize),
+    /// Nothing without the others that have it in common: the pixel was drawn for its luma.
+    None,
 }
 
 /// All training pixels.
@@ -152,6 +164,12 @@ impl PixelStore {
         self.views.len()
     }
 
+    /// Number of training views in which object pixels have their chroma in common.
+    pub(super) fn n_sharing_chroma(&self) -> usize {
+        let sharing = self.views.iter().filter(|view| !view.places.is_empty());
+        sharing.count()
+    }
+
     /// Number of object pixels.
     pub(super) fn n_objects(&self) -> usize {
         total(&self.objects_before)
@@ -165,6 +183,54 @@ impl PixelStore {
     /// A random object pixel.
     pub(super) fn draw_object(&self, random: &mut SlotRandom) -> ObjectPixel {
         let (view, index) = locate(&self.objects_before, random.index(self.n_objects()));
+        self.object(view, index)
+    }
+
+    /// `n` random object pixels, of the random numbers that `random` has for each. Where pixels have their chroma in common, half
+    /// are drawn by such blocks, one after the other, and as many alone: those of a block are much alike.
+    pub(super) fn draw_objects(
+        &self,
+        n: usize,
+        random: impl Fn(usize) -> SlotRandom,
+    ) -> Vec<(ObjectPixel, ToldChroma)> {
+        let mut drawn = Vec::with_capacity(n);
+        let mut n_alone = 0;
+        while drawn.len() < n {
+            let slot = drawn.len();
+            let pixel = self.draw_object(&mut random(slot));
+            let has_own = self.views[pixel.view].places.is_empty();
+            if has_own || n_alone > 0 {
+                n_alone -= n_alone.min(1);
+                let told = if has_own {
+                    ToldChroma::Own
+                } else {
+                    ToldChroma::None
+                };
+                drawn.push((pixel, told));
+                continue;
+            }
+            let block = self.block_of(&pixel).take(n - slot);
+            drawn.extend(block.map(|pixel| (pixel, ToldChroma::Mean(slot))));
+            n_alone = drawn.len() - slot;
+        }
+        drawn
+    }
+
+    /// The object's pixels that have their chroma in common with one of them, with that, in order.
+    fn block_of(&self, pixel: &ObjectPixel) -> impl Iterator<Item = ObjectPixel> {
+        let view = &self.views[pixel.view];
+        let around = block_around(
+            view.places[pixel.index],
+            view.camera.width,
+            view.chroma_block,
+        );
+        let index = pixel.view;
+        let known = around.filter_map(|place| view.places.binary_search(&place).ok());
+        known.map(move |place| self.object(index, place))
+    }
+
+    /// An object pixel of a view.
+    fn object(&self, view: usize, index: usize) -> ObjectPixel {
         let pixels = &self.views[view];
         ObjectPixel {
             view,
@@ -283,6 +349,7 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
+    use crate::data::Photo;
     use crate::train::preparation::{given_cameras, pixel_options};
     use crate::train::test_scene::{small_fields, sphere_in_a_box};
 
@@ -312,6 +379,66 @@ mod tests {
         assert!(all.has_all_wanted() && !some.has_all_wanted());
         assert_eq!(places(&some), places(&traced(1000, 0)));
         assert!(places(&some) != places(&traced(1000, 1)), "another choice");
+    }
+
+    #[test]
+    fn pixels_that_share_their_chroma_are_traced_and_drawn_together() {
+        let mut dataset = sphere_in_a_box(3, 64);
+        for view in &mut dataset.train {
+            let codes = |i| view.photo.srgb(i).map(|v| (v.min(1.0) * 255.0) as u8);
+            view.photo = Photo::Rgb8 {
+                width: 64,
+                height: 64,
+                pixels: (0..64 * 64).map(codes).collect(),
+                chroma_block: [2, 2],
+            };
+        }
+        let tracer = SurfaceTracer::new(Arc::clone(dataset.mesh.as_ref().unwrap()));
+        let given = given_cameras(&dataset);
+        let store = |shared_chroma| {
+            let options = PixelOptions {
+                most_objects: 1000,
+                shared_chroma,
+                ..pixel_options(&small_fields(), true, 0.0)
+            };
+            PixelStore::collect(&dataset, &given, Some(&tracer), options, &|| true).unwrap()
+        };
+        let (together, singly) = (store(true), store(false));
+        let draw =
+            |store: &PixelStore| store.draw_objects(400, |i| SlotRandom::new(1, 0, i as u64));
+        let drawn = draw(&together);
+        assert_eq!(drawn.len(), 400);
+        let place = |pixel: &ObjectPixel| together.views[pixel.view].places[pixel.index];
+        let first = |pixel: &ObjectPixel| block_around(place(pixel), 64, [2, 2]).next();
+        let (mut n_whole, mut n_blocks, mut n_alone) = (0, 0, 0);
+        for group in drawn.chunk_by(|a, b| a.1 == b.1) {
+            if group[0].1 == ToldChroma::None {
+                n_alone += group.len();
+                continue;
+            }
+            assert!(
+                matches!(group[0].1, ToldChroma::Mean(_)),
+                "{:?}",
+                group[0].1
+            );
+            let is_same = |pixel: &ObjectPixel| {
+                pixel.view == group[0].0.view && first(pixel) == first(&group[0].0)
+            };
+            assert!(group.iter().all(|(pixel, _)| is_same(pixel)));
+            assert!(group.is_sorted_by(|(a, _), (b, _)| place(a) < place(b)));
+            n_blocks += 1;
+            n_whole += usize::from(group.len() == 4);
+        }
+        assert!((196..=204).contains(&n_alone), "{n_alone} alone");
+        // The others lie at the outline; thinned pixel by pixel hardly any would be whole.
+        assert!(4 * n_whole > 3 * n_blocks, "{n_whole} of {n_blocks}");
+        let n_sharing = [&together, &singly].map(PixelStore::n_sharing_chroma);
+        assert_eq!(n_sharing, [3, 0]);
+        assert!(
+            draw(&singly)
+                .iter()
+                .all(|(_, told)| *told == ToldChroma::Own)
+        );
     }
 
     #[test]

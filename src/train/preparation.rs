@@ -139,6 +139,7 @@ pub(super) fn pixel_options(
             largest_turn: TAUGHT_TURN,
         },
         outline_error_px,
+        shared_chroma: config.shared_chroma,
     }
 }
 

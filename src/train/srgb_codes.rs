@@ -64,6 +64,7 @@ mod tests {
                 width: 256,
                 height: 1,
                 pixels: (0..=u8::MAX).map(|c| [c; 3]).collect(),
+                chroma_block: [1, 1],
             },
             Photo::Ldr {
                 width: 256,

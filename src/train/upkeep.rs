@@ -87,7 +87,7 @@ impl Run<'_> {
             height,
             has_object: self.trainer.snapshot().object.is_some(),
             problems: problems.collect(),
-            found: [self.outlines_told(), self.depths_told()]
+            found: [self.outlines_told(), self.depths_told(), self.chroma_told()]
                 .into_iter()
                 .flatten()
                 .collect(),
@@ -129,6 +129,16 @@ impl Run<'_> {
             format!(
                 "how far away the background is was found before training in {:.0} % of the photos' pixels",
                 100.0 * share
+            )
+        })
+    }
+
+    /// What is done about photos whose colour is coarser than their brightness.
+    fn chroma_told(&self) -> Option<String> {
+        let n = self.trainer.n_sharing_chroma();
+        (n > 0).then(|| {
+            format!(
+                "{n} photos store colour more coarsely than brightness (JPEG): of the object, its mean over blocks of pixels is compared"
             )
         })
     }

@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
+use super::block_chroma::{BlockChroma, block_around};
 use super::image_gradient::{slopes, smoothness};
 use super::outlines::Sides;
 use super::packed_path::PackedPaths;
@@ -40,6 +41,8 @@ pub(super) struct PixelOptions {
     pub paths: PathOptions,
     /// Standard deviation of the error of the masks' outlines, pixels; 0: exact.
     pub outline_error_px: f32,
+    /// Whether chroma that pixels have in common is told from what each pixel has.
+    pub shared_chroma: bool,
 }
 
 /// The training pixels of one view.
@@ -53,6 +56,10 @@ pub(super) struct ViewPixels {
     pub(super) targets: SrgbCodes,
     pub(super) smoothness: Vec<u8>,
     pub(super) slopes: Vec<[[i8; 2]; 3]>,
+    /// Columns and rows of the blocks of pixels that have their chroma in common.
+    pub(super) chroma_block: [u32; 2],
+    /// Which of the photo's pixels the object's are, ascending, where there are such blocks.
+    pub(super) places: Vec<u32>,
     /// By blur level, sharp first.
     pub(super) backgrounds: Vec<BlurredImage>,
     /// Whether [`PixelOptions::most_objects`] has left none out.
@@ -80,6 +87,8 @@ pub(super) fn collect_views(
                 targets: SrgbCodes::like(&view.photo),
                 smoothness: Vec::new(),
                 slopes: Vec::new(),
+                chroma_block: [1, 1],
+                places: Vec::new(),
                 backgrounds: Vec::new(),
                 has_all_wanted: true,
             };
@@ -113,19 +122,31 @@ impl ViewPixels {
         is_object: &[bool],
     ) {
         let seed = (options.seed ^ 0x5bd1).wrapping_add(options.choice);
+        let blocks = BlockChroma::of(&view.photo).filter(|_| options.shared_chroma);
+        if blocks.is_some() {
+            self.chroma_block = view.photo.chroma_block();
+        }
+        let (camera, size) = (self.camera, self.chroma_block);
         let is_wanted = |i: u32| {
-            let mut random = SlotRandom::new(seed, index, u64::from(i));
+            // Blocks are kept whole.
+            let first = block_around(i, camera.width, size).next().unwrap_or(i);
+            let mut random = SlotRandom::new(seed, index, u64::from(first));
             is_object[i as usize] && random.uniform() < keep
         };
-        let camera = self.camera;
         for rows in bands(&camera) {
             let first = rows.start * camera.width;
             let gbuffer = GBuffer::trace_some(tracer, &camera, rows, options.paths, is_wanted);
             for (i, coverage) in (first..).zip(gbuffer.coverage()) {
                 if *coverage >= 1.0 && self.paths.push(gbuffer.paths_at(i)) {
-                    self.targets.extend([view.photo.srgb(i as usize)]);
-                    self.smoothness.push(smoothness(view, i as usize));
-                    self.slopes.push(slopes(view, i as usize, is_object));
+                    let n = i as usize;
+                    let own = |blocks: &BlockChroma| blocks.srgb(&view.photo, n);
+                    let target = blocks.as_ref().map_or_else(|| view.photo.srgb(n), own);
+                    self.targets.extend([target]);
+                    self.smoothness.push(smoothness(view, n));
+                    self.slopes.push(slopes(view, n, is_object));
+                    if blocks.is_some() {
+                        self.places.push(i);
+                    }
                 }
             }
         }
@@ -133,6 +154,7 @@ impl ViewPixels {
         self.targets.shrink();
         self.smoothness.shrink_to_fit();
         self.slopes.shrink_to_fit();
+        self.places.shrink_to_fit();
     }
 
     fn collect_backgrounds(

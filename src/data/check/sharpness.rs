@@ -122,6 +122,7 @@ mod tests {
             width: width as u32,
             height: height as u32,
             pixels,
+            chroma_block: [1, 1],
         }
     }
 

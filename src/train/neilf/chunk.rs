@@ -203,9 +203,9 @@ impl Chunk {
         let out = slot.constant + terms.map(|(r, l)| *r * *l).sum::<Vec3>();
         let loss = pixel_loss(context.display, out, slot.target);
         let scale = 1.0 / context.neilf.pixels as f32;
-        let d_out = loss.d_linear * scale;
+        let d_out = loss.d_linear() * scale;
         self.loss.object += f64::from(loss.value);
-        self.loss.d_gamma += f64::from(loss.d_gamma * scale);
+        self.loss.d_gamma += f64::from(loss.d_gamma() * scale);
         let d_radiance = &mut self.light.d_radiance[rows.clone()];
         for (d, response) in d_radiance.iter_mut().zip(responses) {
             *d = *response * d_out;

@@ -81,6 +81,7 @@ impl NeilfTrainer {
             bounces: 0,
             subpixels: false,
             preconvolved_levels: 0,
+            shared_chroma: false,
             ..config.clone()
         };
         let Prepared { tracer, pixels, .. } = Prepared::new(&config, dataset, cancel, &|_| ())?;

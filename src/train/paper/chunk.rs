@@ -264,7 +264,7 @@ impl Chunk {
         let scale = weight / context.config.object_pixels as f32;
         light_path::backward(
             &self.lit[slot..=slot],
-            loss.d_linear * scale,
+            loss.d_linear() * scale,
             &self.radiance,
             &mut self.d_radiance,
             &mut self.d_surfaces,
@@ -283,14 +283,14 @@ impl Chunk {
         );
         let scale =
             weight * context.config.background_weight / context.config.background_pixels as f32;
-        self.d_radiance[ray] = (loss.d_linear * scale).to_array();
+        self.d_radiance[ray] = (loss.d_linear() * scale).to_array();
         self.add(&loss, scale);
         loss.value
     }
 
     fn add(&mut self, loss: &PixelLoss, scale: f32) {
         self.loss.weighted += f64::from(loss.value * scale);
-        self.loss.d_gamma += f64::from(loss.d_gamma * scale);
+        self.loss.d_gamma += f64::from(loss.d_gamma() * scale);
     }
 
     /// Eq. 8 by finite differences: `|Δ roughness| + |Δ specular|` over the step, where the image is smooth.

@@ -98,6 +98,7 @@ mod tests {
                 width,
                 height,
                 pixels: vec![blue; (width * height) as usize],
+                chroma_block: [1, 1],
             },
             mask: None,
         };

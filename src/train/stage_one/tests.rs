@@ -96,6 +96,7 @@ fn view(i: u32, n: u32, shape: Shape) -> View {
             width: SIDE,
             height: SIDE,
             pixels: vec![[128; 3]; (SIDE * SIDE) as usize],
+            chroma_block: [1, 1],
         },
         mask: Some(Mask {
             width: SIDE,
