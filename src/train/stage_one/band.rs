@@ -84,15 +84,37 @@ impl Band {
             });
     }
 
+    /// `[n]` `v` after so many rounds of means with the neighbours, a node itself counting twice; nodes that lack a neighbour
+    /// have no say.
+    pub(super) fn smoothed(&self, v: &[f32], n_rounds: usize) -> Vec<f32> {
+        let mut smooth = v.to_vec();
+        for _ in 0..n_rounds {
+            let before = smooth.clone();
+            smooth.par_iter_mut().enumerate().for_each(|(slot, value)| {
+                let inner = self.neighbours[slot].iter().filter(|n| self.is_inner(**n));
+                let start = (2.0 * before[slot], 2.0);
+                let (sum, n) = inner.fold(start, |(sum, n), other| {
+                    (sum + before[*other as usize], n + 1.0)
+                });
+                *value = sum / n;
+            });
+        }
+        smooth
+    }
+
+    /// Whether a slot has all neighbours.
+    fn is_inner(&self, slot: u32) -> bool {
+        slot != NONE && !self.neighbours[slot as usize].contains(&NONE)
+    }
+
     /// `[n]` weights of the differences of `v` between a node and its neighbours: 1 where it is even, a half where two differ
     /// by `doubt`, zero where one of them lacks a neighbour.
     pub(super) fn evenness(&self, v: &[f32], doubt: f32) -> Vec<[f32; 6]> {
-        let is_inner = |slot: usize| !self.neighbours[slot].contains(&NONE);
         (0..self.len())
             .into_par_iter()
             .map(|i| {
                 self.neighbours[i].map(|n| {
-                    if n == NONE || !is_inner(i) || !is_inner(n as usize) {
+                    if !self.is_inner(i as u32) || !self.is_inner(n) {
                         return 0.0;
                     }
                     1.0 / (1.0 + ((v[i] - v[n as usize]) / doubt).powi(2))

@@ -10,7 +10,9 @@
 //! it does beside (the surfaces of least variation of curvature of Moreton and Séquin 1992, of which
 //! spheres and cylinders are some), rather than be as little bent as can be, which fills the gap between
 //! two balls with a neck and ripples between the outlines. The weights `c` are those of a Cauchy loss, so
-//! that a crease may be as sharp as the outlines are sure.
+//! that a crease may be as sharp as the outlines are sure. Where these err, the weights are those of a smoothed curvature, as
+//! in the diffusion of Catté, Lions, Morel and Coll 1992: a crease is a line, and noise that passes for creases would tear thin
+//! parts and rims to crumbs.
 
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -25,7 +27,7 @@ use crate::geometry::{Ray, ScalarGrid};
 pub(super) const BAND: f32 = 3.5;
 /// Cells on either side to which distances are kept.
 pub(super) const REACH: f32 = 6.0;
-/// Distance in cells at which a ray's weight has fallen to a half: what is further off belongs to another surface.
+/// Least distance in cells at which a ray's weight has fallen to a half: what is further off belongs to another surface.
 const DOUBT: f32 = 1.0;
 /// Least difference of curvature between neighbours, a cell, whose weight is a half, however sure the outlines are.
 const LEAST_CREASE: f32 = 0.04;
@@ -52,6 +54,11 @@ pub(super) struct Fairing {
     /// Difference of curvature between neighbours, a cell, whose weight is a half, over the mean distance of the rays from
     /// the surface, beyond what their error explains, or the depth maps' noise: outlines that err would rip it.
     pub(super) crease: f32,
+    /// Rounds by which the curvature is smoothed where creases are looked for, over the squared error of the outlines in cells.
+    pub(super) smoothing: f32,
+    /// Distance in standard deviations of the outlines at which a ray's weight has fallen to a half, if that is further off
+    /// than [`DOUBT`].
+    pub(super) doubt: f32,
     /// Weight of the curvature itself, in cells.
     pub(super) stiffness: f32,
     /// Weight of what depth maps say.
@@ -93,11 +100,13 @@ struct Condition {
 pub(super) fn round(phi: &mut ScalarGrid, evidence: &Evidence, fairing: &Fairing) -> f32 {
     let silhouettes = &evidence.silhouettes;
     let band = Band::new(phi, BAND);
+    let error = evidence.outline_error;
+    let doubt = DOUBT.max(fairing.doubt * error);
     let every = |rays: fn(&Silhouette) -> &[Vec2], depth: f32, enough: f32| -> Vec<Condition> {
         let rays = silhouettes
             .par_iter()
             .flat_map_iter(|silhouette| rays(silhouette).iter().map(|at| silhouette.ray(*at)));
-        rays.filter_map(|ray| condition(phi, &band, &ray, depth, enough))
+        rays.filter_map(|ray| condition(phi, &band, &ray, depth, enough, doubt))
             .collect()
     };
     let mut conditions = every(|s| &s.outline.middles, 0.0, f32::NEG_INFINITY);
@@ -108,7 +117,6 @@ pub(super) fn round(phi: &mut ScalarGrid, evidence: &Evidence, fairing: &Fairing
         .seen
         .as_ref()
         .map_or(0.0, |seen| seen.noise / phi.cell);
-    let error = evidence.outline_error;
     let unexplained = residual.max(noise) - MEAN_ERROR * error;
     let crease = (fairing.crease * unexplained)
         .max(FOLLOWED_ERROR * error)
@@ -123,14 +131,15 @@ pub(super) fn round(phi: &mut ScalarGrid, evidence: &Evidence, fairing: &Fairing
     residual
 }
 
-/// The condition that a ray should come `depth` cells below the surface and no deeper, if it comes near; `None` too for
-/// one that goes `enough` cells deep (a negative value, as inside).
+/// The condition that a ray should come `depth` cells below the surface and no deeper, if it comes near, at half the weight
+/// where it is off by `doubt` cells; `None` too for one that goes `enough` cells deep (a negative value, as inside).
 fn condition(
     phi: &ScalarGrid,
     band: &Band,
     ray: &Ray,
     depth: f32,
     enough: f32,
+    doubt: f32,
 ) -> Option<Condition> {
     let at = nearest_approach(phi, ray, enough * phi.cell)?;
     let corners = phi.corners(at);
@@ -148,7 +157,7 @@ fn condition(
     Some(Condition {
         slots,
         weights: corners.weights,
-        weight: 1.0 / (1.0 + (value / DOUBT).powi(2)),
+        weight: 1.0 / (1.0 + (value / doubt).powi(2)),
         value,
     })
 }
@@ -217,8 +226,12 @@ impl<'a> System<'a> {
             .collect();
         let mut curvature = vec![0.0; band.len()];
         band.laplacian(&values, &mut curvature);
-        let mut evenness = band.evenness(&curvature, crease);
-        let doubt = 1.0 + (evidence.outline_error / LEAST_ERROR).powi(2);
+        let error = evidence.outline_error;
+        let n_smoothed = fairing.smoothing * error.powi(2);
+        let smooth = band.smoothed(&curvature, n_smoothed.round() as usize);
+        // A difference is the smaller, the more it is smoothed.
+        let mut evenness = band.evenness(&smooth, crease / (1.0 + n_smoothed));
+        let doubt = 1.0 + (error / LEAST_ERROR).powi(2);
         let asked = evidence.normals.asked_evenness(band);
         for (slot, weights) in evenness.iter_mut().enumerate() {
             for (weight, other) in weights.iter_mut().zip(band.neighbours_of(slot)) {
@@ -330,6 +343,8 @@ impl Default for Fairing {
         Self {
             evenness: 1.0,
             crease: 1.5,
+            smoothing: 6.0,
+            doubt: 4.0,
             stiffness: 0.01,
             seen: 0.3,
             hull: 0.3,

@@ -53,8 +53,9 @@ const MIN_VIEWS: usize = 3;
 const MIN_RADIUS_PX: f32 = 4.0;
 /// Cells along the longest side of the hull that outlines are compared with.
 const COMPARED_CELLS: usize = 72;
-/// Standard deviations of the outlines' error that a cell is wide at least: finer ones would show nothing but it.
-const CELL_ERRORS: f32 = 2.0;
+/// Standard deviations of the outlines' error that a cell is wide at least: finer ones would show nothing but it, wider ones
+/// cannot hold a handle six pixels wide whose outlines err by one.
+const CELL_ERRORS: f32 = 1.5;
 /// Cells that there are nevertheless.
 const FEWEST_CELLS: usize = 24;
 /// Cells around the hull in which the surface can move.

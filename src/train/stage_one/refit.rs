@@ -10,8 +10,8 @@ use super::fairing::{self, Fairing};
 use super::silhouette::Silhouette;
 use super::slopes::{KnownNormals, Normals};
 use super::{
-    CELL_ERRORS, FEWEST_CELLS, SPECK, StageOneError, StageOneOptions, fusion, grid_around, hull,
-    of_outlines, pixels_at, surface,
+    FEWEST_CELLS, SPECK, StageOneError, StageOneOptions, fusion, grid_around, hull, of_outlines,
+    pixels_at, surface,
 };
 use crate::data::Dataset;
 use crate::geometry::{Camera, Mesh};
@@ -19,6 +19,9 @@ use crate::train::statistics::middle;
 
 /// Rounds of fairing.
 const N_ROUNDS: usize = 4;
+/// Standard deviations of the outlines' error that a cell is wide at least: on finer ones wrong normals, of a lid that stands
+/// for a mouth, lead further astray.
+const CELL_ERRORS: f32 = 2.0;
 /// Least error of outlines, pixels: they are sampled, and so are the normals.
 const LEAST_ERROR_PX: f32 = 0.3;
 
@@ -58,11 +61,17 @@ pub(in crate::train) fn refit(
         Ok(hull::near(silhouettes, &phi, fairing::BAND))
     })?;
     evidence.normals = Normals::around(known, &phi, least_error / phi.cell);
+    // Necks open along creases a cell wide, which no smoothing leaves.
+    let fairing = Fairing {
+        smoothing: 0.0,
+        doubt: 0.0,
+        ..Fairing::default()
+    };
     for _ in 0..N_ROUNDS {
         if !go_on() {
             return Err(StageOneError::Cancelled);
         }
-        fairing::round(&mut phi, &evidence, &Fairing::default());
+        fairing::round(&mut phi, &evidence, &fairing);
     }
     surface(dataset, &phi, SPECK)
 }
