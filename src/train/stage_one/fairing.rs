@@ -338,6 +338,17 @@ impl<'a> System<'a> {
     }
 }
 
+impl Fairing {
+    /// Creases may be a cell wide, which no smoothing leaves: necks open along them.
+    pub(super) fn unsmoothed() -> Self {
+        Self {
+            smoothing: 0.0,
+            doubt: 0.0,
+            ..Self::default()
+        }
+    }
+}
+
 impl Default for Fairing {
     fn default() -> Self {
         Self {

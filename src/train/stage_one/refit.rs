@@ -61,12 +61,7 @@ pub(in crate::train) fn refit(
         Ok(hull::near(silhouettes, &phi, fairing::BAND))
     })?;
     evidence.normals = Normals::around(known, &phi, least_error / phi.cell);
-    // Necks open along creases a cell wide, which no smoothing leaves.
-    let fairing = Fairing {
-        smoothing: 0.0,
-        doubt: 0.0,
-        ..Fairing::default()
-    };
+    let fairing = Fairing::unsmoothed();
     for _ in 0..N_ROUNDS {
         if !go_on() {
             return Err(StageOneError::Cancelled);

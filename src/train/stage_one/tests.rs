@@ -124,6 +124,26 @@ fn make(dataset: &Dataset) -> Result<Mesh, StageOneError> {
     make_mesh(dataset, &options, &AtomicBool::new(false), &|_| ())
 }
 
+/// A mesh whose necks are those of each node's own creases, on cells of two errors of the outlines.
+fn made_unsmoothed(dataset: &Dataset) -> Mesh {
+    let draft = |n_cells: usize| {
+        let options = StageOneOptions {
+            n_cells,
+            ..StageOneOptions::default()
+        };
+        from_masks(dataset, &options, &|| true, &|_| ()).unwrap()
+    };
+    let fine = draft(64).evidence;
+    let n_fine = fine.hull.size.into_iter().max().unwrap() - 1 - 2 * MARGIN_CELLS;
+    let n_cells = (n_fine as f32 / (2.0 * fine.outline_error)) as usize;
+    let Draft { mut phi, evidence } = draft(n_cells.min(64));
+    let mut residuals = Vec::new();
+    while residuals.len() < StageOneOptions::default().n_rounds && !is_settled(&residuals) {
+        residuals.push(fairing::round(&mut phi, &evidence, &Fairing::unsmoothed()));
+    }
+    surface(dataset, &phi, SPECK).unwrap()
+}
+
 /// The shape's slope, of no particular length.
 fn gradient(shape: Shape, p: Vec3) -> Vec3 {
     let along = |axis: Vec3| shape(p + 1e-2 * axis) - shape(p - 1e-2 * axis);
@@ -251,7 +271,7 @@ fn what_is_known_of_normals_opens_the_necks_of_uncertain_outlines() {
         wander(view.mask.as_mut().unwrap(), 1.3, i);
     }
     let cameras: Vec<Camera> = dataset.train.iter().map(|view| view.camera).collect();
-    let made = make(&dataset).unwrap();
+    let made = made_unsmoothed(&dataset);
     let (before, _) = errors(&made, touching_balls);
     // Normals are known but where the made ones are far off: in the necks.
     let mut known = made;
@@ -283,9 +303,8 @@ fn what_is_known_of_normals_opens_the_necks_of_uncertain_outlines() {
         .map(|deviation| if deviation.is_finite() { 0.01 } else { 0.1 })
         .collect();
     let (opened, _) = off(refit(&deviations, &contradicted, true));
-    // 0.93 of it; with other starts 0.91 to 1.02.
     assert!(
-        opened < 0.95 * after,
+        opened < 0.9 * after,
         "{after} units off where photos contradict it became {opened}"
     );
     assert!(after < 0.75 * before, "{before} units off became {after}");
