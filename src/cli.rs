@@ -1,32 +1,23 @@
 //! The command line: what can be asked for, and who does it. One file a command.
 
-mod bench;
 mod capture;
-mod demo;
+mod commands;
 mod edits;
-mod env;
-mod env_import;
-mod eval;
-mod export;
 mod failure;
-mod info;
 mod interrupt;
-mod mesh;
 mod output;
 mod photos_found;
-mod render;
 mod scenes;
 mod sheet;
 mod shots;
-mod train;
 mod training;
 mod values;
-mod view;
 
 use std::time::Instant;
 
 use clap::{Parser, Subcommand};
 
+use self::commands::{bench, env, env_import, eval, export, info, mesh, render, train, view};
 use self::failure::Failure;
 
 /// Relight photographed objects: train a neural illumination field on posed photos, edit the

@@ -1,6 +1,6 @@
 //! The one-way order of the modules: each may use only those before it.
 
-use std::{fs, path::Path};
+use std::{collections::BTreeMap, fs, path::Path};
 
 const ORDER: [&str; 7] = [
     "color", "geometry", "data", "neif", "render", "train", "app",
@@ -8,6 +8,8 @@ const ORDER: [&str; 7] = [
 
 /// Longest source file that is accepted, in lines.
 const MAX_LINES: usize = 600;
+/// Most source files in one folder.
+const MAX_FILES: usize = 15;
 
 #[test]
 fn modules_depend_only_on_earlier_ones() {
@@ -55,6 +57,21 @@ fn every_source_file_says_what_it_is_and_stays_readable() {
     }
     assert!(n_files > 20, "the search found only {n_files} files");
     assert!(offences.is_empty(), "{}", offences.join("\n"));
+}
+
+#[test]
+fn rooms_are_small_enough_to_know() {
+    let mut n_in = BTreeMap::new();
+    visit(Path::new("src"), &mut |path, _| {
+        *n_in.entry(path.parent().map(Path::to_owned)).or_insert(0) += 1;
+    });
+    assert!(
+        n_in.len() > 20,
+        "the search found only {} folders",
+        n_in.len()
+    );
+    n_in.retain(|_, n| *n > MAX_FILES);
+    assert!(n_in.is_empty(), "{n_in:?}");
 }
 
 /// Calls `check` with every Rust file at or below `path`; nothing when there is none.

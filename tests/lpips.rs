@@ -9,7 +9,7 @@
 use std::path::{Path, PathBuf};
 
 use neif::data::read_photo;
-use neif::train::lpips::Lpips;
+use neif::train::measure::lpips::Lpips;
 
 /// Columns of the example pictures.
 const WIDTH: usize = 64;

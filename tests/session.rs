@@ -7,10 +7,10 @@ use std::{path::Path, time::Duration};
 
 use neif::train::TrainConfig;
 use neif::train::config::{Normals, PhotoFit};
-use neif::train::events::{FinishReason, TrainCommand, TrainEvent};
-use neif::train::plan::Budget;
-use neif::train::run_folder::RunFolder;
-use neif::train::session::{Session, SessionOptions};
+use neif::train::session::events::{FinishReason, TrainCommand, TrainEvent};
+use neif::train::session::handle::{Session, SessionOptions};
+use neif::train::session::plan::Budget;
+use neif::train::session::run_folder::RunFolder;
 
 /// Longer than anything here takes, even on a busy machine.
 const PATIENCE: Duration = Duration::from_mins(1);

@@ -24,21 +24,23 @@ use std::sync::Arc;
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable as _;
 use glam::{Affine3A, Quat, Vec3};
-use neif::app::camera_control::CameraMove;
-use neif::app::command::Browse;
-use neif::app::history as app_history;
-use neif::app::pace::Pace;
-use neif::app::state::{EnvironmentContent, EnvironmentEntry, PathPurpose, Source};
-use neif::app::training_state::{Level, Phase};
-use neif::app::viewport::Pictures;
-use neif::app::{AppState, Command, Effect, apply, keys, leaving, shell, shortcuts, theme};
+use neif::app::session::leaving;
+use neif::app::state::app_state::{EnvironmentContent, EnvironmentEntry, PathPurpose, Source};
+use neif::app::state::command::Browse;
+use neif::app::state::history as app_history;
+use neif::app::state::training_state::{Level, Phase};
+use neif::app::state::{keys, shortcuts};
+use neif::app::viewport::camera_control::CameraMove;
+use neif::app::viewport::canvas::Pictures;
+use neif::app::work::pace::Pace;
+use neif::app::{AppState, Command, Effect, apply, shell, theme};
 use neif::data::{Dataset, Origin, Photo, View};
 use neif::geometry::{Camera, Mesh};
 use neif::neif::distant::{DistantConfig, DistantLight};
 use neif::neif::{Environment, EnvironmentTransform, RoughnessEdit};
 use neif::render::Layer;
-use neif::train::events::{Progress, TrainCommand, TrainEvent};
-use neif::train::session::Threads;
+use neif::train::session::events::{Progress, TrainCommand, TrainEvent};
+use neif::train::session::handle::Threads;
 
 /// The state with what its commands asked of the world.
 #[derive(Default)]
@@ -190,10 +192,10 @@ fn stopping_asks_before_training_is_lost() {
 #[test]
 fn a_finished_run_can_be_trained_longer() {
     let mut state = training_state();
-    state.training.phase = Phase::Finished(neif::train::events::FinishReason::Budget);
+    state.training.phase = Phase::Finished(neif::train::session::events::FinishReason::Budget);
     let mut harness = harness(state);
     click(&mut harness, "+1 min");
-    let more = neif::train::plan::Budget::Seconds(60.0);
+    let more = neif::train::session::plan::Budget::Seconds(60.0);
     assert_eq!(
         effects(&mut harness),
         [Effect::Train(TrainCommand::Extend(more))]
@@ -217,7 +219,7 @@ fn roughness_changes_between_map_and_one_value_and_resets() {
     click(&mut harness, "Reset material");
     assert_eq!(
         harness.state().state.look,
-        neif::app::state::Look::default()
+        neif::app::state::app_state::Look::default()
     );
 }
 

@@ -1,6 +1,6 @@
 //! Facts about program and machine, to be sent along with a report of a fault.
 
-use crate::app::state::AppState;
+use super::state::app_state::AppState;
 use crate::neif::kernels;
 
 /// Version, system, adapter, processor, what is open, how training goes, and all messages.

@@ -4,59 +4,28 @@
 //! rendering and reading run on threads of their own and wake the window when there is news.
 
 pub mod assets;
-pub mod autosave;
-pub mod binding;
-pub mod camera_control;
-pub mod command;
-pub mod compare_view;
 mod device_layer;
 pub mod diagnostics;
-pub mod dialog;
-pub mod environment_control;
-mod error_maps;
-pub mod export;
-mod exporter;
-pub mod fly;
-mod frustums;
-pub mod history;
 pub mod inspect;
-pub mod keeper;
-pub mod keys;
-mod layer_bar;
-pub mod leaving;
 pub mod lighting;
-pub mod messages;
-pub mod opener;
-pub mod pace;
-pub mod palette;
 pub mod panels;
-pub mod preferences;
-pub mod preview_driver;
-pub mod recent;
-pub mod sections;
 pub mod session;
-pub mod session_file;
 pub mod shell;
-pub mod shortcuts;
-mod slice_view;
 pub mod state;
-pub mod stored_look;
-mod texture;
 pub mod theme;
-pub mod training_log;
-pub mod training_state;
 pub mod viewport;
-pub mod watch;
 mod window;
-mod work;
+pub mod work;
 
 use std::path::PathBuf;
 
 use crate::data::CaptureChoices;
 use crate::render::GpuChoice;
 
-pub use command::{Command, Effect, apply};
-pub use state::AppState;
+use self::session::preferences;
+
+pub use self::state::app_state::AppState;
+pub use self::state::command::{Command, Effect, apply};
 
 /// Smallest size of the window, in points.
 const MIN_SIZE: [f32; 2] = [960.0, 600.0];

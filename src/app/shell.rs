@@ -2,12 +2,12 @@
 
 use egui::{CentralPanel, Frame, Margin, Panel, ScrollArea, Ui};
 
-use crate::app::command::Command;
+use super::session::preferences::{PreferencesCommand, Side};
+use super::state::app_state::AppState;
+use super::state::command::Command;
+use super::state::sections::Section;
+use super::viewport::canvas::{Pictures, viewport_ui};
 use crate::app::panels;
-use crate::app::preferences::{PreferencesCommand, Side};
-use crate::app::sections::Section;
-use crate::app::state::AppState;
-use crate::app::viewport::{Pictures, viewport_ui};
 
 /// Width of the panel at the left.
 const LEFT_WIDTH: f32 = 262.0;

@@ -5,8 +5,8 @@
 
 use egui::{Color32, Context, CornerRadius, Stroke, Theme, ThemePreference, Visuals, vec2};
 
-use crate::app::preferences::{Preferences, ThemeChoice};
-use crate::app::training_state::{Level, Phase};
+use super::session::preferences::{Preferences, ThemeChoice};
+use super::state::training_state::{Level, Phase};
 
 /// The background of all panels.
 pub fn background(is_dark: bool) -> Color32 {

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use glam::Vec3;
-use neif::neif::region::ObjectEdit;
+use neif::neif::surface::region::ObjectEdit;
 use neif::neif::{EnvironmentTransform, MaterialEdit, Regions, RoughnessEdit};
 use neif::render::Scene;
 

@@ -9,12 +9,12 @@ use anyhow::Context as _;
 use neif::data::{CaptureChoices, Dataset, Frame, LoadOptions, Splits, View, read_frames};
 use neif::neif::{Environment, EnvironmentTransform};
 use neif::render::Scene;
-use neif::train::photo_exposures::PhotoExposures;
-use neif::train::run_folder::{ENVIRONMENT, RunFolder};
+use neif::train::photos::photo_exposures::PhotoExposures;
+use neif::train::session::run_folder::{ENVIRONMENT, RunFolder};
 
 use super::capture::PhotoArgs;
+use super::commands::render::NamedCamera;
 use super::failure::{Failure, OrUnusable as _};
-use super::render::NamedCamera;
 
 /// A trained run with where its capture lies.
 #[derive(Debug)]

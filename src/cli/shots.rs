@@ -7,11 +7,12 @@ use glam::Vec3;
 use neif::data::read_key_views;
 use neif::geometry::Camera;
 use neif::neif::EnvironmentTransform;
-use neif::render::{CameraPath, Shot, Spin, turntable};
+use neif::render::output::turntable;
+use neif::render::{CameraPath, Shot, Spin};
 
 use super::capture::PhotoArgs;
+use super::commands::render::NamedCamera;
 use super::failure::{Failure, OrUnusable as _};
-use super::render::NamedCamera;
 use super::scenes::{self, OpenRun, Split};
 use super::values::{self, Size};
 

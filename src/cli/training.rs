@@ -5,8 +5,10 @@ use std::{sync::Arc, time::Duration};
 use crossbeam::channel::RecvTimeoutError;
 use neif::data::Dataset;
 use neif::train::Snapshot;
-use neif::train::events::{Finish, FinishReason, Progress, TrainCommand, TrainEvent, Validation};
-use neif::train::session::{Session, SessionError, SessionOptions};
+use neif::train::session::events::{
+    Finish, FinishReason, Progress, TrainCommand, TrainEvent, Validation,
+};
+use neif::train::session::handle::{Session, SessionError, SessionOptions};
 
 use super::failure::Failure;
 use super::interrupt;

@@ -7,14 +7,14 @@ use std::time::{Duration, Instant};
 
 use tempfile::TempDir;
 
-use super::npy::tests::npy_of;
-use super::test_capture::TestCapture;
-use super::test_formats::{
+use super::files::npy::tests::npy_of;
+use super::formats::test_formats::{
     cameras, folder, write_blended_mvs, write_colmap_binary, write_colmap_text, write_idr,
     write_llff, write_neilf, write_nero, write_photos, write_rgbd, write_trajectory,
 };
+use super::test_capture::TestCapture;
 use super::{Dataset, ExrSample, LoadOptions, check, first_photo, write_exr, write_glb};
-use crate::geometry::test_mesh::ellipsoid;
+use crate::geometry::meshes::test_mesh::ellipsoid;
 
 /// Damages of each file, without more time.
 const N_SEEDS: u64 = 24;

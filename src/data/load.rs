@@ -7,13 +7,13 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::capture_path::leads_out;
-use super::exif::exposure_ev;
-use super::listing::{list_capture, list_capture_as};
+use super::files::capture_path::leads_out;
+use super::formats::listing::{list_capture, list_capture_as};
 use super::mesh_io::{find_mesh, read_mesh};
-use super::photo_budget::Reduction;
+use super::photos::exif::exposure_ev;
+use super::photos::photo_budget::Reduction;
+use super::photos::views::{load_views, upright_photo};
 use super::problem::first_names;
-use super::views::{load_views, upright_photo};
 use super::world_up::world_up;
 use super::{
     DataError, Dataset, DepthView, Frame, LoadOptions, MeshPlacement, Origin, Photo, Problem,

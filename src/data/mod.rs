@@ -3,54 +3,22 @@
 //! One file a format, reading and writing together. [`Dataset::load`] is the way in: it reads
 //! what it can, reports what it could not as [`Problem`]s, and fails only when nothing is left.
 
-mod atomic;
-mod blended_mvs;
-mod bundled;
-mod camera_file;
-mod capture_path;
 mod check;
 mod choices;
-mod chroma;
-mod colmap;
-mod depth;
 mod error;
-mod exif;
-mod exr_image;
-mod film;
+pub mod files;
+mod formats;
 mod frame;
 #[cfg(test)]
 mod fuzz_smoke;
-mod idr;
-mod image;
-mod json_fields;
-mod listing;
-mod llff;
 mod load;
-mod mask_color;
 mod mesh_io;
-mod neilf;
-mod nero;
-mod npy;
-mod orientation;
-mod photo;
-mod photo_budget;
-mod photo_folder;
-mod pickle;
+mod photos;
 mod points;
 mod problem;
 mod relight;
-mod rgba8;
-mod rgbd;
-mod shrink;
-mod splits;
-mod staged_folder;
-pub mod tensor_file;
 #[cfg(test)]
 mod test_capture;
-#[cfg(test)]
-mod test_formats;
-mod transforms_json;
-mod views;
 mod world_up;
 
 use std::fmt;
@@ -62,34 +30,38 @@ use serde::{Deserialize, Serialize};
 
 use crate::geometry::{Aabb, Camera, Mesh};
 
-pub use atomic::write_atomically;
-pub use bundled::bundled_assets;
-pub use camera_file::{KeyView, read_key_views, write_cameras, write_key_views};
+pub use self::files::atomic::write_atomically;
+pub use self::files::bundled::bundled_assets;
+pub use self::files::camera_file::{KeyView, read_key_views, write_cameras, write_key_views};
+pub use self::files::film::{
+    Ending, FilmFormat, MAX_GIF_FPS, NextFrame, find_ffmpeg, write_gif, write_mp4,
+};
+pub use self::files::staged_folder::StagedFolder;
+pub use self::formats::colmap::{
+    ColmapCamera, ColmapImage, ColmapPoint, Keep, Model as ColmapModel, Observation,
+    read_colmap_model,
+};
+pub use self::formats::listing::{Listing, list_capture, list_capture_as};
+pub use self::formats::transforms_json::read_frames;
+pub use self::photos::depth::{DepthFile, DepthMap, DepthView};
+pub use self::photos::exr_image::{
+    ExrChannel, ExrSample, read_exr_linear, write_exr, write_exr_channels,
+};
+pub use self::photos::image::{read_mask, read_photo, write_png_srgb};
+pub use self::photos::photo::{Mask, Photo};
+pub use self::photos::rgba8::Rgba8;
 pub use check::{
     CameraSummary, Conditions, DatasetReport, LensSummary, MaskAgreement, MaskSummary, MeshSummary,
     PointSummary, Resolution, SplitCounts, background_stands_still, check, exposures_differ,
 };
 pub use choices::CaptureChoices;
-pub use colmap::{
-    ColmapCamera, ColmapImage, ColmapPoint, Keep, Model as ColmapModel, Observation,
-    read_colmap_model,
-};
-pub use depth::{DepthFile, DepthMap, DepthView};
 pub use error::DataError;
-pub use exr_image::{ExrChannel, ExrSample, read_exr_linear, write_exr, write_exr_channels};
-pub use film::{Ending, FilmFormat, MAX_GIF_FPS, NextFrame, find_ffmpeg, write_gif, write_mp4};
 pub use frame::{Frame, Intrinsics};
-pub use image::{read_mask, read_photo, write_png_srgb};
-pub use listing::{Listing, list_capture, list_capture_as};
 pub use load::first_photo;
 pub use mesh_io::{Texture, TexturedMesh, find_mesh, read_mesh, write_glb, write_textured_glb};
-pub use photo::{Mask, Photo};
 pub use points::{PointCloud, SeenPoints};
 pub use problem::{Problem, Severity};
 pub use relight::{EnvironmentMove, RelightApply, RelightCase};
-pub use rgba8::Rgba8;
-pub use staged_folder::StagedFolder;
-pub use transforms_json::read_frames;
 pub use world_up::world_up;
 
 /// A capture in memory.

@@ -7,9 +7,9 @@ use glam::Vec3;
 use rayon::prelude::*;
 use serde::Deserialize;
 
-use super::capture_path::read_text;
-use super::photo_budget::Reduction;
-use super::views::load_views;
+use super::files::capture_path::read_text;
+use super::photos::photo_budget::Reduction;
+use super::photos::views::load_views;
 use super::{CaptureChoices, DataError, Dataset, Problem, View, read_frames};
 
 /// The largest `edit.json` read.

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use tempfile::TempDir;
 
 use super::{write_glb, write_png_srgb};
-use crate::geometry::test_mesh::ellipsoid;
+use crate::geometry::meshes::test_mesh::ellipsoid;
 use crate::geometry::{Camera, Mesh, SurfaceTracer, fibonacci_sphere};
 
 /// Side of the photos.

@@ -1,49 +1,29 @@
 //! The field: what is learned, how it is evaluated forward and backward, and how it is edited and stored.
 
-pub mod composite;
-pub mod contraction;
-pub mod density_grid;
-pub mod display;
 pub mod distant;
-pub mod edit;
-pub mod edited_surface;
-pub mod environment;
-pub mod exposure_match;
-pub mod field_batch;
-pub mod floor;
-pub mod hash_grid;
+pub mod field;
 pub mod kernels;
-pub mod light_path;
-pub mod lobe;
-pub mod lobe_cones;
-pub mod material;
-pub mod mlp;
+pub mod light;
 pub mod neilf;
-pub mod object;
 pub mod paper;
 #[cfg(test)]
 mod properties;
-pub mod proposal;
-pub mod radiance_field;
-pub mod region;
-pub mod samples;
-pub mod seen_grid;
-pub mod shading;
-pub mod skip_counts;
-pub mod spherical_harmonics;
 pub mod storage;
+pub mod surface;
 
-pub use edit::{EnvironmentFromWorld, EnvironmentTransform, MaterialEdit, RoughnessEdit};
-pub use edited_surface::EditedSurfaces;
-pub use environment::Environment;
-pub use object::{Material, ObjectModel, SurfaceField};
-pub use region::{Extent, Likeness, Region, Regions};
+pub use self::light::environment::Environment;
+pub use self::surface::edit::{
+    EnvironmentFromWorld, EnvironmentTransform, MaterialEdit, RoughnessEdit,
+};
+pub use self::surface::edited_surface::EditedSurfaces;
+pub use self::surface::object::{Material, ObjectModel, SurfaceField};
+pub use self::surface::region::{Extent, Likeness, Region, Regions};
 pub use storage::Storage;
 
 use std::path::PathBuf;
 
 use crate::data::DataError;
-use crate::data::tensor_file::TensorFileError;
+use crate::data::files::tensor_file::TensorFileError;
 
 /// What is wrong with a stored field.
 #[derive(Debug, thiserror::Error)]

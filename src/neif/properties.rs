@@ -6,17 +6,17 @@
 use glam::{DQuat, Vec3};
 use proptest::prelude::*;
 
-use super::composite::{CompositeBuffers, WIDTH};
-use super::contraction::{contract, expand, unit_cube};
-use super::display::Display;
-use super::edit::EnvironmentTransform;
-use super::hash_grid::{
+use super::field::composite::{CompositeBuffers, WIDTH};
+use super::field::contraction::{contract, expand, unit_cube};
+use super::field::hash_grid::{
     FEATURES, GridConfig, Level, SamplePoints, encode_level, footprint_gradient,
 };
+use super::field::spherical_harmonics::attenuated_sh;
 use super::kernels::math::{sigmoid, softplus};
-use super::lobe::{Lobe, kappa_from_roughness, mean_length};
+use super::light::display::Display;
+use super::light::lobe::{Lobe, kappa_from_roughness, mean_length};
 use super::paper::encoding::{LEVEL_WIDTH, encode};
-use super::spherical_harmonics::attenuated_sh;
+use super::surface::edit::EnvironmentTransform;
 
 /// Any finite float: half of them over all exponents, half of them in `[-4, 4]`.
 fn finite() -> impl Strategy<Value = f32> {

@@ -8,7 +8,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::NeifError;
-use crate::data::tensor_file::{TensorFile, TensorValues};
+use crate::data::files::tensor_file::{TensorFile, TensorValues};
 
 /// Precision of the grid values in a file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

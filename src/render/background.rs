@@ -63,10 +63,10 @@ impl FromStr for Background {
 mod tests {
     use std::sync::atomic::AtomicBool;
 
-    use super::super::picture::{Picture, render};
     use super::super::scene::{Layer, Scene};
     use super::super::test_scene::{camera, scene};
     use super::*;
+    use crate::render::output::picture::{Picture, render};
 
     fn picture(background: Background, display_ev: f32, layer: Layer) -> Picture {
         let scene = Scene {

@@ -5,7 +5,7 @@ use glam::Vec3;
 use super::scene::{Layer, Scene};
 use crate::color::map::ColorMap;
 use crate::geometry::{Ray, SurfaceTracer, irradiance_directions};
-use crate::neif::shading::SurfacePoint;
+use crate::neif::light::shading::SurfacePoint;
 
 /// Rays that look for the open from a point of a light path.
 const VISIBILITY_RAYS: usize = 8;
@@ -78,10 +78,10 @@ pub(super) fn diagnostic_color(
 mod tests {
     use std::sync::atomic::AtomicBool;
 
-    use super::super::picture::render;
     use super::super::test_scene::{camera, scene};
     use super::*;
     use crate::neif::RoughnessEdit;
+    use crate::render::output::picture::render;
 
     fn pixels(scene: &Scene, layer: Layer) -> Vec<[f32; 3]> {
         let picture = render(

@@ -2,9 +2,9 @@
 
 use glam::Vec3;
 
-use super::gbuffer::GBuffer;
+use super::path::gbuffer::GBuffer;
+use super::path::shade::ShadeScratch;
 use super::scene::Scene;
-use super::shade::ShadeScratch;
 use crate::neif::{ObjectModel, Region};
 
 /// The colour, for linear values in motion as well: rare in photos of things.

@@ -8,8 +8,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::gbuffer::{GBuffer, PathOptions};
-use super::picture::Picture;
+use super::output::picture::Picture;
+use super::path::gbuffer::{GBuffer, PathOptions};
 use crate::geometry::Camera;
 use crate::neif::neilf::model::{NeilfModel, NeilfScratch};
 

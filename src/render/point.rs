@@ -2,14 +2,14 @@
 
 use glam::Vec3;
 
+use super::path::shade::{ShadeScratch, settled_path};
+use super::path::trace::{MAX_VERTICES, PIXEL_STD, Seen, trace_path};
 use super::scene::Scene;
-use super::shade::{ShadeScratch, settled_path};
-use super::trace::{MAX_VERTICES, PIXEL_STD, Seen, trace_path};
 use crate::geometry::Camera;
-use crate::neif::light_path::PathVertex;
-use crate::neif::lobe::kappa_from_roughness;
-use crate::neif::material::Surface;
-use crate::neif::shading::SurfacePoint;
+use crate::neif::light::light_path::PathVertex;
+use crate::neif::light::lobe::kappa_from_roughness;
+use crate::neif::light::shading::SurfacePoint;
+use crate::neif::surface::material::Surface;
 use crate::neif::{MaterialEdit, Regions};
 
 /// A place on the surface and from where it is looked at, world coordinates.
@@ -137,7 +137,7 @@ pub fn lobe_half_width(roughness: f32) -> f32 {
 mod tests {
     use super::*;
     use crate::neif::RoughnessEdit;
-    use crate::render::trace::trace_pixel;
+    use crate::render::path::trace::trace_pixel;
     use crate::render::{GBuffer, Layer, PathOptions, shade_object, test_scene};
 
     #[test]

@@ -5,12 +5,12 @@ use std::sync::atomic::AtomicBool;
 
 use glam::Vec3;
 
-use super::progressive::{PassKind, Progressive};
+use super::preview::progressive::{PassKind, Progressive};
 use super::test_scene::{camera, environment, object_of};
 use super::{GBuffer, Layer, PathOptions, PreviewScene, Scene, bake, radiance_as_albedo, render};
-use crate::geometry::test_mesh::{ellipsoid, together};
+use crate::geometry::meshes::test_mesh::{ellipsoid, together};
 use crate::geometry::{Atlas, Camera};
-use crate::neif::material::MaterialBatch;
+use crate::neif::surface::material::MaterialBatch;
 use crate::neif::{EditedSurfaces, Extent, Likeness, MaterialEdit, Region, Regions, RoughnessEdit};
 
 const SIZE: (u32, u32) = (120, 80);

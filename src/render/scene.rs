@@ -16,11 +16,11 @@ use super::irradiance::{
 };
 use super::lamps::Highlights;
 use super::named::by_name;
-use super::shade::display_gain;
-use super::tone_map::ToneMap;
-use crate::neif::display::Display;
-use crate::neif::environment::EnvironmentField;
-use crate::neif::exposure_match::matched;
+use super::output::tone_map::ToneMap;
+use super::path::shade::display_gain;
+use crate::neif::light::display::Display;
+use crate::neif::light::environment::EnvironmentField;
+use crate::neif::light::exposure_match::matched;
 use crate::neif::{Environment, EnvironmentTransform, MaterialEdit, ObjectModel, Regions};
 
 /// An object under an environment, with all edits.

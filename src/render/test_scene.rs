@@ -6,15 +6,15 @@ use glam::Vec3;
 
 use super::scene::Scene;
 use crate::geometry::{Camera, Mesh, SurfaceTracer};
-use crate::neif::contraction::FieldFrame;
-use crate::neif::density_grid::DensityGrid;
-use crate::neif::environment::{Environment, EnvironmentField, EnvironmentPlace};
-use crate::neif::floor::Floor;
-use crate::neif::hash_grid::{GridConfig, LEAST_WEIGHT};
+use crate::neif::field::contraction::FieldFrame;
+use crate::neif::field::density_grid::DensityGrid;
+use crate::neif::field::floor::Floor;
+use crate::neif::field::hash_grid::{GridConfig, LEAST_WEIGHT};
+use crate::neif::field::radiance_field::{FieldConfig, RadianceField};
+use crate::neif::field::seen_grid::SeenGrid;
 use crate::neif::kernels::math::bf16_from_f32;
-use crate::neif::material::MaterialConfig;
-use crate::neif::radiance_field::{FieldConfig, RadianceField};
-use crate::neif::seen_grid::SeenGrid;
+use crate::neif::light::environment::{Environment, EnvironmentField, EnvironmentPlace};
+use crate::neif::surface::material::MaterialConfig;
 use crate::neif::{Material, ObjectModel, SurfaceField};
 
 const GRID: GridConfig = GridConfig {

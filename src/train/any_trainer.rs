@@ -6,14 +6,14 @@ use glam::Vec3;
 
 use super::TrainError;
 use super::config::TrainConfig;
-use super::depth_evidence::SeenDepths;
 use super::paper::PaperTrainer;
-use super::poses::Poses;
-use super::skips::SkipShares;
-use super::snapshot::Snapshot;
-use super::trainer::{StepStats, Trainer};
+use super::photos::poses::Poses;
+use super::priors::depth_evidence::SeenDepths;
+use super::session::snapshot::Snapshot;
+use super::step::skips::SkipShares;
+use super::step::trainer::{StepStats, Trainer};
 use crate::data::Dataset;
-use crate::data::tensor_file::TensorFile;
+use crate::data::files::tensor_file::TensorFile;
 
 /// A plain value, like the two that it stands for.
 #[derive(Debug)]

@@ -4,11 +4,11 @@ use serde::{Deserialize, Serialize};
 
 use super::TrainError;
 use super::paper::PaperConfig;
-use crate::neif::environment::PAPER_UNIFORM_SHARE;
-use crate::neif::hash_grid::{GridConfig, LEAST_WEIGHT};
-use crate::neif::material::MaterialConfig;
-use crate::neif::radiance_field::{CutOff, FieldConfig};
-use crate::render::trace::MAX_VERTICES;
+use crate::neif::field::hash_grid::{GridConfig, LEAST_WEIGHT};
+use crate::neif::field::radiance_field::{CutOff, FieldConfig};
+use crate::neif::light::environment::PAPER_UNIFORM_SHARE;
+use crate::neif::surface::material::MaterialConfig;
+use crate::render::path::trace::MAX_VERTICES;
 
 /// Pixels that a validation measures, over all validation views.
 const VALIDATION_PIXELS: usize = 16_384;

@@ -1,90 +1,31 @@
 //! Training: pixels in, models out.
 
-mod adam;
-mod agreement;
 pub mod any_trainer;
-mod batch_size;
-mod block_chroma;
-mod checkpoint;
-mod chunk;
 pub mod config;
-mod convolution;
-mod depth_evidence;
-mod distortion;
-pub mod eval;
-mod event_queue;
-pub mod events;
-mod exposures;
-pub mod flip;
-mod ground;
-pub mod held_out;
-mod image_gradient;
-pub mod latest;
-mod learned;
-mod line_of_sight;
-mod loss;
-pub mod lpips;
-mod mask_outline;
-mod meter;
-pub mod metrics;
+pub mod measure;
 pub mod neilf;
-mod normal_evidence;
-mod normal_offsets;
-mod outlines;
-mod packed_path;
 pub mod paper;
-pub mod photo_exposures;
-mod photo_rows;
-mod picture_shift;
-mod pixel_set;
+pub mod photos;
 mod pixels;
 mod placement;
-pub mod plan;
-mod pose_step;
-mod poses;
-#[cfg(test)]
-mod poses_tests;
-mod preconvolution;
 mod preparation;
+mod priors;
 mod random;
-mod refinement;
-#[cfg(test)]
-mod refinement_tests;
-mod relative_exposures;
-mod retracing;
-mod run;
-pub mod run_folder;
-pub mod run_log;
 pub mod session;
-mod session_thread;
-pub mod skips;
-pub mod snapshot;
-mod srgb_codes;
-pub mod stage_one;
+pub mod shape;
 mod statistics;
-mod step_context;
+pub mod step;
 #[cfg(test)]
 mod test_scene;
-mod tilted_rays;
-pub mod trainer;
-#[cfg(test)]
-mod trainer_tests;
-mod unseen;
-mod unseen_light;
-mod upkeep;
-mod validation;
-pub mod view_error;
-mod view_pixels;
-mod void;
 
+pub use self::session::snapshot::Snapshot;
+pub use self::step::trainer::{Stage, StepStats, Trainer};
 pub use any_trainer::AnyTrainer;
 pub use config::TrainConfig;
-pub use snapshot::Snapshot;
-pub use trainer::{Stage, StepStats, Trainer};
 
 use std::path::PathBuf;
 
-use crate::data::tensor_file::TensorFileError;
+use crate::data::files::tensor_file::TensorFileError;
 
 /// Why training cannot start or go on.
 #[derive(Debug, thiserror::Error)]

@@ -2,11 +2,11 @@
 
 use glam::Vec3;
 
-use super::line_of_sight::clear_lines_of_sight;
+use super::priors::line_of_sight::clear_lines_of_sight;
 use crate::data::Dataset;
 use crate::geometry::{Ray, SurfaceTracer};
-use crate::neif::contraction::FieldFrame;
-use crate::neif::density_grid::DensityGrid;
+use crate::neif::field::contraction::FieldFrame;
+use crate::neif::field::density_grid::DensityGrid;
 
 /// Cells of air around a mesh that is not exact: ghosts are one or two cells thick.
 const AIR_CELLS: f32 = 2.5;

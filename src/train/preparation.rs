@@ -5,16 +5,16 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use super::TrainError;
 use super::config::{PhotoFit, TrainConfig};
-use super::depth_evidence::SeenDepths;
-use super::outlines::OutlineFit;
-use super::pixels::PixelStore;
+use super::photos::poses::Poses;
+use super::pixels::outlines::OutlineFit;
+use super::pixels::store::PixelStore;
+use super::pixels::view_pixels::PixelOptions;
 use super::placement::field_frame;
-use super::poses::Poses;
-use super::refinement;
-use super::view_pixels::PixelOptions;
+use super::priors::depth_evidence::SeenDepths;
+use super::shape::refinement;
 use crate::data::Dataset;
 use crate::geometry::{Camera, SurfaceTracer};
-use crate::render::gbuffer::PathOptions;
+use crate::render::path::gbuffer::PathOptions;
 
 /// [`PathOptions::largest_turn`] in training: a mirror image that a pixel squeezes further in one direction than in the
 /// other is no round cone's, and what was learned from cones would be too rough and its lamps too wide.

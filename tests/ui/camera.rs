@@ -3,7 +3,7 @@
 use egui::{Event, Key, Modifiers, PointerButton, Role};
 use egui_kittest::kittest::Queryable as _;
 use glam::Vec3;
-use neif::app::watch::Comparison;
+use neif::app::state::watch::Comparison;
 
 use super::{click, with_picture};
 

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use neif::app::export::{ExportEffect, Order, RunningExport, Subject, plan};
+use neif::app::state::export::{ExportEffect, Order, RunningExport, Subject, plan};
 use neif::render::{Backdrop, Destination, FileKind, Spin};
 use neif::train::Snapshot;
 

@@ -5,14 +5,14 @@ use std::path::PathBuf;
 use egui::{Key, Modifiers};
 use egui_kittest::Harness;
 use egui_kittest::kittest::{NodeT as _, Queryable as _};
-use neif::app::leaving::{Goal, Leaving};
-use neif::app::preferences::ThemeChoice;
-use neif::app::session_file::SessionFile;
-use neif::app::state::Source;
-use neif::app::training_state::Level;
+use neif::app::session::leaving::{Goal, Leaving};
+use neif::app::session::preferences::ThemeChoice;
+use neif::app::session::session_file::SessionFile;
+use neif::app::state::app_state::Source;
+use neif::app::state::training_state::Level;
 use neif::app::{AppState, Effect};
 use neif::neif::MaterialEdit;
-use neif::train::events::{TrainCommand, TrainEvent};
+use neif::train::session::events::{TrainCommand, TrainEvent};
 
 use super::{Shown, click, effects, harness, training_state};
 

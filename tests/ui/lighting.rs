@@ -1,11 +1,11 @@
 //! How the surroundings are chosen, seen, grabbed and compared.
 
-use neif::app::state::Look;
-use neif::neif::contraction::FieldFrame;
-use neif::neif::density_grid::DensityGrid;
-use neif::neif::environment::EnvironmentPlace;
-use neif::neif::hash_grid::{GridConfig, LEAST_WEIGHT};
-use neif::neif::radiance_field::{FieldConfig, RadianceField};
+use neif::app::state::app_state::Look;
+use neif::neif::field::contraction::FieldFrame;
+use neif::neif::field::density_grid::DensityGrid;
+use neif::neif::field::hash_grid::{GridConfig, LEAST_WEIGHT};
+use neif::neif::field::radiance_field::{FieldConfig, RadianceField};
+use neif::neif::light::environment::EnvironmentPlace;
 use neif::render::Background;
 use neif::train::Snapshot;
 

@@ -10,9 +10,9 @@ use egui::{Color32, ColorImage, TextureOptions};
 use egui_kittest::Harness;
 use egui_kittest::wgpu::WgpuTestRenderer;
 use image::RgbaImage;
-use neif::app::export::{ExportCommand, Subject};
-use neif::app::preferences::ThemeChoice;
-use neif::app::viewport::Pictures;
+use neif::app::session::preferences::ThemeChoice;
+use neif::app::state::export::{ExportCommand, Subject};
+use neif::app::viewport::canvas::Pictures;
 use neif::app::{AppState, Command, apply, shell, theme};
 
 use super::{inspect, training_state};

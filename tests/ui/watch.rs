@@ -2,13 +2,13 @@
 
 use egui_kittest::kittest::Queryable as _;
 use neif::app::Effect;
-use neif::app::training_state::Phase;
-use neif::app::watch::{Comparison, ErrorKind, MeasuredView};
+use neif::app::state::training_state::Phase;
+use neif::app::state::watch::{Comparison, ErrorKind, MeasuredView};
 use neif::render::Layer;
-use neif::train::events::{FinishReason, TrainCommand, TrainEvent};
-use neif::train::plan::Budget;
-use neif::train::skips::SkipShares;
-use neif::train::view_error::ViewFigures;
+use neif::train::measure::view_error::ViewFigures;
+use neif::train::session::events::{FinishReason, TrainCommand, TrainEvent};
+use neif::train::session::plan::Budget;
+use neif::train::step::skips::SkipShares;
 
 use super::{click, effects, harness, training_state, with_picture};
 

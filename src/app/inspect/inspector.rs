@@ -7,7 +7,7 @@ use egui::{Context, TextureHandle, TextureId};
 use crate::app::inspect::InspectState;
 use crate::app::inspect::driver::{InspectDriver, Pace, REFRESH_SECS, Wanted};
 use crate::app::inspect::worker::{PanoramaWish, PointRequest, PointWorker};
-use crate::app::texture;
+use crate::app::viewport::texture;
 
 /// Worker, driver and texture.
 pub(in crate::app) struct Inspector {

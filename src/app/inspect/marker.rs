@@ -3,9 +3,9 @@
 use egui::{Color32, Pos2, Rect, Response, Stroke, Ui, vec2};
 use glam::Vec2;
 
-use crate::app::command::Command;
 use crate::app::inspect::{InspectCommand, Pick};
-use crate::app::state::AppState;
+use crate::app::state::app_state::AppState;
+use crate::app::state::command::Command;
 use crate::geometry::{Camera, Ray};
 
 /// Radius of the mark, points.

@@ -10,14 +10,14 @@ pub mod worker;
 
 use glam::{Vec2, Vec3};
 
-use crate::app::state::AppState;
-use crate::app::training_state::Level;
+use super::state::app_state::AppState;
+use super::state::training_state::Level;
 use crate::geometry::Camera;
-use crate::neif::region::MAX_REGIONS;
+use crate::neif::surface::region::MAX_REGIONS;
 use crate::neif::{Extent, MaterialEdit, Region};
 use crate::render::{PanoramaView, PointValues, PointView};
 
-pub(in crate::app) use inspector::Inspector;
+pub(super) use inspector::Inspector;
 
 /// A picked point of the surface, world coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]

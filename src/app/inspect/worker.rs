@@ -10,13 +10,13 @@ use std::thread::JoinHandle;
 use glam::Vec3;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-use crate::render::inbox::Inbox;
-use crate::render::priority::lower_thread_priority;
+use crate::render::preview::inbox::Inbox;
+use crate::render::preview::priority::lower_thread_priority;
 use crate::render::{
     Layer, PanoramaView, Picture, PointValues, PointView, Scene, ShadeScratch, compose,
     panorama_of, point_values,
 };
-use crate::train::latest::Latest;
+use crate::train::session::latest::Latest;
 
 /// Niceness of the threads: below the preview's, above the trainer's.
 const NICE: i32 = 10;

@@ -7,9 +7,9 @@ use std::sync::{Arc, Weak};
 use egui::{Context, TextureHandle, TextureId, TextureOptions};
 
 use crate::app::lighting::thumbnails::{Subject, Thumbnails, cache_folder};
-use crate::app::state::AppState;
-use crate::app::texture;
-use crate::app::training_state::Phase;
+use crate::app::state::app_state::AppState;
+use crate::app::state::training_state::Phase;
+use crate::app::viewport::texture;
 use crate::neif::Environment;
 use crate::train::Snapshot;
 
@@ -125,9 +125,9 @@ mod tests {
     use std::time::{Duration, Instant};
 
     use super::*;
-    use crate::app::state::Source;
+    use crate::app::state::app_state::Source;
     use crate::render::test_scene;
-    use crate::train::events::FinishReason;
+    use crate::train::session::events::FinishReason;
 
     fn snapshot(step: u64) -> Arc<Snapshot> {
         let scene = test_scene::scene();

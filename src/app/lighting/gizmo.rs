@@ -5,7 +5,7 @@
 
 use glam::{Vec2, Vec3};
 
-use crate::app::environment_control::turned;
+use crate::app::viewport::environment_control::turned;
 use crate::geometry::Camera;
 use crate::neif::EnvironmentTransform;
 

@@ -5,11 +5,11 @@ use egui::vec2;
 use egui::{Color32, CursorIcon, Pos2, Rect, Response, Role, Sense, Shape, Stroke, Ui, WidgetInfo};
 use glam::Vec2;
 
-use crate::app::command::Command;
 use crate::app::lighting::gizmo::{Axis, Gizmo, Grab, Handle, place};
 use crate::app::lighting::{LightingCommand, anchor};
-use crate::app::state::AppState;
-use crate::app::viewport::label;
+use crate::app::state::app_state::AppState;
+use crate::app::state::command::Command;
+use crate::app::viewport::canvas::label;
 use crate::neif::Environment;
 
 /// Length of an arrow in points.

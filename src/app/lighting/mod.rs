@@ -13,7 +13,7 @@ use std::collections::BTreeSet;
 
 use glam::{Vec2, Vec3};
 
-use crate::app::state::{AppState, Compare, EnvironmentContent, Look};
+use super::state::app_state::{AppState, Compare, EnvironmentContent, Look};
 use crate::neif::EnvironmentTransform;
 use crate::render::{Background, ToneMap};
 use gizmo::{Grab, Handle, Snap};
@@ -201,7 +201,7 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::app::state::EnvironmentEntry;
+    use crate::app::state::app_state::EnvironmentEntry;
     use crate::neif::{Environment, MaterialEdit};
     use crate::render::test_scene::{environment, scene};
     use crate::train::Snapshot;

@@ -6,9 +6,9 @@ use std::time::Duration;
 
 use egui::{Context, TextureHandle, TextureId};
 
-use crate::app::preview_driver::{PreviewDriver, Situation};
-use crate::app::state::ShownPicture;
-use crate::app::texture;
+use crate::app::state::app_state::ShownPicture;
+use crate::app::viewport::texture;
+use crate::app::work::preview_driver::{PreviewDriver, Situation};
 use crate::render::{DrawnBy, GpuChoice, Preview, PreviewScene};
 use crate::train::Snapshot;
 

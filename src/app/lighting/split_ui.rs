@@ -4,10 +4,10 @@ use egui::{
     Align2, Color32, CursorIcon, Pos2, Rect, Role, Sense, Stroke, TextureId, Ui, WidgetInfo, pos2,
 };
 
-use crate::app::command::Command;
 use crate::app::lighting::LightingCommand;
-use crate::app::state::AppState;
-use crate::app::viewport::label;
+use crate::app::state::app_state::AppState;
+use crate::app::state::command::Command;
+use crate::app::viewport::canvas::label;
 
 /// Width of the strip that catches the line, in points.
 const GRAB: f32 = 14.0;

@@ -11,12 +11,12 @@ use crossbeam::channel::{Receiver, Sender, bounded};
 use directories::ProjectDirs;
 use glam::Vec3;
 
-use crate::app::opener::ScreenPhoto;
+use crate::app::work::opener::ScreenPhoto;
 use crate::color::luminance;
 use crate::data::write_atomically;
 use crate::neif::Environment;
-use crate::neif::display::Display;
-use crate::render::priority::lower_thread_priority;
+use crate::neif::light::display::Display;
+use crate::render::preview::priority::lower_thread_priority;
 use crate::render::{PanoramaView, Picture, Scene, panorama_of};
 
 /// Pixels per row; half as many rows.

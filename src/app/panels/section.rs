@@ -3,10 +3,10 @@
 use egui::collapsing_header::paint_default_icon;
 use egui::{FontSelection, Role, Sense, TextWrapMode, Ui, WidgetInfo, WidgetText, vec2};
 
-use crate::app::command::Command;
-use crate::app::preferences::PreferencesCommand;
-use crate::app::sections::Section;
-use crate::app::state::AppState;
+use crate::app::session::preferences::PreferencesCommand;
+use crate::app::state::app_state::AppState;
+use crate::app::state::command::Command;
+use crate::app::state::sections::Section;
 
 /// Size of a main heading's text.
 const SIZE: f32 = 15.0;

@@ -4,11 +4,11 @@ use glam::Vec3;
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder as _};
 
-use super::super::exif::tests::exif_of;
 use super::super::test_capture::{CENTER, SIDE, TestCapture};
-use super::super::test_formats::{SIZE, cameras, folder, write_llff};
 use super::super::{LoadOptions, Photo, View};
 use super::*;
+use crate::data::formats::test_formats::{SIZE, cameras, folder, write_llff};
+use crate::data::photos::exif::tests::exif_of;
 
 /// A capture from all around in textured surroundings, whose views see `shade` of a pixel's world and camera direction.
 fn captured(shade: &dyn Fn(usize, Vec3, Vec3) -> f32) -> Dataset {

@@ -203,7 +203,7 @@ pub(super) fn mesh_problems(mesh: &MeshSummary) -> Vec<Problem> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::test_mesh::ellipsoid;
+    use crate::geometry::meshes::test_mesh::ellipsoid;
 
     #[test]
     fn cameras_are_suspected_where_points_are_a_pixel_off() {

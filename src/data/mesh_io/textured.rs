@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 
 use super::gltf::write_chunks;
 use crate::data::DataError;
-use crate::data::image::encode_png;
+use crate::data::photos::image::encode_png;
 use crate::geometry::Aabb;
 
 /// glTF's codes.

@@ -187,8 +187,8 @@ mod tests {
     use super::*;
     use crate::data::{ExrSample, write_exr};
     use crate::neif::Storage;
-    use crate::neif::environment::{EnvironmentField, LightScratch};
-    use crate::neif::field_batch::{FieldBatch, FieldRay};
+    use crate::neif::field::field_batch::{FieldBatch, FieldRay};
+    use crate::neif::light::environment::{EnvironmentField, LightScratch};
 
     fn written(width: u32, height: u32, pixels: &[[f32; 3]]) -> (tempfile::TempDir, PathBuf) {
         let folder = tempfile::tempdir().unwrap();

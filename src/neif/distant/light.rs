@@ -5,8 +5,8 @@ use serde::{Deserialize, Serialize};
 
 use super::equirect::Equirect;
 use super::pyramid::{LOG_RATIO, MAX_WIDTH, Pyramid};
-use crate::neif::lobe::{kappa_from_variance, mean_length};
-use crate::neif::radiance_field::FieldRay;
+use crate::neif::field::radiance_field::FieldRay;
+use crate::neif::light::lobe::{kappa_from_variance, mean_length};
 
 /// Variance of a uniform pixel, square pixels.
 const PIXEL_VARIANCE: f32 = 1.0 / 12.0;
@@ -146,7 +146,7 @@ fn lagrange(t: f32) -> [f32; 4] {
 mod tests {
     use super::*;
     use crate::geometry::fibonacci_sphere;
-    use crate::neif::lobe::Lobe;
+    use crate::neif::light::lobe::Lobe;
 
     fn light(width: usize, paint: impl Fn(Vec3) -> [f32; 3]) -> DistantLight {
         let height = width / 2;

@@ -7,9 +7,9 @@ use std::f32::consts::{PI, TAU};
 use glam::Vec3;
 
 use crate::geometry::{fibonacci_sphere, orthonormal_basis};
-use crate::neif::lobe::Lobe;
-use crate::neif::material::Surface;
-use crate::neif::shading::{SurfacePoint, fresnel, outgoing, outgoing_backward, schlick};
+use crate::neif::light::lobe::Lobe;
+use crate::neif::light::shading::{SurfacePoint, fresnel, outgoing, outgoing_backward, schlick};
+use crate::neif::surface::material::Surface;
 
 /// Reflectance of a dielectric at normal incidence.
 const DIELECTRIC: f32 = 0.04;

@@ -8,7 +8,7 @@ use std::ops::Range;
 
 use glam::Vec3;
 
-use crate::neif::hash_grid::{
+use crate::neif::field::hash_grid::{
     FEATURES, FeatureColumns, GridConfig, Level, SamplePoints, encode_level, scatter_level,
 };
 use crate::neif::kernels::matmul::Epilogue;
@@ -364,7 +364,7 @@ fn radiance_of(log_radiance: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::neif::hash_grid::LEAST_WEIGHT;
+    use crate::neif::field::hash_grid::LEAST_WEIGHT;
     use crate::neif::neilf::brdf::hemisphere;
     use crate::neif::paper::network::tests::random;
 

@@ -8,9 +8,9 @@ use super::brdf::Sum;
 use super::light::LightBatch;
 use super::{Brdf, IncidentLight};
 use crate::geometry::SurfaceTracer;
-use crate::neif::display::Display;
-use crate::neif::material::{Material, MaterialBatch};
-use crate::neif::shading::SurfacePoint;
+use crate::neif::light::display::Display;
+use crate::neif::light::shading::SurfacePoint;
+use crate::neif::surface::material::{Material, MaterialBatch};
 
 /// Everything a picture needs; it knows nothing of the surroundings but what falls onto the surface.
 #[derive(Clone, Debug)]

@@ -11,8 +11,8 @@ use super::encoding::{LEVEL_WIDTH, encode, encode_backward};
 use super::gaussian::IntervalGaussian;
 use super::network::{Activation, Dense, MAX_WIDTH, Stack, padded, relu_backward};
 use super::ray_pass::{PaperPlacement, RayLight, RayPass, color};
+use crate::neif::field::radiance_field::FieldRay;
 use crate::neif::kernels::matmul::{Epilogue, LANES};
-use crate::neif::radiance_field::FieldRay;
 
 /// Shape of the network. The default is the paper's, and mip-NeRF's where the paper is silent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -325,8 +325,8 @@ fn direction_slope(ray: &FieldRay) -> [f32; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::neif::field::proposal::ConeRay;
     use crate::neif::paper::network::tests::random;
-    use crate::neif::proposal::ConeRay;
 
     const D: [f32; 3] = [0.7, -0.3, 1.1];
     const PLACEMENT: PaperPlacement = PaperPlacement {

@@ -3,7 +3,7 @@
 //! The conical frustum of mip-NeRF (Eq. 7 and 8 of arXiv:2103.13415), its radius that of the pixel and of the lobe
 //! together; contracted by the linearised map, as in mip-NeRF 360 (Sec. 3 of arXiv:2111.12077), with the L∞ norm.
 
-use crate::neif::radiance_field::FieldRay;
+use crate::neif::field::radiance_field::FieldRay;
 
 /// Mean and diagonal variance of an interval, contracted coordinates in `(-2, 2)³`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -117,9 +117,9 @@ fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
 mod tests {
     use super::*;
     use crate::geometry::orthonormal_basis;
-    use crate::neif::contraction::contract;
+    use crate::neif::field::contraction::contract;
+    use crate::neif::field::proposal::ConeRay;
     use crate::neif::paper::network::tests::random;
-    use crate::neif::proposal::ConeRay;
     use glam::Vec3;
 
     fn ray(lobe_variance: f32) -> FieldRay {

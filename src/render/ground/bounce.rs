@@ -8,13 +8,13 @@ use rayon::prelude::*;
 use super::GroundResolution;
 use super::light::Stand;
 use crate::geometry::{Hit, Ray};
-use crate::neif::environment::LightScratch;
-use crate::neif::material::MaterialBatch;
-use crate::neif::radiance_field::{FieldBatch, FieldRay};
-use crate::neif::shading::fresnel;
+use crate::neif::field::radiance_field::{FieldBatch, FieldRay};
+use crate::neif::light::environment::LightScratch;
+use crate::neif::light::shading::fresnel;
+use crate::neif::surface::material::MaterialBatch;
 use crate::render::irradiance::{Probe, Probes, ratio};
 use crate::render::lamps::MovedLamps;
-use crate::render::panorama::PanoramaView;
+use crate::render::output::panorama::PanoramaView;
 
 /// Radiance from all directions to the middle of an object, as a small panorama in the axes of the environment; lamps are
 /// left out.

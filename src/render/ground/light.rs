@@ -12,7 +12,7 @@ use super::square::Square;
 use super::surfaces::{Cells, Patch, Surfaces};
 use super::{Cancelled, GroundResolution};
 use crate::geometry::{Ray, irradiance_directions};
-use crate::neif::edit::EnvironmentFromWorld;
+use crate::neif::surface::edit::EnvironmentFromWorld;
 use crate::neif::{Environment, ObjectModel};
 use crate::render::lamps::Lamps;
 

@@ -6,8 +6,8 @@ use rayon::prelude::*;
 use super::light::Share;
 use super::square::Square;
 use crate::neif::Environment;
-use crate::neif::environment::LightScratch;
-use crate::neif::radiance_field::{FieldBatch, FieldRay};
+use crate::neif::field::radiance_field::{FieldBatch, FieldRay};
+use crate::neif::light::environment::LightScratch;
 
 /// Height from which the plane is looked at, and half the thickness within which its samples lie, half sides.
 const FLOOR_LOOK: f32 = 0.5;

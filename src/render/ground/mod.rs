@@ -28,7 +28,7 @@ pub use captured::BakedGround;
 pub(crate) use captured::Captured;
 pub use shadow::Shadow;
 
-use crate::neif::radiance_field::FieldBatch;
+use crate::neif::field::radiance_field::FieldBatch;
 use sight::Sight;
 
 /// How finely the surfaces around an object are looked at.

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use glam::Vec3;
 
-use crate::neif::radiance_field::{FieldBatch, FieldRay};
+use crate::neif::field::radiance_field::{FieldBatch, FieldRay};
 
 /// Opacity below which a ray ends nowhere.
 const OPAQUE: f32 = 0.5;

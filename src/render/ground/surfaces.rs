@@ -11,8 +11,8 @@ use super::GroundResolution;
 use super::sight::Sight;
 use super::square::Square;
 use crate::neif::Environment;
-use crate::neif::environment::{EnvironmentField, LightScratch};
-use crate::neif::radiance_field::{FieldBatch, FieldRay};
+use crate::neif::field::radiance_field::{FieldBatch, FieldRay};
+use crate::neif::light::environment::{EnvironmentField, LightScratch};
 
 /// Least cosine between a triangle's normal and the look at it: below lies an edge with nothing in between.
 const LEAST_COSINE: f32 = 0.08;

@@ -182,7 +182,7 @@ fn farthest_points(candidates: &[Probe], n: usize, normal_scale: f32) -> (Vec<Pr
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::test_mesh::ellipsoid;
+    use crate::geometry::meshes::test_mesh::ellipsoid;
 
     #[test]
     fn probes_lie_apart_on_the_surface_and_are_near_every_point_of_it() {

@@ -9,7 +9,7 @@ use glam::Vec3;
 use super::light::TrainedLight;
 use super::*;
 use crate::geometry::Mesh;
-use crate::geometry::test_mesh::{ellipsoid, together};
+use crate::geometry::meshes::test_mesh::{ellipsoid, together};
 use crate::neif::{Environment, EnvironmentTransform, ObjectModel, RoughnessEdit};
 use crate::render::test_scene::{environment, fog, object_of, scene};
 use crate::render::{Layer, Scene};

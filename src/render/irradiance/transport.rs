@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::probes::{Probe, Probes};
 use crate::geometry::{GOLDEN_ANGLE, Hit, Ray, SurfaceTracer, irradiance_directions};
 use crate::render::ground::GroundResolution;
-use crate::render::shade::MOTION_SAMPLES;
+use crate::render::path::shade::MOTION_SAMPLES;
 
 /// How finely light is gathered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -12,9 +12,9 @@ use glam::Vec3;
 use super::{Lamps, MovedLamps, is_hidden};
 use crate::geometry::SurfaceTracer;
 use crate::neif::EnvironmentFromWorld;
-use crate::neif::lobe::Lobe;
-use crate::neif::lobe_cones::lobe_density;
-use crate::neif::shading::SurfacePoint;
+use crate::neif::light::lobe::Lobe;
+use crate::neif::light::lobe_cones::lobe_density;
+use crate::neif::light::shading::SurfacePoint;
 
 /// Light, as a share of white, below which a point is not asked for its shadow.
 const LITTLE: f32 = 1e-3;

@@ -10,13 +10,13 @@ use rayon::prelude::*;
 
 use super::{Lamps, LitPlace, MovedLamps, Place, is_hidden};
 use crate::geometry::{SurfaceTracer, irradiance_directions, orthonormal_basis};
-use crate::neif::environment::{EnvironmentField, LightScratch};
-use crate::neif::light_path::first_lobe_ray;
-use crate::neif::lobe::Lobe;
-use crate::neif::lobe_cones::{PathOfPixel, lobe_cones};
-use crate::neif::object::ObjectModel;
-use crate::neif::radiance_field::{FieldBatch, FieldRay};
-use crate::neif::shading::SurfacePoint;
+use crate::neif::field::radiance_field::{FieldBatch, FieldRay};
+use crate::neif::light::environment::{EnvironmentField, LightScratch};
+use crate::neif::light::light_path::first_lobe_ray;
+use crate::neif::light::lobe::Lobe;
+use crate::neif::light::lobe_cones::{PathOfPixel, lobe_cones};
+use crate::neif::light::shading::SurfacePoint;
+use crate::neif::surface::object::ObjectModel;
 use crate::neif::{Environment, EnvironmentFromWorld};
 use crate::render::irradiance::Probe;
 

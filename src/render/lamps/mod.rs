@@ -23,8 +23,8 @@ pub(super) use lobes::lit_lobes;
 pub(super) use places::Place;
 
 use crate::geometry::{Ray, SurfaceTracer, fibonacci_sphere};
-use crate::neif::environment::{EnvironmentField, LightScratch};
-use crate::neif::radiance_field::{FieldBatch, FieldRay};
+use crate::neif::field::radiance_field::{FieldBatch, FieldRay};
+use crate::neif::light::environment::{EnvironmentField, LightScratch};
 use crate::neif::{Environment, EnvironmentFromWorld};
 
 /// Directions in which lamps are looked for: 2.2 degrees apart.

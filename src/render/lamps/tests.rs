@@ -7,10 +7,10 @@ use std::sync::atomic::AtomicBool;
 use glam::{Quat, Vec3};
 
 use super::*;
-use crate::geometry::test_mesh::ellipsoid;
+use crate::geometry::meshes::test_mesh::ellipsoid;
 use crate::neif::EnvironmentTransform;
 use crate::neif::distant::{DistantConfig, DistantLight};
-use crate::neif::shading::SurfacePoint;
+use crate::neif::light::shading::SurfacePoint;
 use crate::render::irradiance::Probes;
 
 static NEVER: AtomicBool = AtomicBool::new(false);

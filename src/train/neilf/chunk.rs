@@ -6,21 +6,21 @@ use glam::Vec3;
 
 use super::NeilfConfig;
 use crate::geometry::orthonormal_basis;
-use crate::neif::display::Display;
+use crate::neif::field::mlp::Transposed;
 use crate::neif::kernels::math::all_finite;
-use crate::neif::light_path::PathVertex;
-use crate::neif::material::{Material, MaterialBatch, Surface};
-use crate::neif::mlp::Transposed;
+use crate::neif::light::display::Display;
+use crate::neif::light::light_path::PathVertex;
+use crate::neif::light::shading::SurfacePoint;
 use crate::neif::neilf::Brdf;
 use crate::neif::neilf::IncidentLight;
 use crate::neif::neilf::brdf::{Sum, metallic};
 use crate::neif::neilf::light::LightBatch;
-use crate::neif::shading::SurfacePoint;
-use crate::train::chunk::{N_CHUNKS, SMOOTHNESS_STEP};
+use crate::neif::surface::material::{Material, MaterialBatch, Surface};
 use crate::train::config::TrainConfig;
-use crate::train::loss::pixel_loss;
-use crate::train::pixels::PixelStore;
+use crate::train::pixels::store::PixelStore;
 use crate::train::random::SlotRandom;
+use crate::train::step::chunk::{N_CHUNKS, SMOOTHNESS_STEP};
+use crate::train::step::loss::pixel_loss;
 
 /// Every so many pixels one takes part in the smoothness term.
 const SMOOTHNESS_STRIDE: usize = 4;

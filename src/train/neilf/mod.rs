@@ -10,7 +10,7 @@ mod trainer;
 
 pub use trainer::NeilfTrainer;
 
-use crate::neif::hash_grid::{GridConfig, LEAST_WEIGHT};
+use crate::neif::field::hash_grid::{GridConfig, LEAST_WEIGHT};
 use crate::neif::neilf::{Brdf, IncidentLightConfig};
 
 /// What only the baselines have. Of the common settings they use the material's grid, the rates, warm-up and decay, the

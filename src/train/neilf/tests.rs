@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 use super::{NeilfConfig, NeilfTrainer};
 use crate::neif::neilf::Brdf;
 use crate::train::config::TrainConfig;
-use crate::train::eval::evaluate_object;
+use crate::train::measure::eval::evaluate_object;
 use crate::train::test_scene::sphere_in_a_box;
 
 const BOTH: [Brdf; 2] = [Brdf::Disney, Brdf::Lobe];

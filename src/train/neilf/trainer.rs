@@ -11,18 +11,18 @@ use super::NeilfConfig;
 use super::chunk::{Chunk, StepContext};
 use crate::data::Dataset;
 use crate::geometry::SurfaceTracer;
-use crate::neif::display::Display;
-use crate::neif::hash_grid::FEATURES;
-use crate::neif::material::Material;
-use crate::neif::mlp::Transposed;
+use crate::neif::field::hash_grid::FEATURES;
+use crate::neif::field::mlp::Transposed;
+use crate::neif::light::display::Display;
 use crate::neif::neilf::{IncidentLight, NeilfModel, brdf::hemisphere};
-use crate::train::adam::{Adam, Rates};
-use crate::train::chunk::N_CHUNKS;
+use crate::neif::surface::material::Material;
 use crate::train::config::TrainConfig;
-use crate::train::learned::sum_in_order;
-use crate::train::pixels::PixelStore;
+use crate::train::pixels::store::PixelStore;
 use crate::train::preparation::Prepared;
 use crate::train::random::SlotRandom;
+use crate::train::step::adam::{Adam, Rates};
+use crate::train::step::chunk::N_CHUNKS;
+use crate::train::step::learned::sum_in_order;
 use crate::train::{StepStats, TrainError};
 
 /// Parameters, moments and pixels of a run.

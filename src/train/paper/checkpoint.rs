@@ -1,9 +1,9 @@
 //! All that a run of the paper's model needs to go on exactly where it stopped, as tensors.
 
 use super::PaperTrainer;
-use crate::data::tensor_file::TensorFile;
+use crate::data::files::tensor_file::TensorFile;
 use crate::train::TrainError;
-use crate::train::adam::Adam;
+use crate::train::step::adam::Adam;
 
 /// Marks the metadata of a checkpoint of this model.
 const FORMAT: &str = "neif-paper-checkpoint-1";

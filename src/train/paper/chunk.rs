@@ -7,20 +7,20 @@ use glam::Vec3;
 use super::PaperConfig;
 use crate::geometry::orthonormal_basis;
 use crate::neif::EnvironmentTransform;
-use crate::neif::contraction::FieldFrame;
-use crate::neif::display::Display;
+use crate::neif::field::contraction::FieldFrame;
+use crate::neif::field::radiance_field::FieldRay;
 use crate::neif::kernels::math::all_finite;
-use crate::neif::light_path::{self, LitVertex, PathVertex};
-use crate::neif::material::Surface;
+use crate::neif::light::display::Display;
+use crate::neif::light::light_path::{self, LitVertex, PathVertex};
 use crate::neif::paper::material::PaperMaterialBatch;
 use crate::neif::paper::ray_pass::{PaperPlacement, RayLight};
 use crate::neif::paper::{PaperField, PaperMaterial};
-use crate::neif::radiance_field::FieldRay;
-use crate::train::chunk::{N_CHUNKS, SMOOTHNESS_STEP};
+use crate::neif::surface::material::Surface;
 use crate::train::config::TrainConfig;
-use crate::train::loss::{PixelLoss, pixel_loss};
-use crate::train::pixels::{BackgroundSample, PixelStore};
+use crate::train::pixels::store::{BackgroundSample, PixelStore};
 use crate::train::random::SlotRandom;
+use crate::train::step::chunk::{N_CHUNKS, SMOOTHNESS_STEP};
+use crate::train::step::loss::{PixelLoss, pixel_loss};
 
 /// What all chunks of a step read.
 #[derive(Clone, Copy)]

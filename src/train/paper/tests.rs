@@ -3,8 +3,8 @@
 use std::sync::atomic::AtomicBool;
 
 use super::{PaperConfig, PaperTrainer};
-use crate::neif::object::SurfaceField;
 use crate::neif::paper::{PaperFieldConfig, PaperMaterialConfig};
+use crate::neif::surface::object::SurfaceField;
 use crate::neif::{Environment, Storage};
 use crate::render::{Layer, render};
 use crate::train::config::TrainConfig;

@@ -11,18 +11,18 @@ use super::PaperConfig;
 use super::chunk::{Chunk, StepContext};
 use crate::data::Dataset;
 use crate::geometry::SurfaceTracer;
-use crate::neif::contraction::FieldFrame;
-use crate::neif::display::Display;
-use crate::neif::environment::{Environment, EnvironmentPlace};
-use crate::neif::object::{ObjectModel, SurfaceField};
+use crate::neif::field::contraction::FieldFrame;
+use crate::neif::light::display::Display;
+use crate::neif::light::environment::{Environment, EnvironmentPlace};
 use crate::neif::paper::{PaperField, PaperMaterial};
-use crate::train::adam::{Adam, Rates};
-use crate::train::chunk::N_CHUNKS;
+use crate::neif::surface::object::{ObjectModel, SurfaceField};
 use crate::train::config::TrainConfig;
-use crate::train::pixels::PixelStore;
+use crate::train::pixels::store::PixelStore;
 use crate::train::placement::{field_frame, up_direction};
 use crate::train::preparation::Prepared;
 use crate::train::random::SlotRandom;
+use crate::train::step::adam::{Adam, Rates};
+use crate::train::step::chunk::N_CHUNKS;
 use crate::train::{Snapshot, StepStats, TrainError};
 
 /// Parameters that a task sums over the chunks.

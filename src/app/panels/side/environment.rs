@@ -1,0 +1,172 @@
+//! The environment panel: which surroundings light the object, and where they stand.
+
+use egui::{Button, Ui};
+use glam::Vec3;
+
+use super::gallery::gallery_ui;
+use crate::app::lighting::LightingCommand;
+use crate::app::panels::section::section_heading;
+use crate::app::panels::widgets::{Setting, gain_row, slider_row, vector_row, weak};
+use crate::app::state::app_state::{AppState, Look};
+use crate::app::state::command::Command;
+use crate::app::state::sections::Section;
+use crate::app::viewport::canvas::Pictures;
+use crate::neif::light::environment::EnvironmentField;
+use crate::neif::{Environment, EnvironmentTransform};
+
+const SCALE: Setting = Setting {
+    name: "Scale",
+    range: 0.1..=10.0,
+    default: 1.0,
+    hint: "Size of the environment about the origin",
+};
+const EXPOSURE: Setting = Setting {
+    name: "Exposure",
+    range: -10.0..=10.0,
+    default: 0.0,
+    hint: "Brightness in stops: +1 is twice the light",
+};
+
+/// Draws the panel.
+pub fn environment_ui(
+    ui: &mut Ui,
+    state: &AppState,
+    pictures: &Pictures,
+    commands: &mut Vec<Command>,
+) {
+    let mut is_open = true;
+    ui.horizontal(|ui| {
+        is_open = section_heading(ui, state, Section::Environment, commands);
+        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+            let is_moved = state.look.transform != EnvironmentTransform::default();
+            let reset = ui.add_enabled(is_moved, Button::new("Reset environment"));
+            if reset
+                .on_hover_text("Back to where it was captured")
+                .clicked()
+            {
+                commands.push(Command::MoveEnvironment(EnvironmentTransform::default()));
+            }
+        });
+    });
+    if !is_open {
+        return;
+    }
+    gallery_ui(ui, state, pictures, commands);
+    facts_ui(ui, state);
+    transform_ui(ui, state, commands);
+    ui.add_space(6.0);
+    original_ui(ui, state, commands);
+}
+
+/// Where the shown surroundings have their top, how large they are, and whether they are near at all.
+fn facts_ui(ui: &mut Ui, state: &AppState) {
+    let own = state
+        .snapshot
+        .as_ref()
+        .map(|snapshot| &snapshot.environment);
+    let Some(environment) = state.chosen_environment().or(own) else {
+        return;
+    };
+    let transform = &state.look.transform;
+    let place = if environment.is_far() {
+        "infinitely far".to_owned()
+    } else {
+        let motion = transform.environment_from_world();
+        let bounds = environment.inner_box();
+        let side = bounds.extent().x * transform.scale;
+        let [x, y, z] = motion.world_point(bounds.center()).to_array();
+        format!("inner box {side:.2} at {x:.2}, {y:.2}, {z:.2}")
+    };
+    // The name under its picture, where it is chosen there.
+    let chosen = state.chosen_environment().and(state.look.environment);
+    let listed = chosen.and_then(|index| state.environments.get(index));
+    let name = listed.map_or(environment.name(), |entry| &entry.name);
+    let (kind, up) = (kind(environment), axis_name(environment.up()));
+    let (scale, ev) = (transform.scale, transform.exposure_ev);
+    let facts = format!("{name} · {kind}\nUp {up} · {place}\nScale {scale:.2} · {ev:+.1} EV");
+    let facts = weak(ui, facts);
+    ui.label(facts).on_hover_text(
+        "The up axis, and the side of the box in which the surroundings are finest, in scene units. What is infinitely far does not move or scale.",
+    );
+}
+
+fn kind(environment: &Environment) -> &'static str {
+    match environment.field() {
+        EnvironmentField::Grid { .. } => "trained field",
+        EnvironmentField::Paper(_) => "trained network",
+        EnvironmentField::Distant(_) => "panorama",
+    }
+}
+
+/// `+z` for the z axis; the vector where it is none of the axes.
+/// The name of an axis, `+z`; numbers where it is none of the six.
+pub(super) fn axis_name(axis: Vec3) -> String {
+    for (name, unit) in ["x", "y", "z"].into_iter().zip(Vec3::AXES) {
+        for (sign, unit) in [("+", unit), ("-", -unit)] {
+            if axis.dot(unit) > 0.999 {
+                return format!("{sign}{name}");
+            }
+        }
+    }
+    format!("({:.2}, {:.2}, {:.2})", axis.x, axis.y, axis.z)
+}
+
+fn transform_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
+    let mut transform = state.look.transform;
+    let size = state.view.bounds.map_or(1.0, |bounds| bounds.diagonal());
+    vector_row(ui, "Rotate", &mut transform.rotate_deg, 0.5, "°");
+    vector_row(
+        ui,
+        "Move",
+        &mut transform.translate,
+        f64::from(size) * 0.004,
+        "",
+    );
+    slider_row(ui, &SCALE, &mut transform.scale);
+    slider_row(ui, &EXPOSURE, &mut transform.exposure_ev);
+    gain_row(ui, "White", &mut transform.white_balance);
+    tools_ui(ui, state, commands);
+    ui.label(weak(
+        ui,
+        "In the picture: Shift+drag rotates,\nCtrl+Shift+drag moves.",
+    ));
+    if transform != state.look.transform {
+        commands.push(Command::MoveEnvironment(transform));
+    }
+}
+
+fn tools_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
+    ui.horizontal(|ui| {
+        let button = Button::new("Match exposure");
+        let button = ui.add_enabled(state.chosen_environment().is_some(), button);
+        let button = button
+            .on_hover_text("Exposure and white balance by which these surroundings light the object as much as its own")
+            .on_disabled_hover_text("Choose other surroundings first");
+        if button.clicked() {
+            commands.push(Command::MatchExposure);
+        }
+        let handles = Button::selectable(state.lighting.is_gizmo_shown, "Handles");
+        let what = "Arrows, rings and a square in the picture to move, turn and scale the environment; Ctrl for round steps (M)";
+        if ui.add(handles).on_hover_text(what).clicked() {
+            commands.push(Command::Lighting(LightingCommand::ToggleGizmo));
+        }
+        let lines = Button::selectable(state.lighting.are_lines_shown, "Axes");
+        let what = "Bounds and axes of the environment (dashed) and the world's axes (L)";
+        if ui.add(lines).on_hover_text(what).clicked() {
+            commands.push(Command::Lighting(LightingCommand::ToggleLines));
+        }
+    });
+}
+
+fn original_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
+    let mut is_on = state.is_original_shown;
+    let has_edits = state.look != Look::default();
+    let toggle = ui.add_enabled(
+        has_edits,
+        egui::Checkbox::new(&mut is_on, "Show before edits"),
+    );
+    let toggle = toggle.on_hover_text("Hides all edits of material and environment (B)");
+    if toggle.on_disabled_hover_text("Nothing is edited").changed() {
+        commands.push(Command::ShowOriginal(is_on));
+    }
+}

@@ -1,0 +1,296 @@
+//! The export window: what is taken away, in which file, and how far it is.
+
+use egui::{Button, Checkbox, DragValue, Grid, ProgressBar, RichText, TextEdit, Ui};
+
+use crate::app::panels::frame::view_bar::layer_name;
+use crate::app::panels::widgets::{describe_number, duration, weak};
+use crate::app::state::app_state::{AppState, file_name};
+use crate::app::state::command::Command;
+use crate::app::state::export::{
+    ExportCommand, ExportSettings, ExportState, MAX_FPS, MAX_FRAMES, MAX_SIDE_PX, Subject,
+    default_path, key_text, n_path_frames,
+};
+use crate::app::state::training_state::Level;
+use crate::app::theme;
+use crate::render::{Backdrop, FileKind, Spin};
+
+/// Width of the window's content.
+const WIDTH: f32 = 400.0;
+
+/// While an export runs, a button that tells how far it is and opens the window.
+pub fn running_export_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
+    let Some(running) = &state.export.running else {
+        return;
+    };
+    let button = ui.button(format!("Export {:.0} %", 100.0 * running.fraction));
+    if button.on_hover_text("How far it is, and cancel").clicked() {
+        let subject = state.export.settings.subject;
+        commands.push(Command::Export(ExportCommand::Show(subject)));
+    }
+    ui.separator();
+}
+
+/// Draws the window, while it is open.
+pub fn export_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
+    let export = &state.export;
+    if !export.is_open {
+        return;
+    }
+    let mut asked = Vec::new();
+    let mut is_open = true;
+    egui::Window::new("Export")
+        .open(&mut is_open)
+        .resizable(false)
+        .collapsible(false)
+        .default_pos([290.0, 60.0])
+        .show(ui.ctx(), |ui| {
+            ui.set_width(WIDTH);
+            let mut settings = export.settings;
+            ui.horizontal(|ui| {
+                for subject in Subject::ALL {
+                    ui.selectable_value(&mut settings.subject, subject, subject.name());
+                }
+            });
+            ui.separator();
+            Grid::new("export")
+                .num_columns(2)
+                .spacing([12.0, 6.0])
+                .show(ui, |ui| settings_ui(ui, export, &mut settings));
+            if settings != export.settings {
+                asked.push(ExportCommand::Set(settings));
+            }
+            if export.settings.subject == Subject::Path {
+                keys_ui(ui, export, &mut asked);
+            }
+            hint_ui(ui, state);
+            ui.separator();
+            path_ui(ui, state, &mut asked);
+            run_ui(ui, state, &mut asked);
+        });
+    if !is_open {
+        asked.push(ExportCommand::Close);
+    }
+    commands.extend(asked.into_iter().map(Command::Export));
+}
+
+fn settings_ui(ui: &mut Ui, export: &ExportState, settings: &mut ExportSettings) {
+    ui.label("Size");
+    ui.horizontal(|ui| size_ui(ui, export, settings));
+    ui.end_row();
+
+    ui.label("File");
+    ui.horizontal(|ui| {
+        let is_still = settings.subject == Subject::Picture;
+        let kind = if is_still {
+            &mut settings.still_kind
+        } else {
+            &mut settings.film_kind
+        };
+        let kinds = FileKind::ALL.into_iter();
+        for choice in kinds.filter(|kind| !(is_still && kind.is_film())) {
+            ui.selectable_value(kind, choice, choice.extension().to_uppercase())
+                .on_hover_text(kind_hint(choice));
+        }
+    });
+    ui.end_row();
+
+    ui.label("Background");
+    let mut is_shown = settings.backdrop == Backdrop::Shown;
+    let shown = Checkbox::new(&mut is_shown, "Surroundings");
+    ui.add(shown)
+        .on_hover_text("Without them the picture is transparent around the object");
+    settings.backdrop = if is_shown {
+        Backdrop::Shown
+    } else {
+        Backdrop::Transparent
+    };
+    ui.end_row();
+
+    if settings.subject == Subject::Turntable {
+        ui.label("Turns");
+        ui.horizontal(|ui| {
+            ui.selectable_value(&mut settings.spin, Spin::Camera, "Camera")
+                .on_hover_text("Around the object, from the current view");
+            ui.selectable_value(&mut settings.spin, Spin::Environment, "Environment")
+                .on_hover_text("Around the object; the camera stays");
+        });
+        ui.end_row();
+    }
+    if settings.subject != Subject::Picture {
+        ui.label("Frames");
+        ui.horizontal(|ui| frames_ui(ui, export, settings));
+        ui.end_row();
+    }
+}
+
+fn size_ui(ui: &mut Ui, export: &ExportState, settings: &mut ExportSettings) {
+    let mut is_window = settings.size.is_none();
+    ui.checkbox(&mut is_window, "As the view");
+    let (mut width, mut height) = settings.size.unwrap_or(export.window_px);
+    for (side, name) in [(&mut width, "Width"), (&mut height, "Height")] {
+        let value = DragValue::new(side).range(1..=MAX_SIDE_PX).suffix(" px");
+        let value = ui.add_enabled(!is_window, value);
+        describe_number(&value, name);
+    }
+    settings.size = (!is_window).then_some((width, height));
+}
+
+fn frames_ui(ui: &mut Ui, export: &ExportState, settings: &mut ExportSettings) {
+    let n = if settings.subject == Subject::Turntable {
+        let frames = ui.add(DragValue::new(&mut settings.n_frames).range(1..=MAX_FRAMES));
+        describe_number(&frames, "Frames");
+        settings.n_frames
+    } else {
+        let n = n_path_frames(export);
+        ui.label(n.to_string());
+        n
+    };
+    ui.label("at");
+    let fps = DragValue::new(&mut settings.fps)
+        .range(1.0..=MAX_FPS)
+        .max_decimals(2)
+        .suffix(" a second");
+    let fps = ui.add(fps);
+    describe_number(&fps, "Frames a second");
+    ui.label(weak(ui, format!("{:.1} s", n as f32 / settings.fps)));
+}
+
+fn kind_hint(kind: FileKind) -> &'static str {
+    match kind {
+        FileKind::Png => "8 bits, as on the screen",
+        FileKind::Exr => "Linear light, for compositing",
+        FileKind::Gif => "One animated picture, plays everywhere",
+        FileKind::Mp4 => "One film; needs the program ffmpeg",
+    }
+}
+
+/// What the files hold, where the choice does not say it.
+fn hint_ui(ui: &mut Ui, state: &AppState) {
+    let settings = &state.export.settings;
+    let text = match settings.kind() {
+        FileKind::Exr => {
+            "Named channels: the picture, diffuse, specular, roughness, tint, normal and depth (Z)."
+                .to_owned()
+        }
+        _ => format!("Shows the layer {}.", layer_name(state.layer)),
+    };
+    ui.label(weak(ui, text));
+}
+
+fn keys_ui(ui: &mut Ui, export: &ExportState, asked: &mut Vec<ExportCommand>) {
+    ui.add_space(4.0);
+    ui.horizontal(|ui| {
+        let add = ui.button("Add this view");
+        if add
+            .on_hover_text("The current view becomes the path's next key view")
+            .clicked()
+        {
+            asked.push(ExportCommand::AddKey);
+        }
+        let save = ui.add_enabled(!export.keys.is_empty(), Button::new("Save cameras"));
+        if save
+            .on_hover_text("A file for `neif render --cameras`")
+            .clicked()
+        {
+            asked.push(ExportCommand::SaveKeys);
+        }
+    });
+    if export.keys.len() < 2 {
+        let text = "Move the camera and add at least two views; the path passes through them.";
+        ui.label(weak(ui, text));
+    }
+    egui::ScrollArea::vertical()
+        .max_height(160.0)
+        .id_salt("key views")
+        .show(ui, |ui| {
+            for (i, key) in export.keys.iter().enumerate() {
+                ui.horizontal(|ui| {
+                    ui.label(format!("{}", i + 1));
+                    let mut secs = key.time_secs;
+                    let time = DragValue::new(&mut secs)
+                        .speed(0.05)
+                        .range(0.0..=86_400.0)
+                        .max_decimals(2)
+                        .suffix(" s");
+                    let time = ui.add(time);
+                    describe_number(&time, &format!("Time of view {}", i + 1));
+                    if time.changed() {
+                        asked.push(ExportCommand::SetKeyTime(i, secs));
+                    }
+                    if ui.small_button("Go").on_hover_text("Stand there").clicked() {
+                        asked.push(ExportCommand::GoToKey(i));
+                    }
+                    if ui.small_button("Remove").clicked() {
+                        asked.push(ExportCommand::RemoveKey(i));
+                    }
+                    ui.label(weak(ui, key_text(&key.camera)));
+                });
+            }
+        });
+}
+
+fn path_ui(ui: &mut Ui, state: &AppState, asked: &mut Vec<ExportCommand>) {
+    let export = &state.export;
+    let path = default_path(&state.source, &export.settings);
+    let mut typed = match &export.typed {
+        Some(typed) => typed.clone(),
+        None => path.display().to_string(),
+    };
+    let what = if export.settings.needs_folder() {
+        "Folder"
+    } else {
+        "Save as"
+    };
+    ui.horizontal(|ui| {
+        let label = ui.label(what);
+        let edit = TextEdit::singleline(&mut typed).desired_width(WIDTH - 150.0);
+        if ui.add(edit).labelled_by(label.id).changed() {
+            asked.push(ExportCommand::Type(typed.clone()));
+        }
+        let browse = ui.add_enabled(!export.is_browsing, Button::new("Browse…"));
+        if browse.clicked() {
+            asked.push(ExportCommand::Browse);
+        }
+    });
+    let note = match (&export.typed, export.settings.needs_folder()) {
+        (None, _) => "A number is added where that exists.",
+        (Some(_), true) => "Pictures of the same names in it are replaced.",
+        (Some(_), false) => "A file of that name is replaced.",
+    };
+    ui.label(weak(ui, note));
+    if let Some(note) = &export.note {
+        let color = theme::of_level(ui.visuals(), Level::Warning);
+        ui.label(RichText::new(note).color(color));
+    }
+}
+
+fn run_ui(ui: &mut Ui, state: &AppState, asked: &mut Vec<ExportCommand>) {
+    ui.add_space(4.0);
+    let Some(running) = &state.export.running else {
+        let can_start = state.snapshot.is_some();
+        let start = ui.add_enabled(can_start, Button::new("Start export"));
+        if start
+            .on_disabled_hover_text("There is no picture yet")
+            .clicked()
+        {
+            asked.push(ExportCommand::Start);
+        }
+        return;
+    };
+    let elapsed = (state.messages.now_secs - running.started_secs).max(0.0);
+    let fraction = f64::from(running.fraction);
+    ui.horizontal(|ui| {
+        let bar = ProgressBar::new(running.fraction).desired_width(150.0);
+        ui.add(bar.desired_height(10.0));
+        ui.label(format!("{:.0} %", 100.0 * fraction));
+        // Before the time, which comes later, so that it stays where it is.
+        if ui.button("Cancel export").clicked() {
+            asked.push(ExportCommand::Cancel);
+        }
+        if fraction > 0.01 {
+            let left = elapsed * (1.0 - fraction) / fraction;
+            ui.label(weak(ui, format!("{} left", duration(left))));
+        }
+    });
+    ui.label(weak(ui, file_name(&running.path)));
+}

@@ -1,0 +1,139 @@
+//! The picture panel: how the scene is shown, apart from its light: background, lens, exposure, A beside B.
+
+use egui::{Button, Ui};
+use glam::Vec3;
+
+use super::environment::axis_name;
+use crate::app::lighting::{LARGEST_DISPLAY_EV, LightingCommand};
+use crate::app::panels::section::section_heading;
+use crate::app::panels::widgets::{Setting, name_label, slider_row};
+use crate::app::state::app_state::AppState;
+use crate::app::state::command::Command;
+use crate::app::state::sections::Section;
+use crate::app::viewport::camera_control::{CameraMove, LENS_RANGE};
+use crate::render::{Background, ToneMap};
+
+const DISPLAY_EV: Setting = Setting {
+    name: "View EV",
+    range: -LARGEST_DISPLAY_EV..=LARGEST_DISPLAY_EV,
+    default: 0.0,
+    hint: "Exposure of the picture in stops; the light stays as it is (E, Shift+E)",
+};
+
+/// Draws the panel.
+pub fn picture_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
+    if !section_heading(ui, state, Section::Picture, commands) {
+        return;
+    }
+    background_ui(ui, state, commands);
+    camera_ui(ui, state, commands);
+    let mut send = |command| commands.push(Command::Lighting(command));
+    let mut ev = state.lighting.display_ev;
+    if slider_row(ui, &DISPLAY_EV, &mut ev) {
+        send(LightingCommand::SetDisplayEv(ev));
+    }
+    ui.horizontal(|ui| {
+        name_label(ui, "Bright light").on_hover_text("What becomes of light brighter than white");
+        for map in ToneMap::ALL {
+            let is_on = state.lighting.tone_map == map;
+            let (name, hint) = tone_map_name(map);
+            let button = ui.selectable_label(is_on, name);
+            if button.on_hover_text(hint).clicked() {
+                send(LightingCommand::SetToneMap(map));
+            }
+        }
+    });
+    ui.horizontal(|ui| {
+        let is_on = state.lighting.split.is_some();
+        let both = ui.add(Button::selectable(is_on, "A | B"));
+        let what =
+            "Two looks side by side: A as edited, B as kept when this was first switched on (V)";
+        if both.on_hover_text(what).clicked() {
+            send(LightingCommand::ToggleSplit);
+        }
+        let swap = ui.add_enabled(state.lighting.kept.is_some(), Button::new("Swap A and B"));
+        if swap.on_hover_text("X").clicked() {
+            send(LightingCommand::SwapSides);
+        }
+        let copy = ui.button("Keep A as B");
+        let what = "B becomes what A is now: material, environment and where it stands";
+        if copy.on_hover_text(what).clicked() {
+            send(LightingCommand::CopyToB);
+        }
+    });
+}
+
+/// What stands behind the object.
+fn background_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
+    ui.horizontal(|ui| {
+        name_label(ui, "Background").on_hover_text("What stands behind the object (H)");
+        for background in Background::ALL {
+            let is_on = state.lighting.background == background;
+            let button = ui.selectable_label(is_on, background_name(background));
+            if button.on_hover_text(background_hint(background)).clicked() {
+                let command = LightingCommand::SetBackground(background);
+                commands.push(Command::Lighting(command));
+            }
+        }
+    });
+}
+
+/// The lens and the way up.
+fn camera_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
+    let [narrow, wide] = LENS_RANGE.map(f32::to_degrees);
+    let lens = Setting {
+        name: "Field of view",
+        range: narrow.round()..=wide.round(),
+        default: tenths(state.view.home.field_of_view().to_degrees()),
+        hint: "Vertical angle of the picture, degrees",
+    };
+    // The slider rounds what it is given, which is no change by a person.
+    let shown = tenths(state.view.viewpoint.field_of_view().to_degrees());
+    let mut degrees = shown;
+    if slider_row(ui, &lens, &mut degrees) && degrees != shown {
+        let lens = CameraMove::Lens(degrees.to_radians());
+        commands.push(Command::MoveCamera(lens));
+    }
+    ui.horizontal(|ui| {
+        let hint = "What the camera turns about and keeps upright; surroundings turn about it too";
+        name_label(ui, "Up axis").on_hover_text(hint);
+        ui.spacing_mut().item_spacing.x = 2.0;
+        for axis in Vec3::AXES.into_iter().flat_map(|axis| [axis, -axis]) {
+            let is_on = state.view.up.dot(axis) > 0.999;
+            let button = ui.selectable_label(is_on, axis_name(axis));
+            if button.on_hover_text(hint).clicked() {
+                commands.push(Command::SetUp(axis));
+            }
+        }
+    });
+}
+
+fn tenths(value: f32) -> f32 {
+    (value * 10.0).round() / 10.0
+}
+
+fn tone_map_name(map: ToneMap) -> (&'static str, &'static str) {
+    match map {
+        ToneMap::Photo => ("As in photos", "Clipped at white; what training compares"),
+        ToneMap::Neutral => (
+            "Neutral",
+            "Compressed, so that lamps keep their shape (Khronos PBR Neutral)",
+        ),
+    }
+}
+
+fn background_name(background: Background) -> &'static str {
+    match background {
+        Background::Shown => "Shown",
+        Background::Blurred => "Blurred",
+        Background::Hidden => "Hidden",
+    }
+}
+
+fn background_hint(background: Background) -> &'static str {
+    match background {
+        Background::Shown => "As sharp as it is",
+        Background::Blurred => "Out of focus; reflections stay sharp",
+        Background::Hidden => "Black; its light stays",
+    }
+}

@@ -1,0 +1,259 @@
+//! What a person has set once and finds again: theme, size of the text, size of the window, panels and what of them is
+//! folded, automatic start.
+//!
+//! Kept in a small TOML file in the system's folder for settings.
+
+use std::path::{Path, PathBuf};
+
+use directories::ProjectDirs;
+use serde::{Deserialize, Serialize};
+
+use crate::app::state::app_state::AppState;
+use crate::app::state::sections::{Folded, Section};
+
+/// Smallest and largest size of the text, times the system's.
+const ZOOM_RANGE: [f32; 2] = [0.5, 3.0];
+/// Change of that size by one key.
+const ZOOM_STEP: f32 = 0.1;
+/// Smallest and largest width of a side panel, in points.
+const WIDTH_RANGE: [f32; 2] = [200.0, 600.0];
+/// Smallest and largest side of the window, in points.
+const WINDOW_RANGE: [f32; 2] = [400.0, 16_384.0];
+
+/// Dark or light.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ThemeChoice {
+    /// As the system.
+    #[default]
+    System,
+    /// Light.
+    Light,
+    /// Dark.
+    Dark,
+}
+
+/// A panel beside the viewport.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct SidePanel {
+    /// Whether it is hidden.
+    pub is_hidden: bool,
+    /// Its width in points; none is the usual one.
+    pub width: Option<f32>,
+}
+
+/// Both panels beside the viewport.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Panels {
+    /// Training and photos.
+    pub left: SidePanel,
+    /// Material and environment.
+    pub right: SidePanel,
+}
+
+/// One of the panels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Side {
+    /// Training and photos.
+    Left,
+    /// Material and environment.
+    Right,
+}
+
+/// All of it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Preferences {
+    /// Dark or light.
+    pub theme: ThemeChoice,
+    /// Size of the text, times the system's.
+    pub zoom: f32,
+    /// Whether opening a capture starts training.
+    pub is_auto_start: bool,
+    /// Which parts of the side panels are folded.
+    pub folded: Folded,
+    /// Whether the list of messages is open.
+    pub is_log_open: bool,
+    /// Width and height of the window, in points; none is the usual size.
+    pub window: Option<[f32; 2]>,
+    /// The side panels.
+    pub panels: Panels,
+}
+
+impl Default for Preferences {
+    fn default() -> Self {
+        Self {
+            theme: ThemeChoice::default(),
+            zoom: 1.0,
+            is_auto_start: true,
+            folded: Folded::default(),
+            is_log_open: false,
+            window: None,
+            panels: Panels::default(),
+        }
+    }
+}
+
+/// A change of the preferences.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum PreferencesCommand {
+    /// Dark or light.
+    Theme(ThemeChoice),
+    /// Larger (above zero) or smaller text by so many steps.
+    Zoom(f32),
+    /// Text of the system's size.
+    ResetZoom,
+    /// Hide both panels, or show both.
+    TogglePanels,
+    /// Hide a panel, or show it.
+    TogglePanel(Side),
+    /// A panel has another width, in points.
+    Resize(Side, f32),
+    /// Fold a part of a panel, or unfold it.
+    Fold(Section),
+    /// The window has another width and height, in points.
+    ResizeWindow([f32; 2]),
+}
+
+impl Panels {
+    /// Whether either is shown.
+    pub fn is_any_shown(&self) -> bool {
+        !(self.left.is_hidden && self.right.is_hidden)
+    }
+
+    /// One of them.
+    pub fn side(&mut self, side: Side) -> &mut SidePanel {
+        match side {
+            Side::Left => &mut self.left,
+            Side::Right => &mut self.right,
+        }
+    }
+}
+
+/// Changes the preferences.
+pub(in crate::app) fn apply(state: &mut AppState, command: PreferencesCommand) {
+    let preferences = &mut state.preferences;
+    match command {
+        PreferencesCommand::Theme(theme) => preferences.theme = theme,
+        PreferencesCommand::Zoom(steps) => {
+            let zoom = preferences.zoom + steps * ZOOM_STEP;
+            preferences.zoom = (zoom * 10.0).round() / 10.0;
+        }
+        PreferencesCommand::ResetZoom => preferences.zoom = 1.0,
+        PreferencesCommand::TogglePanels => {
+            let is_hidden = preferences.panels.is_any_shown();
+            preferences.panels.left.is_hidden = is_hidden;
+            preferences.panels.right.is_hidden = is_hidden;
+        }
+        PreferencesCommand::TogglePanel(side) => {
+            preferences.panels.side(side).is_hidden ^= true;
+        }
+        PreferencesCommand::Resize(side, width) => {
+            preferences.panels.side(side).width = Some(width.round());
+        }
+        PreferencesCommand::Fold(section) => preferences.folded.toggle(section),
+        PreferencesCommand::ResizeWindow(size) => {
+            preferences.window = Some(size.map(f32::round));
+        }
+    }
+    preferences.limit();
+}
+
+impl Preferences {
+    /// Brings every number into its range.
+    fn limit(&mut self) {
+        let [least, most] = ZOOM_RANGE;
+        self.zoom = if self.zoom.is_finite() {
+            self.zoom.clamp(least, most)
+        } else {
+            1.0
+        };
+        let [least, most] = WIDTH_RANGE;
+        for panel in [&mut self.panels.left, &mut self.panels.right] {
+            let width = panel.width.filter(|width| width.is_finite());
+            panel.width = width.map(|width| width.clamp(least, most));
+        }
+        let [least, most] = WINDOW_RANGE;
+        let size = self
+            .window
+            .filter(|size| size.iter().all(|side| side.is_finite()));
+        self.window = size.map(|size| size.map(|side| side.clamp(least, most)));
+    }
+
+    /// As the file holds it.
+    pub fn to_text(&self) -> String {
+        toml::to_string(self).unwrap_or_default()
+    }
+}
+
+/// Where they are kept; none on a system without a home folder.
+pub fn file() -> Option<PathBuf> {
+    ProjectDirs::from("", "", "neif").map(|dirs| dirs.config_dir().join("settings.toml"))
+}
+
+/// The kept ones, and what is wrong with the file, if anything: then they are the usual ones.
+pub fn load(file: &Path) -> (Preferences, Option<String>) {
+    let Ok(text) = std::fs::read_to_string(file) else {
+        return (Preferences::default(), None);
+    };
+    match toml::from_str::<Preferences>(&text) {
+        Ok(mut preferences) => {
+            preferences.limit();
+            (preferences, None)
+        }
+        Err(error) => {
+            let what = format!("{}: settings not used: {}", file.display(), error.message());
+            (Preferences::default(), Some(what))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn they_come_back_from_their_file_and_stay_in_range() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("settings.toml");
+        let mut state = AppState::default();
+        for command in [
+            PreferencesCommand::Theme(ThemeChoice::Light),
+            PreferencesCommand::Zoom(100.0),
+            PreferencesCommand::TogglePanel(Side::Left),
+            PreferencesCommand::Resize(Side::Right, f32::NAN),
+            PreferencesCommand::Fold(Section::Material),
+            PreferencesCommand::ResizeWindow([1e9, 700.4]),
+        ] {
+            apply(&mut state, command);
+        }
+        assert_eq!(state.preferences.zoom, 3.0);
+        assert!(state.preferences.folded.has(Section::Material));
+        assert_eq!(state.preferences.window, Some([16_384.0, 700.0]));
+        std::fs::write(&file, state.preferences.to_text()).unwrap();
+        assert_eq!(load(&file), (state.preferences, None));
+    }
+
+    #[test]
+    fn a_damaged_file_is_named_and_not_used() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("settings.toml");
+        std::fs::write(&file, "zoom = \"large\"").unwrap();
+        let (preferences, problem) = load(&file);
+        assert_eq!(preferences, Preferences::default());
+        assert!(problem.is_some_and(|problem| problem.contains("settings.toml")));
+    }
+
+    #[test]
+    fn both_panels_are_hidden_together_and_come_back_together() {
+        let mut state = AppState::default();
+        apply(&mut state, PreferencesCommand::TogglePanel(Side::Left));
+        apply(&mut state, PreferencesCommand::TogglePanels);
+        assert!(!state.preferences.panels.is_any_shown());
+        apply(&mut state, PreferencesCommand::TogglePanels);
+        let panels = state.preferences.panels;
+        assert!(!panels.left.is_hidden && !panels.right.is_hidden);
+    }
+}

@@ -1,0 +1,248 @@
+//! How training is watched: comparison with a photo, figures of single views, the capture's cameras.
+
+use std::collections::BTreeMap;
+
+use super::app_state::AppState;
+use super::command::go_to_view;
+use super::training_state::Level;
+use crate::color::map::ColorMap;
+use crate::render::output::slice::SlicePlane;
+use crate::train::measure::view_error::ViewFigures;
+
+/// Comparison with the photo of the view the camera stands at, beside the wipe.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Comparison {
+    /// None.
+    #[default]
+    Off,
+    /// Photo at the left, rendering at the right.
+    Beside,
+    /// One after the other, in the same place.
+    Flicker,
+    /// How far they are apart.
+    Error(ErrorKind),
+}
+
+impl Comparison {
+    /// All that are something, in the order of the menu.
+    pub const ALL: [Self; 5] = [
+        Self::Beside,
+        Self::Flicker,
+        Self::Error(ErrorKind::Absolute),
+        Self::Error(ErrorKind::Signed),
+        Self::Error(ErrorKind::Flip),
+    ];
+
+    /// For people.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Off => "Off",
+            Self::Beside => "Side by side",
+            Self::Flicker => "Flicker",
+            Self::Error(kind) => kind.name(),
+        }
+    }
+
+    /// What the key of the error maps shows next: one after the other, then none.
+    pub fn next_error(self) -> Self {
+        let Self::Error(now) = self else {
+            return Self::Error(ErrorKind::ALL[0]);
+        };
+        let mut later = ErrorKind::ALL.into_iter().skip_while(|kind| *kind != now);
+        later.nth(1).map_or(Self::Off, Self::Error)
+    }
+}
+
+/// Which difference an error map shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ErrorKind {
+    /// Mean absolute difference of the sRGB values.
+    Absolute,
+    /// Mean of rendering less photo.
+    Signed,
+    /// What a person sees who flips between the two.
+    Flip,
+}
+
+impl ErrorKind {
+    /// All, in the order of the menu.
+    pub const ALL: [Self; 3] = [Self::Absolute, Self::Signed, Self::Flip];
+
+    /// For people.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Absolute => "Error, absolute",
+            Self::Signed => "Error, signed",
+            Self::Flip => "Error, FLIP",
+        }
+    }
+
+    /// What the colour bar measures.
+    pub fn legend(self) -> &'static str {
+        match self {
+            Self::Absolute => "|rendering - photo|, sRGB 0 to 1",
+            Self::Signed => "rendering - photo, sRGB 0 to 1",
+            Self::Flip => "FLIP, 0 to 1",
+        }
+    }
+
+    /// The values at both ends of the colour bar; what is beyond has the colour of the end.
+    pub fn range(self) -> [f32; 2] {
+        match self {
+            Self::Absolute => [0.0, 0.25],
+            Self::Signed => [-0.25, 0.25],
+            Self::Flip => [0.0, 0.5],
+        }
+    }
+
+    /// The colours.
+    pub fn map(self) -> ColorMap {
+        match self {
+            Self::Signed => ColorMap::Diverging,
+            Self::Absolute | Self::Flip => ColorMap::Sequential,
+        }
+    }
+
+    /// The sRGB colour of a value.
+    pub fn color(self, value: f32) -> [u8; 3] {
+        let [low, high] = self.range();
+        self.map().srgb8((value - low) / (high - low))
+    }
+}
+
+/// Figures of one view, and what they are of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MeasuredView {
+    /// Index among [`AppState::views`].
+    pub view: usize,
+    /// The training step.
+    pub step: u64,
+    /// Whether material or surroundings were edited.
+    pub is_edited: bool,
+    /// The figures.
+    pub figures: ViewFigures,
+}
+
+/// What curves are drawn over.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PlotAxis {
+    /// Seconds of training.
+    #[default]
+    Time,
+    /// Optimiser steps.
+    Steps,
+}
+
+/// What is watched, and what came of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WatchState {
+    /// What curves are drawn over.
+    pub plot_over: PlotAxis,
+    /// How much longer to train when asked to, in seconds.
+    pub extend_secs: f64,
+    /// Whether the capture's cameras are drawn.
+    pub are_cameras_shown: bool,
+    /// Whether the slice through the surroundings is shown.
+    pub is_slice_shown: bool,
+    /// Where it is.
+    pub slice: SlicePlane,
+    /// The view on the error map.
+    pub measured: Option<MeasuredView>,
+    /// How far the next one is, 0 to 1, while it is made.
+    pub measuring: Option<f32>,
+    /// The last figures of each view without edits, by index.
+    pub by_view: BTreeMap<usize, MeasuredView>,
+}
+
+impl Default for WatchState {
+    fn default() -> Self {
+        Self {
+            plot_over: PlotAxis::default(),
+            extend_secs: 120.0,
+            are_cameras_shown: false,
+            is_slice_shown: false,
+            slice: SlicePlane {
+                axis: 2,
+                share: 0.5,
+            },
+            measured: None,
+            measuring: None,
+            by_view: BTreeMap::new(),
+        }
+    }
+}
+
+impl WatchState {
+    /// Drops what was of another capture; choices stay.
+    pub fn forget(&mut self) {
+        self.measured = None;
+        self.measuring = None;
+        self.by_view.clear();
+    }
+}
+
+/// What may happen to it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum WatchCommand {
+    /// Compare with the photo.
+    Compare(Comparison),
+    /// Show or hide the capture's cameras.
+    ShowCameras(bool),
+    /// Show or hide the slice through the surroundings.
+    ShowSlice(bool),
+    /// Move it.
+    MoveSlice(SlicePlane),
+    /// Draw curves over this.
+    PlotOver(PlotAxis),
+    /// How much longer to train when asked to, in seconds.
+    SetExtend(f64),
+}
+
+/// Changes the state by a command.
+pub fn apply(state: &mut AppState, command: WatchCommand) {
+    match command {
+        WatchCommand::Compare(comparison) => compare(state, comparison),
+        WatchCommand::ShowCameras(on) => state.watch.are_cameras_shown = on,
+        WatchCommand::ShowSlice(on) => state.watch.is_slice_shown = on,
+        WatchCommand::MoveSlice(plane) => state.watch.slice = plane,
+        WatchCommand::PlotOver(axis) => state.watch.plot_over = axis,
+        WatchCommand::SetExtend(secs) => state.watch.extend_secs = secs.clamp(5.0, 86_400.0),
+    }
+}
+
+fn compare(state: &mut AppState, comparison: Comparison) {
+    if comparison != Comparison::Off && state.view.at_view.is_none() {
+        let Some(index) = state.nearest_view() else {
+            let words = "There is no photo to compare with";
+            state.messages.say(Level::Info, words);
+            return;
+        };
+        go_to_view(state, index);
+    }
+    state.compare.wipe = None;
+    state.compare.with_photo = comparison;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::color::map::NEUTRAL;
+
+    #[test]
+    fn the_key_goes_through_all_error_maps_and_ends() {
+        let mut seen = vec![Comparison::Off];
+        for _ in 0..4 {
+            seen.extend(seen.last().map(|last| last.next_error()));
+        }
+        assert_eq!(seen[1..4], Comparison::ALL[2..]);
+        assert_eq!(seen[4], Comparison::Off);
+    }
+
+    #[test]
+    fn no_error_has_the_colour_of_nothing() {
+        assert_eq!(ErrorKind::Signed.color(0.0), NEUTRAL);
+        for kind in [ErrorKind::Absolute, ErrorKind::Flip] {
+            assert_eq!(kind.color(0.0), ColorMap::Sequential.srgb8(0.0));
+        }
+    }
+}

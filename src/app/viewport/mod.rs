@@ -1,0 +1,10 @@
+//! The picture in the middle of the window, and what the mouse does there.
+
+pub mod camera_control;
+pub mod canvas;
+pub mod compare_view;
+pub mod environment_control;
+pub mod fly;
+mod frustums;
+mod layer_bar;
+pub(super) mod texture;

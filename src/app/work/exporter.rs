@@ -1,0 +1,284 @@
+//! The thread that renders and writes what is taken away, and the file dialog for where.
+//!
+//! It has a thread pool of its own, below the window and the preview; while training runs it takes half of the cores.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use crossbeam::channel::{Receiver, TryRecvError, bounded};
+use egui::Context;
+
+use super::dialog::FileDialog;
+use crate::app::state::app_state::AppState;
+use crate::app::state::command::Effect;
+use crate::app::state::export::{
+    ExportCommand, ExportEffect, ExportSettings, Order, RunningExport, apply, plan, say_ending,
+};
+use crate::app::state::training_state::{Level, Phase};
+use crate::data::{Ending, write_key_views};
+use crate::render::preview::priority::lower_thread_priority;
+use crate::render::{Destination, Film};
+
+/// Niceness of rendering: between the preview and training.
+const NICE: i32 = 15;
+/// Progress wakes the window at most so often.
+const REPAINT: Duration = Duration::from_millis(250);
+/// Steps of progress from nothing to all.
+const STEPS: f32 = 10_000.0;
+
+/// The handles.
+#[derive(Debug)]
+pub(in crate::app) struct Exporter {
+    ctx: Context,
+    job: Option<Job>,
+    dialog: Option<FileDialog>,
+}
+
+/// What runs.
+#[derive(Debug)]
+struct Job {
+    path: PathBuf,
+    cancel: Arc<AtomicBool>,
+    progress: Arc<AtomicU32>,
+    result: Receiver<Result<Ending, String>>,
+    thread: JoinHandle<()>,
+}
+
+impl Exporter {
+    /// Nothing runs yet; `ctx` is woken when there is news.
+    pub(in crate::app) fn new(ctx: &Context) -> Self {
+        Self {
+            ctx: ctx.clone(),
+            job: None,
+            dialog: None,
+        }
+    }
+
+    /// Does what a command asked of the world.
+    pub(in crate::app) fn carry_out(&mut self, state: &mut AppState, effect: ExportEffect) {
+        match effect {
+            ExportEffect::Write(order) => self.begin(state, order),
+            ExportEffect::SaveKeys(path) => save_keys(state, &path),
+            ExportEffect::Cancel => self.cancel(),
+            ExportEffect::Browse(path) => self.browse(state, &path),
+        }
+    }
+
+    fn begin(&mut self, state: &mut AppState, order: Order) {
+        if self.job.is_some() {
+            let text = "An export is running; wait for it or cancel it first";
+            state.messages.say(Level::Warning, text);
+            return;
+        }
+        let order = if order.may_replace {
+            order
+        } else {
+            let path = unused(&order.path);
+            Order { path, ..order }
+        };
+        let n_cores = std::thread::available_parallelism().map_or(1, usize::from);
+        let n_threads = if state.training.phase == Phase::Training {
+            n_cores.div_ceil(2)
+        } else {
+            n_cores
+        };
+        let job = plan(state, &order).and_then(|(film, destination)| {
+            let wake = self.ctx.clone();
+            Job::spawn(film, destination, order.path, n_threads, wake).map_err(|e| e.to_string())
+        });
+        match job {
+            Ok(job) => {
+                state.export.running = Some(RunningExport {
+                    path: job.path.clone(),
+                    fraction: 0.0,
+                    started_secs: state.messages.now_secs,
+                });
+                self.job = Some(job);
+            }
+            Err(reason) => say_ending(state, Err(reason)),
+        }
+    }
+
+    fn cancel(&self) {
+        if let Some(job) = &self.job {
+            job.cancel.store(true, Ordering::Relaxed);
+        }
+    }
+
+    fn browse(&mut self, state: &mut AppState, path: &Path) {
+        let (settings, path, wake) = (state.export.settings, path.to_owned(), self.ctx.clone());
+        let dialog = FileDialog::with(
+            move || ask(&settings, &path),
+            move || wake.request_repaint(),
+        );
+        match dialog {
+            Ok(dialog) => self.dialog = Some(dialog),
+            Err(error) => {
+                let reason = format!("cannot show the file dialog: {error}");
+                tell_browsed(state, Err(reason));
+            }
+        }
+    }
+
+    /// Takes in what has happened since the last frame.
+    pub(in crate::app) fn poll(&mut self, state: &mut AppState) {
+        if let Some(answer) = self.dialog.as_ref().and_then(FileDialog::poll) {
+            self.dialog = None;
+            tell_browsed(state, answer);
+        }
+        let Some(job) = &self.job else { return };
+        if let Some(running) = &mut state.export.running {
+            running.fraction = job.progress.load(Ordering::Relaxed) as f32 / STEPS;
+        }
+        let path = job.path.display();
+        let ending = match job.result.try_recv() {
+            Err(TryRecvError::Empty) => return,
+            Ok(Ok(Ending::Finished)) => Ok(format!("Saved {path}")),
+            Ok(Ok(Ending::Cancelled)) => {
+                Ok("The export was cancelled; no file was left".to_owned())
+            }
+            Ok(Err(reason)) => Err(reason),
+            Err(TryRecvError::Disconnected) => Err(format!("{path}: the export broke off")),
+        };
+        self.job = None;
+        state.export.running = None;
+        say_ending(state, ending);
+    }
+
+    /// Ends what runs and waits until its temporary files are gone.
+    pub(in crate::app) fn close(&mut self) {
+        self.cancel();
+        if let Some(job) = self.job.take()
+            && job.thread.join().is_err()
+        {
+            tracing::debug!("the export broke off");
+        }
+    }
+}
+
+fn tell_browsed(state: &mut AppState, answer: Result<Option<PathBuf>, String>) {
+    let mut effects: Vec<Effect> = Vec::new();
+    apply(state, ExportCommand::Browsed(answer), &mut effects);
+    debug_assert!(effects.is_empty(), "an answer asks for nothing");
+}
+
+impl Job {
+    fn spawn(
+        film: Film,
+        destination: Destination,
+        path: PathBuf,
+        n_threads: usize,
+        wake: Context,
+    ) -> std::io::Result<Self> {
+        let (cancel, progress) = (
+            Arc::new(AtomicBool::new(false)),
+            Arc::new(AtomicU32::new(0)),
+        );
+        let (sender, result) = bounded(1);
+        let (cancel_there, progress_there) = (Arc::clone(&cancel), Arc::clone(&progress));
+        let work = move || {
+            lower_thread_priority(NICE);
+            let on_progress = |fraction: f32| {
+                let now = (fraction * STEPS) as u32;
+                if progress_there.fetch_max(now, Ordering::Relaxed) < now {
+                    wake.request_repaint_after(REPAINT);
+                }
+            };
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(n_threads)
+                .thread_name(|i| format!("neif-export-{i}"))
+                .start_handler(|_| lower_thread_priority(NICE))
+                .build();
+            let written = match pool {
+                Ok(pool) => pool
+                    .install(|| film.write(&destination, &cancel_there, &on_progress))
+                    .map_err(|error| error.to_string()),
+                Err(error) => Err(error.to_string()),
+            };
+            // The window has closed when nobody takes the result any more.
+            if sender.send(written).is_ok() {
+                wake.request_repaint();
+            }
+        };
+        let thread = std::thread::Builder::new()
+            .name("neif-export".to_owned())
+            .spawn(work)?;
+        Ok(Self {
+            path,
+            cancel,
+            progress,
+            result,
+            thread,
+        })
+    }
+}
+
+/// Writes the key views; a small file, at once.
+fn save_keys(state: &mut AppState, path: &Path) {
+    let path = unused(path);
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let written = std::fs::create_dir_all(folder)
+        .map_err(|error| format!("{}: {error}", folder.display()))
+        .and_then(|()| {
+            write_key_views(&path, &state.export.keys).map_err(|error| error.to_string())
+        });
+    let told = written.map(|()| {
+        let path = path.display();
+        format!("Saved {path}: `neif render RUN --cameras {path} --frames N` takes the same way")
+    });
+    say_ending(state, told);
+}
+
+/// The path, or with a number behind its name where that exists.
+fn unused(path: &Path) -> PathBuf {
+    let (stem, ending) = (path.file_stem(), path.extension());
+    let name = |number: u32| {
+        let mut name = stem.unwrap_or_default().to_owned();
+        name.push(format!("_{number}"));
+        if let Some(ending) = ending {
+            name.push(".");
+            name.push(ending);
+        }
+        path.with_file_name(name)
+    };
+    let mut paths = std::iter::once(path.to_owned()).chain((2..100_000).map(name));
+    paths
+        .find(|path| !path.exists())
+        .unwrap_or_else(|| path.to_owned())
+}
+
+fn ask(settings: &ExportSettings, path: &Path) -> Option<PathBuf> {
+    let mut dialog = rfd::FileDialog::new().set_title("Export to");
+    if let Some(folder) = path.ancestors().skip(1).find(|folder| folder.is_dir()) {
+        dialog = dialog.set_directory(folder);
+    }
+    if settings.needs_folder() {
+        return dialog.pick_folder();
+    }
+    if let Some(name) = path.file_name() {
+        dialog = dialog.set_file_name(name.to_string_lossy());
+    }
+    let ending = settings.kind().extension();
+    dialog
+        .add_filter(ending.to_uppercase(), &[ending])
+        .save_file()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_number_is_put_behind_names_that_are_taken() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        assert_eq!(unused(&path), path);
+        std::fs::write(&path, "").unwrap();
+        assert_eq!(unused(&path), folder.path().join("a_2.png"));
+        std::fs::write(folder.path().join("a_2.png"), "").unwrap();
+        assert_eq!(unused(&path), folder.path().join("a_3.png"));
+    }
+}

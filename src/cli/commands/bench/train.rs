@@ -1,0 +1,314 @@
+//! `neif bench train`: where the time of a step goes, and how near the kernels are to what this machine can do.
+
+use std::hint::black_box;
+use std::path::PathBuf;
+use std::time::Instant;
+
+use neif::data::{Dataset, Splits};
+use neif::neif::field::hash_grid::{
+    FEATURES, FeatureColumns, SamplePoints, encode_level, scatter_level,
+};
+use neif::neif::field::mlp::{Mlp, MlpBuffers, Transposed};
+use neif::neif::kernels::peak;
+use neif::train::config::TrainConfig;
+use neif::train::{Stage, Trainer};
+use serde_json::json;
+
+use super::trial::{load, on_threads};
+use super::{Common, dataset_or_demo};
+use crate::cli::commands::train::config;
+use crate::cli::failure::{Failure, OrUnusable as _};
+use crate::cli::{interrupt, output};
+
+/// Samples of a kernel's run: about those of one of a step's eight chunks.
+const N_SAMPLES: usize = 1152;
+/// Runs of a kernel; the fastest counts, since neighbours only ever slow it down.
+const KERNEL_RUNS: usize = 400;
+
+/// Arguments of `neif bench train`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct TrainBenchArgs {
+    /// The capture [default: the bundled one]
+    #[arg(value_name = "DATASET")]
+    dataset: Option<PathBuf>,
+    /// Steps that are timed, after as many untimed ones
+    #[arg(long, value_name = "N", default_value_t = 500)]
+    steps: u64,
+    #[command(flatten)]
+    common: Common,
+}
+
+/// A kernel's best run, one thread.
+struct Kernel {
+    name: &'static str,
+    samples_per_sec: f64,
+    /// GFLOP/s, where arithmetic is the limit.
+    gflops: Option<f64>,
+    /// GB/s of table rows touched, where memory is.
+    gbytes_per_sec: Option<f64>,
+}
+
+/// Rounds that the timed steps are split into; one thread and several take turns, so that a neighbour's load on the
+/// machine meets both.
+const ROUNDS: u64 = 10;
+
+/// Time of the steps by stage, and speed round by round.
+struct StepTimes {
+    threads: usize,
+    rays_per_sec: Vec<f64>,
+    stage_secs: Vec<(Stage, f64)>,
+}
+
+/// Runs the benchmark.
+pub(super) fn run(args: &TrainBenchArgs) -> Result<(), Failure> {
+    let path = dataset_or_demo(args.dataset.as_ref())?;
+    let dataset = load(&path, Splits::TRAIN_VAL, &args.common.capture)?;
+    let config = config(None, Some(args.common.seed))?;
+    let (peak_gflops, peak_gbytes) = (peak::gflops(), peak::read_gbytes_per_sec());
+    let kernels = kernels(&config);
+    let mut counts = vec![1, args.common.threads];
+    if args.common.threads == 0 {
+        counts[1] = std::thread::available_parallelism().map_or(1, usize::from);
+    }
+    counts.dedup();
+    let times = time_in_turns(&config, &dataset, &counts, args.steps)?;
+    if args.common.json {
+        let kernels: Vec<_> = kernels
+            .iter()
+            .map(|k| json!({"name": k.name, "samples_per_sec": k.samples_per_sec, "gflops": k.gflops, "gbytes_per_sec": k.gbytes_per_sec}))
+            .collect();
+        let steps: Vec<_> = times
+            .iter()
+            .map(|t| {
+                let stages: Vec<_> = t
+                    .stage_secs
+                    .iter()
+                    .map(|(s, secs)| json!({"stage": format!("{s:?}"), "seconds": secs}))
+                    .collect();
+                json!({"threads": t.threads, "rays_per_sec": median(&t.rays_per_sec), "rounds": t.rays_per_sec, "stages": stages})
+            })
+            .collect();
+        return Ok(output::json_line(&json!({
+            "peak_gflops": peak_gflops, "peak_gbytes_per_sec": peak_gbytes,
+            "kernels": kernels, "steps": steps,
+        }))?);
+    }
+    output::line(&format!(
+        "one thread of this machine: {peak_gflops:.1} GFLOP/s, {peak_gbytes:.1} GB/s\n"
+    ))?;
+    output::line("| kernel, one thread | M samples/s | GFLOP/s | of the peak | GB/s of rows |")?;
+    output::line("|---|---|---|---|---|")?;
+    for k in &kernels {
+        let cell = |v: Option<f64>, digits: usize| {
+            v.map_or_else(|| "–".to_owned(), |v| format!("{v:.digits$}"))
+        };
+        output::line(&format!(
+            "| {} | {:.2} | {} | {} | {} |",
+            k.name,
+            k.samples_per_sec * 1e-6,
+            cell(k.gflops, 1),
+            cell(k.gflops.map(|g| g / peak_gflops), 2),
+            cell(k.gbytes_per_sec, 1),
+        ))?;
+    }
+    for t in &times {
+        output::line(&format!(
+            "\n{} thread(s): {:.0} rays/s",
+            t.threads,
+            median(&t.rays_per_sec)
+        ))?;
+        let total: f64 = t.stage_secs.iter().map(|(_, secs)| secs).sum();
+        for (stage, secs) in &t.stage_secs {
+            output::line(&format!(
+                "  {:10} {:5.1} %  {:.3} ms a step",
+                format!("{stage:?}"),
+                100.0 * secs / total,
+                secs * 1e3 / (ROUNDS * args.steps.div_ceil(ROUNDS)) as f64
+            ))?;
+        }
+    }
+    if let [one, many] = times.as_slice() {
+        let pairs = many.rays_per_sec.iter().zip(&one.rays_per_sec);
+        let mut gains: Vec<f64> = pairs.map(|(many, one)| many / one).collect();
+        gains.sort_by(f64::total_cmp);
+        output::line(&format!(
+            "\n{} threads are {:.2} x as fast as one (median of {ROUNDS} pairs, {:.2} to {:.2})",
+            many.threads,
+            median(&gains),
+            gains[0],
+            gains[gains.len() - 1],
+        ))?;
+    }
+    Ok(())
+}
+
+const STAGES: [Stage; 6] = [
+    Stage::Prepare,
+    Stage::Encode,
+    Stage::Networks,
+    Stage::Gather,
+    Stage::Update,
+    Stage::Probe,
+];
+
+/// Where in the plan steps are timed: in its middle, where the batch has its mean size.
+const STEADY: f32 = 0.5;
+
+/// Times `steps` steps with each number of threads, in turns, after as many untimed ones.
+fn time_in_turns(
+    config: &TrainConfig,
+    dataset: &Dataset,
+    counts: &[usize],
+    steps: u64,
+) -> Result<Vec<StepTimes>, Failure> {
+    let mut all = Vec::new();
+    for &threads in counts {
+        let trainer = on_threads(threads, || {
+            let cancel = interrupt::install()?;
+            let mut trainer = Trainer::new(config, dataset, cancel, &|_| ()).or_unusable()?;
+            for _ in 0..steps {
+                trainer.step(STEADY);
+            }
+            Ok::<_, Failure>(trainer)
+        })?;
+        let times = StepTimes {
+            threads,
+            rays_per_sec: Vec::new(),
+            stage_secs: STAGES.map(|stage| (stage, 0.0)).to_vec(),
+        };
+        all.push((trainer, times));
+    }
+    for _ in 0..ROUNDS {
+        for (trainer, times) in &mut all {
+            on_threads(times.threads, || {
+                time_steps(trainer, steps.div_ceil(ROUNDS), times)
+            })?;
+        }
+    }
+    Ok(all.into_iter().map(|(_, times)| times).collect())
+}
+
+/// Adds a round's times.
+fn time_steps(trainer: &mut Trainer, steps: u64, times: &mut StepTimes) -> Result<(), Failure> {
+    let start = Instant::now();
+    let mut last = start;
+    let mut rays = 0;
+    for _ in 0..steps {
+        if interrupt::requested() {
+            return Err(Failure::Interrupted);
+        }
+        let mut on_done = |stage| {
+            let now = Instant::now();
+            let stages = times.stage_secs.iter_mut();
+            for (_, secs) in stages.filter(|(s, _)| *s == stage) {
+                *secs += (now - last).as_secs_f64();
+            }
+            last = now;
+        };
+        rays += u64::from(trainer.step_by_stage(STEADY, &mut on_done).rays);
+    }
+    let secs = start.elapsed().as_secs_f64();
+    times.rays_per_sec.push(rays as f64 / secs);
+    Ok(())
+}
+
+fn median(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN)
+}
+
+/// The fastest of many runs, in seconds.
+fn best_secs(mut run: impl FnMut()) -> f64 {
+    (0..KERNEL_RUNS)
+        .map(|_| {
+            let start = Instant::now();
+            run();
+            start.elapsed().as_secs_f64()
+        })
+        .fold(f64::INFINITY, f64::min)
+}
+
+fn kernels(config: &TrainConfig) -> Vec<Kernel> {
+    let net = Mlp {
+        n_in: config.field.grid.n_features(),
+        n_hidden: config.field.n_hidden,
+        n_out: 16,
+    };
+    let multiply_adds = (net.n_in * net.n_hidden + net.n_hidden * net.n_out) as f64;
+    let wave = |n: usize, scale: f32| -> Vec<f32> {
+        (0..n).map(|i| (i as f32 * 0.37).sin() * scale).collect()
+    };
+    let params = wave(net.n_params(), 0.2);
+    let mut transposed = Transposed::default();
+    net.transpose(&params, &mut transposed);
+    let input = wave(N_SAMPLES * net.n_in, 1.0);
+    let mut buffers = MlpBuffers::default();
+    let forward = best_secs(|| net.forward(&params, &input, &mut buffers));
+    buffers.d_output = wave(N_SAMPLES * net.n_out, 1e-3);
+    let mut d_params = vec![0.0; net.n_params()];
+    let both = best_secs(|| {
+        net.forward(&params, &input, &mut buffers);
+        net.backward(&transposed, &input, &mut buffers, &mut d_params);
+    });
+    black_box(&d_params);
+    let flops =
+        |secs: f64, passes: f64| 2.0 * passes * multiply_adds * N_SAMPLES as f64 / secs * 1e-9;
+    let mut kernels = vec![
+        Kernel {
+            name: "network forward",
+            samples_per_sec: N_SAMPLES as f64 / forward,
+            gflops: Some(flops(forward, 1.0)),
+            gbytes_per_sec: None,
+        },
+        Kernel {
+            name: "network forward and backward",
+            samples_per_sec: N_SAMPLES as f64 / both,
+            gflops: Some(flops(both, 3.0)),
+            gbytes_per_sec: None,
+        },
+    ];
+    kernels.extend(grid_kernels(config));
+    kernels
+}
+
+/// Encoding and scattering of the finest level, with the samples of straight rays.
+fn grid_kernels(config: &TrainConfig) -> [Kernel; 2] {
+    let Some(level) = config.field.grid.levels().pop() else {
+        unreachable!("a grid has at least four levels")
+    };
+    let positions: Vec<[f32; 3]> = (0..N_SAMPLES)
+        .map(|i| {
+            let (ray, t) = ((i / 16) as f32, (i % 16) as f32 / 16.0);
+            [
+                0.5 + 0.4 * (ray * 1.3).sin() * t,
+                0.5 + 0.4 * (ray * 2.1).cos() * t,
+                0.3 + 0.4 * t,
+            ]
+        })
+        .collect();
+    let footprints = vec![1e-4; N_SAMPLES];
+    let points = SamplePoints {
+        positions: &positions,
+        footprints: &footprints,
+    };
+    let mut table = vec![0.5; level.n_entries * FEATURES];
+    let mut out = vec![0.0; N_SAMPLES * FEATURES];
+    let encode = best_secs(|| encode_level(&level, &table, points, &mut out));
+    let layout = FeatureColumns {
+        stride: FEATURES,
+        column: 0,
+    };
+    let scatter = best_secs(|| scatter_level(&level, points, &out, layout, &mut table));
+    let row_bytes = (8 * FEATURES * size_of::<f32>() * N_SAMPLES) as f64;
+    [
+        ("finest level, encode", encode, 1.0),
+        ("finest level, scatter", scatter, 2.0),
+    ]
+    .map(|(name, secs, passes)| Kernel {
+        name,
+        samples_per_sec: N_SAMPLES as f64 / secs,
+        gflops: None,
+        gbytes_per_sec: Some(passes * row_bytes / secs * 1e-9),
+    })
+}

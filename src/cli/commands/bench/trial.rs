@@ -1,0 +1,197 @@
+//! One training run of a benchmark, without run folder, window or validation: the trainer and a clock.
+
+use std::{path::Path, time::Instant};
+
+use neif::data::{Dataset, LoadOptions, Splits, View};
+use neif::neif::neilf::NeilfModel;
+use neif::train::config::TrainConfig;
+use neif::train::measure::eval::{Measures, evaluate_object, evaluate_views, mean_of_views};
+use neif::train::measure::lpips::Lpips;
+use neif::train::measure::metrics::ImageMetrics;
+use neif::train::neilf::{NeilfConfig, NeilfTrainer};
+use neif::train::{AnyTrainer, Snapshot};
+
+use crate::cli::capture::CaptureArgs;
+use crate::cli::failure::{Failure, OrUnusable as _};
+use crate::cli::interrupt;
+
+/// How long to train.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Length {
+    /// Wall time from the start, the tracing of the pixels included.
+    Seconds(f64),
+    /// Steps.
+    Steps(u64),
+}
+
+/// What a run took and left.
+#[derive(Debug)]
+pub(super) struct Trial {
+    /// Steps taken.
+    pub(super) steps: u64,
+    /// Steps that learned nothing because a value was not finite.
+    pub(super) skipped: u64,
+    /// The last of them.
+    pub(super) last_skipped: Option<u64>,
+    /// Wall time of the steps, seconds.
+    pub(super) step_secs: f64,
+    /// Processor time of the steps, all threads, seconds.
+    pub(super) cpu_secs: f64,
+    /// Field rays of all steps.
+    pub(super) rays: u64,
+    /// The trained fields.
+    pub(super) snapshot: Snapshot,
+}
+
+impl Trial {
+    /// Field rays a second of wall time.
+    pub(super) fn rays_per_sec(&self) -> f64 {
+        self.rays as f64 / self.step_secs.max(1e-9)
+    }
+}
+
+/// Reads the splits of a capture.
+pub(super) fn load(path: &Path, splits: Splits, capture: &CaptureArgs) -> Result<Dataset, Failure> {
+    let options = LoadOptions {
+        splits,
+        choices: capture.choices(),
+        ..LoadOptions::default()
+    };
+    Dataset::load(path, &options).or_unusable()
+}
+
+/// Runs `work` on a pool of `threads` threads (0 is one a core).
+pub(super) fn on_threads<T: Send>(
+    threads: usize,
+    work: impl FnOnce() -> Result<T, Failure> + Send,
+) -> Result<T, Failure> {
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()?;
+    pool.install(work)
+}
+
+/// Trains on the current thread pool; `on_step` gets the share that is done.
+pub(super) fn train(
+    config: &TrainConfig,
+    dataset: &Dataset,
+    length: Length,
+    on_step: &mut dyn FnMut(f32),
+) -> Result<Trial, Failure> {
+    let cancel = interrupt::install()?;
+    let begin = Instant::now();
+    let mut trainer = AnyTrainer::new(config, dataset, cancel, &|_| ()).or_unusable()?;
+    let (start, cpu_start) = (Instant::now(), process_cpu_secs());
+    let mut rays = 0;
+    let mut last_skipped = None;
+    take_steps(length, begin, &mut |done| {
+        let stats = trainer.step(done);
+        rays += u64::from(stats.rays);
+        if stats.skipped {
+            last_skipped = Some(trainer.steps());
+        }
+        on_step(done);
+    })?;
+    Ok(Trial {
+        steps: trainer.steps(),
+        skipped: trainer.skipped_steps(),
+        last_skipped,
+        step_secs: start.elapsed().as_secs_f64(),
+        cpu_secs: process_cpu_secs() - cpu_start,
+        rays,
+        snapshot: trainer.snapshot(),
+    })
+}
+
+/// The same for a baseline: the trained model alone.
+pub(super) fn train_neilf(
+    config: &TrainConfig,
+    neilf: &NeilfConfig,
+    dataset: &Dataset,
+    length: Length,
+    on_step: &mut dyn FnMut(f32),
+) -> Result<NeilfModel, Failure> {
+    let cancel = interrupt::install()?;
+    let begin = Instant::now();
+    let mut trainer = NeilfTrainer::new(config, neilf, dataset, cancel).or_unusable()?;
+    take_steps(length, begin, &mut |done| {
+        trainer.step(done);
+        on_step(done);
+    })?;
+    Ok(trainer.model())
+}
+
+/// Calls `step` with the share that is done, from the end of the setup that began at `begin` until the length is over.
+fn take_steps(length: Length, begin: Instant, step: &mut dyn FnMut(f32)) -> Result<(), Failure> {
+    let setup_secs = begin.elapsed().as_secs_f64();
+    let start = Instant::now();
+    let mut steps = 0;
+    loop {
+        let done = match length {
+            Length::Seconds(secs) => start.elapsed().as_secs_f64() / (secs - setup_secs).max(1e-3),
+            Length::Steps(n) => steps as f64 / n.max(1) as f64,
+        };
+        if done >= 1.0 {
+            return Ok(());
+        }
+        if interrupt::requested() {
+            return Err(Failure::Interrupted);
+        }
+        step(done as f32);
+        steps += 1;
+    }
+}
+
+/// Mean quality of the rendered views.
+pub(super) fn measure(
+    snapshot: &Snapshot,
+    views: &[View],
+    lpips: Option<&Lpips>,
+) -> Result<ImageMetrics, Failure> {
+    let cancel = interrupt::install()?;
+    let scene = snapshot.scene();
+    let exposures = snapshot.exposures.as_deref();
+    let measures = Measures {
+        lpips,
+        fitted: None,
+    };
+    let results = evaluate_views(
+        &scene,
+        views,
+        exposures,
+        measures,
+        cancel,
+        &mut |_, _, _| (),
+    );
+    results
+        .map(|results| mean_of_views(&results))
+        .ok_or(Failure::Interrupted)
+}
+
+/// The same for a baseline: what it explains of the views.
+pub(super) fn measure_neilf(model: &NeilfModel, views: &[View]) -> Result<ImageMetrics, Failure> {
+    let cancel = interrupt::install()?;
+    let results = evaluate_object(model, views, cancel);
+    results
+        .map(|results| mean_of_views(&results))
+        .ok_or(Failure::Interrupted)
+}
+
+/// Processor time of the process, all threads together.
+#[cfg(unix)]
+pub(super) fn process_cpu_secs() -> f64 {
+    let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+    time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
+}
+
+/// Elsewhere the wall clock must do.
+#[cfg(not(unix))]
+pub(super) fn process_cpu_secs() -> f64 {
+    static START: std::sync::LazyLock<Instant> = std::sync::LazyLock::new(Instant::now);
+    START.elapsed().as_secs_f64()
+}
+
+/// A figure with two digits, or a dash.
+pub(super) fn figure(value: Option<f64>) -> String {
+    value.map_or_else(|| "–".to_owned(), |v| format!("{v:.2}"))
+}

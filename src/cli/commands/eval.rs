@@ -1,0 +1,401 @@
+//! `neif eval`: how good a run is on photos that it has not seen.
+
+use std::{
+    collections::BTreeMap,
+    io::Write as _,
+    path::{Path, PathBuf},
+    sync::{Arc, atomic::AtomicBool},
+};
+
+use anyhow::Context as _;
+use neif::data::{Dataset, View, read_exr_linear, write_atomically};
+use neif::neif::Environment;
+use neif::render::{Layer, Picture, Scene};
+use neif::train::measure::eval::{
+    AlbedoError, EvalReport, Measures, NormalError, RoughnessError, ViewMetrics, evaluate_views,
+    mean_fitted, mean_of_views, panorama_psnr, relit,
+};
+use neif::train::measure::held_out::{PoseFit, after_one_gain};
+use neif::train::measure::lpips::{Backbone, Lpips};
+use neif::train::measure::metrics::ImageMetrics;
+use neif::train::photos::photo_exposures::PhotoExposures;
+
+use crate::cli::capture::PhotoArgs;
+use crate::cli::failure::{Failure, OrUnusable as _};
+use crate::cli::output::{self, Display};
+use crate::cli::scenes::{self, Split};
+use crate::cli::values::{self, NamedPath};
+use crate::cli::{interrupt, sheet};
+
+/// Environment variable that names the LPIPS weights where `--lpips` does not.
+const LPIPS_VARIABLE: &str = "NEIF_LPIPS";
+/// Amplification of difference pictures.
+const DIFFERENCE_GAIN: f32 = 4.0;
+/// Width of a picture on the contact sheet, in pixels.
+const SHEET_WIDTH: u32 = 200;
+/// Views (of photo, picture and difference) in a row of the contact sheet.
+const SHEET_COLUMNS: usize = 2;
+
+/// Arguments of `neif eval`.
+#[derive(Debug, clap::Args)]
+#[expect(clippy::struct_excessive_bools, reason = "one a flag")]
+pub(crate) struct EvalArgs {
+    /// The run folder
+    #[arg(value_name = "RUN")]
+    run: PathBuf,
+    /// Which photos
+    #[arg(long, value_name = "SPLIT", default_value = "test")]
+    split: Split,
+    /// Measure the edits and relightings of the capture's relight/ folder too
+    #[arg(long)]
+    relight: bool,
+    /// Leave the diffuse part as it was learned when the light changes, as the paper does
+    #[arg(long)]
+    baked_diffuse: bool,
+    /// Surroundings trained on another capture, under its name, for relightings that use them
+    #[arg(long, value_name = "NAME=FILE", value_parser = values::named_path)]
+    env: Vec<NamedPath>,
+    /// Make other surroundings as bright, and of the same white, as the object's own; not so in the ground truth of
+    /// captures that share one exposure
+    #[arg(long)]
+    env_match: bool,
+    /// Folder for pictures: rendered, photo, difference x4, and one contact sheet
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Weights of LPIPS v0.1 (safetensors); without it the file that `NEIF_LPIPS` names
+    #[arg(long, value_name = "FILE")]
+    lpips: Option<PathBuf>,
+    /// Where the run's capture lies now
+    #[arg(long, value_name = "DATASET")]
+    dataset: Option<PathBuf>,
+    #[command(flatten)]
+    photos: PhotoArgs,
+    /// Write the figures as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// `neif eval`.
+pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
+    let mut run = scenes::open_run(&args.run, args.dataset.as_deref())?;
+    if args.baked_diffuse {
+        run.scene.trained_in = None;
+    }
+    let lpips = lpips_weights(args.lpips.as_deref())?;
+    let (views, root) = run.load_views(args.split, &args.photos)?;
+    let trained = run.folder.trained();
+    let mut bench = Bench {
+        cancel: interrupt::install()?,
+        display: Display::new(args.json),
+        out: args.out.as_deref(),
+        lpips: lpips.as_ref(),
+    };
+    let exposures = run.exposures.as_deref();
+    let photos = PhotoSet {
+        name: args.split.as_str(),
+        exposures,
+        fitted: Some(run.folder.pose_fit()),
+    };
+    let results = bench.measure(&run.scene, &views, photos, None)?;
+    let Relit { relight, gained } = if args.relight {
+        bench.relight(&run.scene, &root, &args.env, args.env_match)?
+    } else {
+        Relit::default()
+    };
+    // The true normals and materials are those of the test views.
+    let truth = if args.split == Split::Test {
+        surface_errors(&run.scene, &views, &root, bench.cancel)?
+    } else {
+        SurfaceErrors::default()
+    };
+    let report = EvalReport {
+        split: args.split.as_str().to_owned(),
+        train_seconds: trained.map(|trained| trained.train_secs),
+        steps: trained.map(|trained| trained.steps),
+        mean: mean_of_views(&results),
+        mean_fitted: mean_fitted(&results),
+        views: results,
+        relight,
+        relight_gained: gained,
+        normal_mae_deg: truth.normals.mean_deg(),
+        normal_median_deg: truth.normals.median_deg(),
+        roughness_mae: truth.roughness.mean(),
+        albedo_psnr: truth.albedo.psnr(),
+        pano_psnr: panorama_psnr(&run.scene, &root, bench.cancel).or_unusable()?,
+    };
+    if interrupt::requested() {
+        return Err(Failure::Interrupted);
+    }
+    bench.display.finish();
+    let json = serde_json::to_string(&report)?;
+    if let Some(out) = &args.out {
+        write_atomically(&out.join("report.json"), |file| {
+            file.write_all(json.as_bytes())
+        })?;
+    }
+    let backbone = lpips.as_ref().map(Lpips::backbone);
+    output::line(&if args.json {
+        json
+    } else {
+        table(&report, backbone)
+    })?;
+    Ok(())
+}
+
+/// Reads the weights of LPIPS from the given file, or from the one that the environment names.
+pub(crate) fn lpips_weights(file: Option<&Path>) -> Result<Option<Lpips>, Failure> {
+    let variable = std::env::var_os(LPIPS_VARIABLE).filter(|value| !value.is_empty());
+    let file = file.map(Path::to_owned).or(variable.map(PathBuf::from));
+    file.map(|file| Lpips::read(&file).context("the LPIPS weights cannot be used"))
+        .transpose()
+        .or_unusable()
+}
+
+/// Photos that are measured together.
+#[derive(Clone, Copy, Debug)]
+struct PhotoSet<'a> {
+    name: &'a str,
+    /// How the training photos are exposed, where each in its own way.
+    exposures: Option<&'a PhotoExposures>,
+    /// What is fitted to each photo for its measures as fitted.
+    fitted: Option<PoseFit>,
+}
+
+/// Renders and measures sets of views.
+struct Bench<'a> {
+    cancel: &'static AtomicBool,
+    display: Display,
+    out: Option<&'a Path>,
+    lpips: Option<&'a Lpips>,
+}
+
+impl Bench<'_> {
+    /// Measures the views; writes their pictures into the folder of the set's name below the output folder, and into `pictures`
+    /// where they are asked for.
+    fn measure(
+        &mut self,
+        scene: &Scene,
+        views: &[View],
+        set: PhotoSet<'_>,
+        mut pictures: Option<&mut Vec<Picture>>,
+    ) -> Result<Vec<ViewMetrics>, Failure> {
+        let folder = self.out.map(|out| out.join(set.name));
+        if let Some(folder) = &folder {
+            scenes::make_folder(folder)?;
+        }
+        let mut rows = Vec::new();
+        let mut saved: Result<(), Failure> = Ok(());
+        let display = &mut self.display;
+        let mut on_view = |i: usize, view: &View, picture: &Picture| {
+            display.set((i + 1) as f32 / views.len() as f32, "Measuring", set.name);
+            if let (Some(folder), Ok(())) = (&folder, &saved) {
+                saved = save_pictures(folder, view, picture, &mut rows);
+            }
+            if let Some(pictures) = &mut pictures {
+                pictures.push(picture.clone());
+            }
+        };
+        let results = evaluate_views(
+            scene,
+            views,
+            set.exposures,
+            Measures {
+                lpips: self.lpips,
+                fitted: set.fitted,
+            },
+            self.cancel,
+            &mut on_view,
+        );
+        saved?;
+        if let Some(lpips) = self.lpips {
+            note_small_views(lpips, views, set.name);
+        }
+        let results = results.ok_or(Failure::Interrupted)?;
+        if let Some(folder) = &folder {
+            let contact_sheet = sheet::grid(&rows, SHEET_COLUMNS);
+            sheet::save(&folder.join("contact_sheet.png"), &contact_sheet)?;
+        }
+        Ok(results)
+    }
+
+    /// Measures every edit that has ground truth.
+    fn relight(
+        &mut self,
+        scene: &Scene,
+        root: &Path,
+        environments: &[NamedPath],
+        is_matched: bool,
+    ) -> Result<Relit, Failure> {
+        let mut known: BTreeMap<String, Arc<Environment>> = BTreeMap::new();
+        for NamedPath { name, path } in environments {
+            known.insert(name.clone(), scenes::open_environment(path)?);
+        }
+        let mut relit_all = Relit::default();
+        for case in Dataset::relight_cases(root).or_unusable()? {
+            for problem in &case.problems {
+                output::note(&format!("{}: {problem}", case.name));
+            }
+            match relit(scene, &case.apply, &known) {
+                Ok(mut edited) => {
+                    if is_matched && case.apply.environment_of.is_some() {
+                        edited.transform = scenes::matched(&edited, &scene.environment)?;
+                    }
+                    let name = format!("relight/{}", case.name);
+                    let set = PhotoSet {
+                        name: &name,
+                        exposures: None,
+                        fitted: None,
+                    };
+                    let mut pictures = Vec::new();
+                    let kept = Some(&mut pictures);
+                    let results = self.measure(&edited, &case.views, set, kept)?;
+                    let gained = after_one_gain(&case.views, &pictures);
+                    relit_all.gained.insert(case.name.clone(), gained);
+                    relit_all.relight.insert(case.name, mean_of_views(&results));
+                }
+                Err(reason) => output::note(&format!("relight/{}: left out: {reason}", case.name)),
+            }
+        }
+        Ok(relit_all)
+    }
+}
+
+/// Measures of edits with ground truth, by their names.
+#[derive(Debug, Default)]
+struct Relit {
+    relight: BTreeMap<String, ImageMetrics>,
+    /// After one gain a colour.
+    gained: BTreeMap<String, ImageMetrics>,
+}
+
+/// How far mesh and material are from the truth.
+#[derive(Debug, Default)]
+struct SurfaceErrors {
+    normals: NormalError,
+    roughness: RoughnessError,
+    albedo: AlbedoError,
+}
+
+/// Says why views have no LPIPS when they are too small for its network.
+fn note_small_views(lpips: &Lpips, views: &[View], set: &str) {
+    let min_side = lpips.min_side();
+    let side = |view: &View| view.camera.width.min(view.camera.height) as usize;
+    let n_small = views.iter().filter(|view| side(view) < min_side).count();
+    if n_small > 0 {
+        output::note(&format!(
+            "{set}: {n_small} views without LPIPS: {} needs {min_side} x {min_side} pixels",
+            lpips.backbone()
+        ));
+    }
+}
+
+/// Writes a view's three pictures and adds them to the contact sheet.
+fn save_pictures(
+    folder: &Path,
+    view: &View,
+    picture: &Picture,
+    rows: &mut Vec<Picture>,
+) -> Result<(), Failure> {
+    let photo = sheet::photo(view);
+    let difference = sheet::difference(&photo, picture, DIFFERENCE_GAIN);
+    let name = &view.name;
+    sheet::save(&folder.join(format!("{name}.png")), picture)?;
+    sheet::save(&folder.join(format!("{name}_photo.png")), &photo)?;
+    sheet::save(&folder.join(format!("{name}_difference.png")), &difference)?;
+    let small = [&photo, picture, &difference].map(|p| sheet::thumbnail(p, SHEET_WIDTH));
+    rows.push(sheet::beside(&small.each_ref()));
+    Ok(())
+}
+
+/// Compares with `gt/normal`, `gt/roughness`, `gt/specular_f0`, `gt/diffuse` and `gt/base_color`, where the capture has them.
+fn surface_errors(
+    scene: &Scene,
+    views: &[View],
+    root: &Path,
+    cancel: &AtomicBool,
+) -> Result<SurfaceErrors, Failure> {
+    let mut errors = SurfaceErrors::default();
+    let scene = &scene
+        .lit_for(&[Layer::Albedo], cancel)
+        .ok_or(Failure::Interrupted)?;
+    for view in views {
+        let read = |layer: &str| -> Result<Option<Vec<[f32; 3]>>, Failure> {
+            let file = root.join("gt").join(layer);
+            let file = file.join(format!("{}.exr", view.name));
+            if !file.is_file() {
+                return Ok(None);
+            }
+            let (width, height, values) = read_exr_linear(&file).or_unusable()?;
+            let fits = (width, height) == (view.camera.width, view.camera.height);
+            Ok(fits.then_some(values))
+        };
+        if let Some(normals) = read("normal")? {
+            errors.normals.add_view(scene, &view.camera, &normals);
+        }
+        if let (Some(roughness), Some(f0)) = (read("roughness")?, read("specular_f0")?) {
+            let error = &mut errors.roughness;
+            error.add_view(scene, view, &roughness, &f0, cancel);
+        }
+        if let (Some(diffuse), Some(base_color)) = (read("diffuse")?, read("base_color")?) {
+            let error = &mut errors.albedo;
+            error.add_view(scene, view, (&diffuse, &base_color), cancel);
+        }
+    }
+    Ok(errors)
+}
+
+/// The figures for people.
+fn table(report: &EvalReport, lpips: Option<Backbone>) -> String {
+    let row = |name: &str, m: &ImageMetrics| {
+        let cell = |value: Option<f64>| value.map_or("-".to_owned(), |v| format!("{v:.2}"));
+        let share = |value: Option<f64>| value.map_or("-".to_owned(), |v| format!("{v:.4}"));
+        format!(
+            "{name:<24} {:>7} {:>8} {:>11} {:>8} {:>8} {:>8} {:>8} {:>8}",
+            cell(m.psnr),
+            cell(m.psnr_object),
+            cell(m.psnr_background),
+            cell(m.psnr_masked),
+            cell(m.psnr_near),
+            share(m.ssim),
+            share(m.lpips),
+            share(m.flip),
+        )
+    };
+    let network = lpips.map_or("LPIPS needs --lpips".to_owned(), |network| {
+        format!("LPIPS by {network}")
+    });
+    let mut lines = vec![format!(
+        "{:<24} {:>7} {:>8} {:>11} {:>8} {:>8} {:>8} {:>8} {:>8}   (PSNR in dB; {network})",
+        report.split, "PSNR", "object", "background", "masked", "near", "SSIM", "LPIPS", "FLIP"
+    )];
+    lines.extend(
+        report
+            .views
+            .iter()
+            .map(|view| row(&view.name, &view.metrics)),
+    );
+    lines.push(row("mean", &report.mean));
+    lines.push(row("mean, photo's own fit", &report.mean_fitted));
+    lines.extend(
+        report
+            .relight
+            .iter()
+            .map(|(name, metrics)| row(name, metrics)),
+    );
+    let gained = report.relight_gained.iter();
+    lines.extend(gained.map(|(name, metrics)| row(&format!("{name}, gain matched"), metrics)));
+    let normals = report.normal_mae_deg.zip(report.normal_median_deg);
+    lines.extend(normals.map(|(mean, median)| {
+        format!("normals: mean error {mean:.2} degrees, median {median:.2}")
+    }));
+    let roughness = report.roughness_mae;
+    lines.extend(roughness.map(|error| format!("roughness: mean error {error:.3}")));
+    let albedo = report.albedo_psnr;
+    lines.extend(albedo.map(|psnr| format!("albedo: PSNR {psnr:.2} dB after one gain a colour")));
+    lines.extend(
+        report
+            .pano_psnr
+            .map(|psnr| format!("panoramas: PSNR {psnr:.2} dB")),
+    );
+    lines.join("\n")
+}

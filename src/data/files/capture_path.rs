@@ -1,0 +1,130 @@
+//! Paths that a capture's files declare: kept inside the capture, extensions completed.
+//!
+//! What a file *declares* must lie below the capture's folder. Links in the folder are followed wherever they lead, as
+//! captures are often linked together from other disks; [`leads_out`] tells, so that it can be said.
+
+use std::ffi::OsStr;
+use std::io::{ErrorKind, Read as _};
+use std::path::{Component, Path, PathBuf};
+
+use crate::data::DataError;
+
+/// Extensions of photos and masks, lower case, in the order in which they are tried.
+pub(in crate::data) const PICTURE_EXTENSIONS: [&str; 5] = ["png", "jpg", "jpeg", "exr", "hdr"];
+
+/// The file below `folder` that a declared relative path means; it may climb `max_climb` folders.
+///
+/// Errors, as the end of a sentence, for absolute paths, drive letters and paths that lead out.
+pub(in crate::data) fn path_below(
+    folder: &Path,
+    declared: &str,
+    max_climb: usize,
+) -> Result<PathBuf, String> {
+    let portable = declared.replace('\\', "/");
+    let mut below: Vec<&OsStr> = Vec::new();
+    let mut climb = 0;
+    for component in Path::new(&portable).components() {
+        match component {
+            Component::Normal(part) => below.push(part),
+            Component::CurDir => (),
+            Component::ParentDir => {
+                if below.pop().is_none() {
+                    climb += 1;
+                }
+            }
+            Component::RootDir | Component::Prefix(_) => {
+                return Err(format!("\"{declared}\" is an absolute path"));
+            }
+        }
+    }
+    // Drive letters are prefixes on Windows only; refuse them everywhere.
+    let has_drive = portable.as_bytes().get(1) == Some(&b':');
+    if below.is_empty() || has_drive || portable.contains('\0') {
+        return Err(format!("\"{declared}\" is not a relative file path"));
+    }
+    if climb > max_climb {
+        return Err(format!(
+            "\"{declared}\" leads out of the capture's folder; photos must lie below it"
+        ));
+    }
+    let mut path = folder.to_owned();
+    path.extend(std::iter::repeat_n("..", climb));
+    path.extend(below);
+    Ok(path)
+}
+
+/// `path`, or where that does not exist, `path` with a picture's extension added that does.
+pub(in crate::data) fn with_extension(path: PathBuf) -> PathBuf {
+    if path.is_file() {
+        return path;
+    }
+    let name = path.file_name().unwrap_or_default().to_os_string();
+    PICTURE_EXTENSIONS
+        .iter()
+        .map(|extension| {
+            let mut name = name.clone();
+            name.push(".");
+            name.push(extension);
+            path.with_file_name(name)
+        })
+        .find(|candidate| candidate.is_file())
+        .unwrap_or(path)
+}
+
+/// Whether links on the way make a path end outside `root`.
+pub(in crate::data) fn leads_out(root: &Path, path: &Path) -> bool {
+    let root = if root.as_os_str().is_empty() {
+        Path::new(".")
+    } else {
+        root
+    };
+    match (root.canonicalize(), path.canonicalize()) {
+        (Ok(root), Ok(path)) => !path.starts_with(root),
+        _ => false,
+    }
+}
+
+/// Reads a text file of at most `max_bytes`.
+pub(in crate::data) fn read_text(path: &Path, max_bytes: u64) -> Result<String, DataError> {
+    let text = String::from_utf8(read_bytes(path, max_bytes)?);
+    text.map_err(|e| DataError::io(path, std::io::Error::new(ErrorKind::InvalidData, e)))
+}
+
+/// Reads a file of at most `max_bytes`.
+pub(in crate::data) fn read_bytes(path: &Path, max_bytes: u64) -> Result<Vec<u8>, DataError> {
+    let io = |e| DataError::io(path, e);
+    let file = std::fs::File::open(path).map_err(io)?;
+    let mut bytes = Vec::new();
+    // Files can grow while they are read; what arrives counts, not the size that was said.
+    file.take(max_bytes + 1)
+        .read_to_end(&mut bytes)
+        .map_err(io)?;
+    if bytes.len() as u64 > max_bytes {
+        return Err(DataError::Field {
+            path: path.to_owned(),
+            frame: None,
+            field: "size".to_owned(),
+            problem: match max_bytes >> 20 {
+                0 => format!("larger than {} KiB", max_bytes >> 10),
+                mib => format!("larger than {mib} MiB"),
+            },
+        });
+    }
+    Ok(bytes)
+}
+
+/// Whether a file's extension is that of a picture.
+pub(in crate::data) fn is_picture(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| {
+        PICTURE_EXTENSIONS
+            .iter()
+            .any(|known| extension.eq_ignore_ascii_case(known))
+    })
+}
+
+/// The number at the end of a file's stem: 12 for `rgb_0012.png`.
+pub(in crate::data) fn trailing_number(path: &Path) -> Option<u64> {
+    let stem = path.file_stem()?.to_str()?;
+    let digits = stem.trim_end_matches(|c: char| c.is_ascii_digit()).len();
+    stem[digits..].parse().ok()
+}

@@ -1,0 +1,533 @@
+//! Named arrays on disk in the safetensors format: checkpoints, trained objects, environments.
+//!
+//! Reading goes through the `safetensors` crate, which validates the header. The header is
+//! written here, because the crate keeps the metadata in a hash map and so gives other bytes on
+//! every run, while two runs with the same seed must leave identical files.
+
+use std::{
+    collections::BTreeMap,
+    io::{self, Write as _},
+    path::{Path, PathBuf},
+};
+
+use half::{bf16, f16};
+use safetensors::{Dtype, SafeTensorError, SafeTensors};
+use serde_json::json;
+
+use crate::data::write_atomically;
+
+/// Why a tensor file could not be read, written or used; every case names the file.
+#[derive(Debug, thiserror::Error)]
+pub enum TensorFileError {
+    /// The operating system refused to read or write.
+    #[error("{path}: {source}", path = path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// The bytes are no valid safetensors file (truncated, damaged or another format).
+    #[error("{path}: not a valid safetensors file ({source})", path = path.display())]
+    Format {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: SafeTensorError,
+    },
+    /// An array has an element type that this program never writes.
+    #[error("{path}: tensor `{tensor}` has the unsupported element type {dtype}", path = path.display())]
+    ElementType {
+        /// The file.
+        path: PathBuf,
+        /// Name of the array.
+        tensor: String,
+        /// The type as the file names it.
+        dtype: String,
+    },
+    /// An array that is needed is absent.
+    #[error("{path}: tensor `{tensor}` is missing", path = path.display())]
+    Missing {
+        /// The file.
+        path: PathBuf,
+        /// Name of the array.
+        tensor: String,
+    },
+    /// An array has another shape or element type than the program needs.
+    #[error("{path}: tensor `{tensor}` is {found}, expected {expected}", path = path.display())]
+    Mismatch {
+        /// The file.
+        path: PathBuf,
+        /// Name of the array.
+        tensor: String,
+        /// What the file holds, e.g. `F32 [4, 3]`.
+        found: String,
+        /// What was asked for, in the same form.
+        expected: String,
+    },
+    /// A metadata entry that is needed is absent.
+    #[error("{path}: metadata entry `{key}` is missing", path = path.display())]
+    MissingMetadata {
+        /// The file.
+        path: PathBuf,
+        /// Name of the entry.
+        key: String,
+    },
+}
+
+/// The elements of one array, row-major.
+#[derive(Clone, Debug, PartialEq)]
+pub enum TensorValues {
+    /// 32-bit floats.
+    F32(Vec<f32>),
+    /// 16-bit floats with eleven bits of precision, up to 65504.
+    F16(Vec<f16>),
+    /// 16-bit floats with eight bits of precision and the range of 32-bit ones.
+    Bf16(Vec<bf16>),
+    /// 16-bit words: codes or small indices, as the owner decides.
+    U16(Vec<u16>),
+    /// 64-bit words: counters and generator states.
+    U64(Vec<u64>),
+}
+
+impl TensorValues {
+    /// Number of elements.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::F32(values) => values.len(),
+            Self::F16(values) => values.len(),
+            Self::Bf16(values) => values.len(),
+            Self::U16(values) => values.len(),
+            Self::U64(values) => values.len(),
+        }
+    }
+
+    /// True when there is no element.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The element type as safetensors names it.
+    fn dtype(&self) -> &'static str {
+        match self {
+            Self::F32(_) => "F32",
+            Self::F16(_) => "F16",
+            Self::Bf16(_) => "BF16",
+            Self::U16(_) => "U16",
+            Self::U64(_) => "U64",
+        }
+    }
+
+    /// Bytes of one element.
+    fn element_size(&self) -> usize {
+        match self {
+            Self::F32(_) => 4,
+            Self::F16(_) | Self::Bf16(_) | Self::U16(_) => 2,
+            Self::U64(_) => 8,
+        }
+    }
+
+    /// The values as 16-bit floats of the higher precision; `None` when one is beyond their range.
+    pub fn as_f16(values: &[f32]) -> Option<Self> {
+        let halves: Vec<f16> = values.iter().map(|v| f16::from_f32(*v)).collect();
+        let is_lost = |(half, v): (&f16, &f32)| half.is_infinite() && v.is_finite();
+        (!halves.iter().zip(values).any(is_lost)).then_some(Self::F16(halves))
+    }
+
+    /// The values as 16-bit floats of the wider range.
+    pub fn as_bf16(values: &[f32]) -> Self {
+        // The last few finite numbers would be rounded to infinity.
+        let largest = bf16::MAX.to_f32();
+        let brain = |v: &f32| {
+            bf16::from_f32(if v.is_finite() {
+                v.clamp(-largest, largest)
+            } else {
+                *v
+            })
+        };
+        Self::Bf16(values.iter().map(brain).collect())
+    }
+
+    /// Appends the elements in little-endian order.
+    fn append_bytes(&self, bytes: &mut Vec<u8>) {
+        fn append<T: Copy, const N: usize>(
+            bytes: &mut Vec<u8>,
+            values: &[T],
+            encode: fn(T) -> [u8; N],
+        ) {
+            bytes.extend(values.iter().flat_map(|v| encode(*v)));
+        }
+        match self {
+            Self::F32(values) => append(bytes, values, f32::to_le_bytes),
+            Self::F16(values) => append(bytes, values, f16::to_le_bytes),
+            Self::Bf16(values) => append(bytes, values, bf16::to_le_bytes),
+            Self::U16(values) => append(bytes, values, u16::to_le_bytes),
+            Self::U64(values) => append(bytes, values, u64::to_le_bytes),
+        }
+    }
+
+    /// Reads little-endian elements; `None` for a type that is never written here.
+    fn from_bytes(dtype: Dtype, bytes: &[u8]) -> Option<Self> {
+        Some(match dtype {
+            Dtype::F32 => Self::F32(elements(bytes, f32::from_le_bytes)),
+            Dtype::F16 => Self::F16(elements(bytes, f16::from_le_bytes)),
+            Dtype::BF16 => Self::Bf16(elements(bytes, bf16::from_le_bytes)),
+            Dtype::U16 => Self::U16(elements(bytes, u16::from_le_bytes)),
+            Dtype::U64 => Self::U64(elements(bytes, u64::from_le_bytes)),
+            _ => return None,
+        })
+    }
+}
+
+/// Decodes fixed-size little-endian elements; the crate has checked that no byte is left over.
+fn elements<T, const N: usize>(bytes: &[u8], decode: fn([u8; N]) -> T) -> Vec<T> {
+    let (chunks, _rest) = bytes.as_chunks::<N>();
+    chunks.iter().map(|chunk| decode(*chunk)).collect()
+}
+
+/// One array: `values.len()` is the product of `shape`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tensor {
+    /// Extents, outermost first.
+    pub shape: Vec<usize>,
+    /// The elements, row-major.
+    pub values: TensorValues,
+}
+
+impl Tensor {
+    /// `F32 [4, 3]`, for messages.
+    fn describe(&self) -> String {
+        format!("{} {:?}", self.values.dtype(), self.shape)
+    }
+}
+
+/// Arrays and text entries by name, as one file holds them.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TensorFile {
+    /// The arrays.
+    pub tensors: BTreeMap<String, Tensor>,
+    /// Free text entries: format version, configuration, box corners.
+    pub metadata: BTreeMap<String, String>,
+    /// Where it was read from; empty for one made in memory. Only messages use it.
+    origin: PathBuf,
+}
+
+impl TensorFile {
+    /// Reads and validates a whole file.
+    ///
+    /// # Errors
+    /// When the file cannot be read, is no safetensors file, or holds an unknown element type.
+    pub fn read(path: &Path) -> Result<Self, TensorFileError> {
+        let bytes = std::fs::read(path).map_err(|source| TensorFileError::Io {
+            path: path.to_owned(),
+            source,
+        })?;
+        Self::from_bytes(&bytes, path)
+    }
+
+    /// Decodes the bytes of a file; `path` is only used in messages.
+    ///
+    /// # Errors
+    /// When the bytes are no safetensors file or hold an unknown element type.
+    pub fn from_bytes(bytes: &[u8], path: &Path) -> Result<Self, TensorFileError> {
+        let format_error = |source| TensorFileError::Format {
+            path: path.to_owned(),
+            source,
+        };
+        let (_, header) = SafeTensors::read_metadata(bytes).map_err(format_error)?;
+        let parsed = SafeTensors::deserialize(bytes).map_err(format_error)?;
+        let mut tensors = BTreeMap::new();
+        for (name, view) in parsed.tensors() {
+            let values = TensorValues::from_bytes(view.dtype(), view.data()).ok_or_else(|| {
+                TensorFileError::ElementType {
+                    path: path.to_owned(),
+                    tensor: name.clone(),
+                    dtype: format!("{:?}", view.dtype()),
+                }
+            })?;
+            let shape = view.shape().to_vec();
+            tensors.insert(name, Tensor { shape, values });
+        }
+        Ok(Self {
+            tensors,
+            metadata: header
+                .metadata()
+                .clone()
+                .unwrap_or_default()
+                .into_iter()
+                .collect(),
+            origin: path.to_owned(),
+        })
+    }
+
+    /// The bytes of the file: equal contents give equal bytes.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let mut header = serde_json::Map::new();
+        if !self.metadata.is_empty() {
+            header.insert("__metadata__".to_owned(), json!(self.metadata));
+        }
+        // Wide elements first, so that every array is aligned for readers that map the file.
+        let mut ordered: Vec<_> = self.tensors.iter().collect();
+        ordered.sort_by_key(|(_, tensor)| std::cmp::Reverse(tensor.values.element_size()));
+        let mut end = 0;
+        for (name, tensor) in &ordered {
+            let start = end;
+            end += tensor.values.len() * tensor.values.element_size();
+            header.insert(
+                (*name).clone(),
+                json!({
+                    "dtype": tensor.values.dtype(),
+                    "shape": tensor.shape,
+                    "data_offsets": [start, end],
+                }),
+            );
+        }
+        let mut text = serde_json::Value::Object(header).to_string();
+        // The format wants the data to begin at a multiple of eight bytes.
+        text.extend(std::iter::repeat_n(
+            ' ',
+            text.len().next_multiple_of(8) - text.len(),
+        ));
+        let mut bytes = Vec::with_capacity(8 + text.len() + end);
+        bytes.extend_from_slice(&(text.len() as u64).to_le_bytes());
+        bytes.extend_from_slice(text.as_bytes());
+        for (_, tensor) in ordered {
+            tensor.values.append_bytes(&mut bytes);
+        }
+        bytes
+    }
+
+    /// Writes the file whole or not at all: an existing file stays as it is on any failure.
+    ///
+    /// # Errors
+    /// When the system refuses, e.g. because the disk is full.
+    pub fn write(&self, path: &Path) -> Result<(), TensorFileError> {
+        write_atomically(path, |file| file.write_all(&self.to_bytes())).map_err(|source| {
+            TensorFileError::Io {
+                path: path.to_owned(),
+                source,
+            }
+        })
+    }
+
+    /// Adds (or replaces) an array of floats.
+    ///
+    /// # Panics
+    /// When the product of `shape` is not the number of values: a bug of the caller.
+    pub fn insert_f32(&mut self, name: &str, shape: &[usize], values: Vec<f32>) {
+        self.insert(name, shape, TensorValues::F32(values));
+    }
+
+    /// Adds (or replaces) an array of 16-bit words; panics as [`Self::insert_f32`] does.
+    pub fn insert_u16(&mut self, name: &str, shape: &[usize], values: Vec<u16>) {
+        self.insert(name, shape, TensorValues::U16(values));
+    }
+
+    /// Adds (or replaces) an array of 64-bit words; panics as [`Self::insert_f32`] does.
+    pub fn insert_u64(&mut self, name: &str, shape: &[usize], values: Vec<u64>) {
+        self.insert(name, shape, TensorValues::U64(values));
+    }
+
+    /// Adds (or replaces) an array of any type; panics as [`Self::insert_f32`] does.
+    pub fn insert(&mut self, name: &str, shape: &[usize], values: TensorValues) {
+        assert_eq!(
+            shape.iter().product::<usize>(),
+            values.len(),
+            "tensor `{name}`: shape {shape:?} does not fit its values"
+        );
+        let shape = shape.to_vec();
+        self.tensors
+            .insert(name.to_owned(), Tensor { shape, values });
+    }
+
+    /// The floats of the array `name`, which must have exactly this shape.
+    ///
+    /// # Errors
+    /// Naming file and tensor, when it is absent or of another shape or type.
+    pub fn f32(&self, name: &str, shape: &[usize]) -> Result<&[f32], TensorFileError> {
+        match self.tensor(name)? {
+            Tensor {
+                shape: found,
+                values: TensorValues::F32(values),
+            } if found == shape => Ok(values),
+            other => Err(self.mismatch(name, "F32", shape, other)),
+        }
+    }
+
+    /// All values of the array `name`, which must be one-dimensional and of floats of any size.
+    ///
+    /// # Errors
+    /// Naming file and tensor, when it is absent or of another shape or type.
+    pub fn floats(&self, name: &str) -> Result<Vec<f32>, TensorFileError> {
+        let tensor = self.tensor(name)?;
+        match &tensor.values {
+            _ if tensor.shape.len() != 1 => {}
+            TensorValues::F32(values) => return Ok(values.clone()),
+            TensorValues::F16(values) => return Ok(values.iter().map(|v| v.to_f32()).collect()),
+            TensorValues::Bf16(values) => return Ok(values.iter().map(|v| v.to_f32()).collect()),
+            TensorValues::U16(_) | TensorValues::U64(_) => {}
+        }
+        Err(self.mismatch(name, "F32", &[tensor.values.len()], tensor))
+    }
+
+    /// The 16-bit words of the array `name`; errors as [`Self::f32`].
+    ///
+    /// # Errors
+    /// Naming file and tensor, when it is absent or of another shape or type.
+    pub fn u16(&self, name: &str, shape: &[usize]) -> Result<&[u16], TensorFileError> {
+        match self.tensor(name)? {
+            Tensor {
+                shape: found,
+                values: TensorValues::U16(values),
+            } if found == shape => Ok(values),
+            other => Err(self.mismatch(name, "U16", shape, other)),
+        }
+    }
+
+    /// The 64-bit words of the array `name`; errors as [`Self::f32`].
+    ///
+    /// # Errors
+    /// Naming file and tensor, when it is absent or of another shape or type.
+    pub fn u64(&self, name: &str, shape: &[usize]) -> Result<&[u64], TensorFileError> {
+        match self.tensor(name)? {
+            Tensor {
+                shape: found,
+                values: TensorValues::U64(values),
+            } if found == shape => Ok(values),
+            other => Err(self.mismatch(name, "U64", shape, other)),
+        }
+    }
+
+    /// The array `name` with whatever shape and type it has.
+    ///
+    /// # Errors
+    /// Naming file and tensor, when it is absent.
+    pub fn tensor(&self, name: &str) -> Result<&Tensor, TensorFileError> {
+        self.tensors
+            .get(name)
+            .ok_or_else(|| TensorFileError::Missing {
+                path: self.origin.clone(),
+                tensor: name.to_owned(),
+            })
+    }
+
+    /// The text entry `key`.
+    ///
+    /// # Errors
+    /// Naming file and entry, when it is absent.
+    pub fn text(&self, key: &str) -> Result<&str, TensorFileError> {
+        self.metadata
+            .get(key)
+            .map(String::as_str)
+            .ok_or_else(|| TensorFileError::MissingMetadata {
+                path: self.origin.clone(),
+                key: key.to_owned(),
+            })
+    }
+
+    /// Where it was read from; empty for one made in memory.
+    pub fn origin(&self) -> &Path {
+        &self.origin
+    }
+
+    fn mismatch(
+        &self,
+        name: &str,
+        dtype: &str,
+        shape: &[usize],
+        found: &Tensor,
+    ) -> TensorFileError {
+        TensorFileError::Mismatch {
+            path: self.origin.clone(),
+            tensor: name.to_owned(),
+            found: found.describe(),
+            expected: format!("{dtype} {shape:?}"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sample() -> TensorFile {
+        let mut file = TensorFile::default();
+        file.insert_f32(
+            "grid/level_0",
+            &[2, 3],
+            vec![1.0, -0.0, 3.5, f32::MIN_POSITIVE, 1e30, 6.0],
+        );
+        file.insert_u16("half", &[3], vec![1, 2, 65535]);
+        file.insert_u64("rng", &[2], vec![u64::MAX, 7]);
+        file.insert_f32("empty", &[0, 4], Vec::new());
+        file.metadata.insert("format".to_owned(), "1".to_owned());
+        file.metadata
+            .insert("zeta".to_owned(), "\"quoted\"".to_owned());
+        file
+    }
+
+    #[test]
+    fn what_is_written_is_read_back_bit_for_bit() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.safetensors");
+        let file = sample();
+        file.write(&path).unwrap();
+        let read = TensorFile::read(&path).unwrap();
+        assert_eq!(read.tensors, file.tensors, "arrays survive");
+        assert_eq!(read.metadata, file.metadata, "metadata survives");
+        assert_eq!(
+            read.to_bytes(),
+            file.to_bytes(),
+            "equal contents, equal bytes"
+        );
+    }
+
+    #[test]
+    fn every_truncation_is_an_error_and_not_a_panic() {
+        let bytes = sample().to_bytes();
+        for length in 0..bytes.len() {
+            let result = TensorFile::from_bytes(&bytes[..length], Path::new("cut.safetensors"));
+            let message = result.unwrap_err().to_string();
+            assert!(message.contains("cut.safetensors"), "{message}");
+        }
+    }
+
+    #[test]
+    fn wrong_shape_type_or_name_is_reported_with_file_and_tensor() {
+        let file =
+            TensorFile::from_bytes(&sample().to_bytes(), Path::new("run/x.safetensors")).unwrap();
+        let shape = file.f32("grid/level_0", &[3, 2]).unwrap_err().to_string();
+        assert_eq!(
+            shape,
+            "run/x.safetensors: tensor `grid/level_0` is F32 [2, 3], expected F32 [3, 2]"
+        );
+        let dtype = file.u64("half", &[3]).unwrap_err().to_string();
+        assert!(
+            dtype.contains("`half` is U16 [3], expected U64 [3]"),
+            "{dtype}"
+        );
+        let missing = file.f32("nothing", &[1]).unwrap_err().to_string();
+        assert_eq!(missing, "run/x.safetensors: tensor `nothing` is missing");
+    }
+
+    #[test]
+    fn a_failed_write_leaves_the_old_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("taken");
+        std::fs::create_dir(&path).unwrap();
+        std::fs::write(path.join("inside"), b"old").unwrap();
+        assert!(
+            sample().write(&path).is_err(),
+            "a folder cannot be replaced by a file"
+        );
+        assert_eq!(std::fs::read(path.join("inside")).unwrap(), b"old");
+        let left = std::fs::read_dir(folder.path()).unwrap().count();
+        assert_eq!(left, 1, "no temporary file is left behind");
+    }
+
+    #[test]
+    #[should_panic(expected = "does not fit")]
+    fn a_shape_that_does_not_fit_is_a_bug() {
+        TensorFile::default().insert_f32("x", &[2, 2], vec![0.0; 3]);
+    }
+}

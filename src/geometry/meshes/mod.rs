@@ -1,0 +1,11 @@
+//! Triangle meshes, and what is made of them: parts, finer triangles, texture coordinates.
+
+pub(super) mod atlas;
+mod charts;
+mod components;
+pub(super) mod mesh;
+pub(super) mod parts;
+mod subdivision;
+mod tangents;
+#[cfg(test)]
+pub(crate) mod test_mesh;

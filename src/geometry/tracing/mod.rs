@@ -1,0 +1,8 @@
+//! Rays against a mesh: `bvh` is the way in, `hierarchy` builds what it walks through (`wide_bvh`).
+
+pub(super) mod bvh;
+pub(super) mod fan;
+pub(super) mod footprint;
+mod hierarchy;
+pub(super) mod ray;
+mod wide_bvh;

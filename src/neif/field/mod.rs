@@ -1,0 +1,19 @@
+//! The radiance field of the environment: cones in, linear radiance out, and the gradients back.
+//!
+//! A ray's `samples` are placed by `proposal` with the densities of `density_grid`, brought into the unit cube by `contraction`,
+//! encoded by `hash_grid`, composited by `composite`, and turned to light by `mlp` with `spherical_harmonics`: all of it in
+//! `radiance_field`, whose working memory is `field_batch`.
+
+pub mod composite;
+pub mod contraction;
+pub mod density_grid;
+pub mod field_batch;
+pub mod floor;
+pub mod hash_grid;
+pub mod mlp;
+pub mod proposal;
+pub mod radiance_field;
+pub mod samples;
+pub mod seen_grid;
+pub mod skip_counts;
+pub mod spherical_harmonics;

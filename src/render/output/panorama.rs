@@ -1,0 +1,193 @@
+//! Equirectangular panoramas: the environment as a point inside it sees it.
+
+use std::f32::consts::{PI, TAU};
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use glam::{Quat, Vec2, Vec3};
+use rayon::prelude::*;
+
+use super::picture::Picture;
+use crate::neif::field::proposal::ConeRay;
+use crate::neif::field::radiance_field::FieldRay;
+use crate::neif::light::lobe::Lobe;
+use crate::render::path::shade::ShadeScratch;
+use crate::render::scene::Scene;
+
+/// What a panorama shows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PanoramaView {
+    /// The point around which it is, world coordinates.
+    pub at: Vec3,
+    /// The unit direction at its top edge.
+    pub up: Vec3,
+    /// 0 is sharp, else every pixel is the lobe of that roughness.
+    pub roughness: f32,
+    /// Pixels per row; half as many rows.
+    pub width: u32,
+}
+
+impl PanoramaView {
+    /// The unit world direction shown at a place of the picture, `[0, 1]` from the top left.
+    ///
+    /// Azimuth `2π (0.5 - u)`, elevation `π (0.5 - v)`, direction `(cos el cos az, cos el sin az, sin el)` where z is up.
+    pub fn direction(&self, place: Vec2) -> Vec3 {
+        let (azimuth, elevation) = (TAU * (0.5 - place.x), PI * (0.5 - place.y));
+        let (sin_el, cos_el) = elevation.sin_cos();
+        let upright = Vec3::new(cos_el * azimuth.cos(), cos_el * azimuth.sin(), sin_el);
+        self.world_from_upright() * upright
+    }
+
+    /// Undoes [`Self::direction`].
+    pub fn place(&self, direction: Vec3) -> Vec2 {
+        let d = self.world_from_upright().inverse() * direction;
+        let elevation = d.z.clamp(-1.0, 1.0).asin();
+        Vec2::new(0.5 - d.y.atan2(d.x) / TAU, 0.5 - elevation / PI)
+    }
+
+    fn world_from_upright(&self) -> Quat {
+        Quat::from_rotation_arc(Vec3::Z, self.up.normalize_or(Vec3::Z))
+    }
+}
+
+/// Linear radiance of a scene's surroundings around the world point `at`, z up, the centre looking along +x:
+/// [`panorama_of`] with `width` x `width / 2` pixels; `None` when cancelled.
+pub fn panorama(
+    scene: &Scene,
+    at: Vec3,
+    roughness: f32,
+    width: u32,
+    cancel: &AtomicBool,
+) -> Option<Picture> {
+    let view = PanoramaView {
+        at,
+        up: Vec3::Z,
+        roughness,
+        width,
+    };
+    panorama_of(scene, &view, cancel)
+}
+
+/// Linear radiance of a scene's surroundings as `view` says, each pixel's middle by [`PanoramaView::direction`]; `None`
+/// when cancelled.
+pub fn panorama_of(scene: &Scene, view: &PanoramaView, cancel: &AtomicBool) -> Option<Picture> {
+    let width = view.width.max(1);
+    let height = (width / 2).max(1);
+    let mut pixels = vec![[0.0; 3]; (width * height) as usize];
+    pixels
+        .par_chunks_mut(width as usize)
+        .enumerate()
+        .for_each_init(ShadeScratch::default, |scratch, (y, row)| {
+            if !cancel.load(Ordering::Relaxed) {
+                panorama_row(scene, view, (y as u32, height), row, scratch);
+            }
+        });
+    (!cancel.load(Ordering::Relaxed)).then_some(Picture {
+        width,
+        height,
+        pixels,
+    })
+}
+
+fn panorama_row(
+    scene: &Scene,
+    view: &PanoramaView,
+    (y, height): (u32, u32),
+    row: &mut [[f32; 3]],
+    scratch: &mut ShadeScratch,
+) {
+    let motion = scene.transform.environment_from_world();
+    let origin = scene
+        .environment
+        .frame()
+        .field_from_world(motion.point(view.at))
+        .to_array();
+    let width = row.len();
+    let lobe = (view.roughness > 0.0).then(|| Lobe::from_roughness(view.roughness));
+    // A pixel is a box of π/height radians.
+    let spread = PI / height as f32 * 0.288_675_13;
+    scratch.rays().clear();
+    for x in 0..width {
+        let place = Vec2::new(
+            (x as f32 + 0.5) / width as f32,
+            (y as f32 + 0.5) / height as f32,
+        );
+        let direction = motion.direction(view.direction(place));
+        let cone = ConeRay {
+            origin,
+            direction: (direction * lobe.map_or(1.0, |l| l.mean_length)).to_array(),
+            base: 0.0,
+            spread,
+            lobe_variance: lobe.map_or(0.0, |l| l.variance),
+        };
+        let kappa = lobe.map_or(f32::INFINITY, |l| l.kappa);
+        scratch.rays().push(FieldRay {
+            cone,
+            direction: direction.to_array(),
+            kappa,
+        });
+    }
+    scratch.light(scene);
+    for (out, radiance) in row.iter_mut().zip(scratch.radiance()) {
+        *out = (Vec3::from(*radiance) * motion.gain).to_array();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::data::{ExrSample, write_exr};
+    use crate::neif::EnvironmentTransform;
+    use crate::neif::distant::{ImportOptions, import_environment};
+
+    #[test]
+    fn places_and_directions_undo_each_other_whatever_is_up() {
+        for up in [Vec3::Z, Vec3::Y, Vec3::NEG_Z, Vec3::new(0.6, 0.0, 0.8)] {
+            let view = PanoramaView {
+                at: Vec3::ZERO,
+                up,
+                roughness: 0.0,
+                width: 2,
+            };
+            for (u, v) in [(0.1, 0.2), (0.5, 0.5), (0.9, 0.7)] {
+                let place = Vec2::new(u, v);
+                let back = view.place(view.direction(place));
+                assert!((back - place).length() < 1e-4, "{up}: {back}");
+            }
+            assert!((view.direction(Vec2::new(0.3, 0.0)) - up).length() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn an_imported_picture_s_panorama_is_the_picture_bit_for_bit() {
+        let (width, height) = (256, 128);
+        let value = |i: u32| ((i * 7919 + 13) % 1009) as f32;
+        let mut pixels: Vec<[f32; 3]> = (0..width * height)
+            .map(|i| [value(i), 0.01 * value(i + 5), 0.3])
+            .collect();
+        pixels[77 * 256 + 3] = [4e4, 1e5, 1e-4];
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("sky.exr");
+        write_exr(&file, width, height, &pixels, ExrSample::Float).unwrap();
+        let imported = import_environment(&file, &ImportOptions::default()).unwrap();
+        let environment = Arc::new(imported.environment);
+        let cancel = AtomicBool::new(false);
+        let still = EnvironmentTransform::default();
+        // Moved and scaled: far surroundings do not care.
+        let moved = EnvironmentTransform {
+            translate: Vec3::new(1.0, -2.0, 0.5),
+            scale: 3.0,
+            ..still
+        };
+        for (transform, at) in [(still, Vec3::ZERO), (moved, Vec3::splat(7.0))] {
+            let scene = Scene {
+                transform,
+                ..Scene::new(None, Arc::clone(&environment))
+            };
+            let seen = panorama(&scene, at, 0.0, width, &cancel).unwrap();
+            assert_eq!((seen.width, seen.height), (width, height), "size");
+            assert!(seen.pixels == pixels, "pixels");
+        }
+    }
+}

@@ -1,0 +1,173 @@
+//! What the cones of a split lobe find where they meet the object again: its diffuse part, and on along its own lobe.
+//!
+//! The same walk as the oracle's ([`super::reference`]), with cones instead of thin rays. All pixels draw with the same
+//! numbers, so that neighbours differ by what they see and not by chance.
+
+use glam::Vec3;
+
+use super::shade::{ShadeScratch, light_surfaces};
+use super::trace::MAX_VERTICES;
+use crate::geometry::Ray;
+use crate::neif::light::light_path;
+use crate::neif::light::lobe::Lobe;
+use crate::neif::light::lobe_cones::{LobeCone, lobe_cone};
+use crate::neif::light::shading::{SurfacePoint, fresnel};
+use crate::neif::surface::object::ObjectModel;
+use crate::render::scene::Scene;
+
+/// Widest variance of a cone's directions per axis, radians squared: beyond it directions mean little.
+const WIDEST: f32 = 0.3;
+
+/// A cone of a split lobe that meets the object, on its way to the surroundings.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::render) struct BlockedCone {
+    /// The lit vertex whose lobe it is of.
+    pub(super) owner: usize,
+    /// Where it is; `to_eye` looks back along it.
+    pub(in crate::render) point: SurfacePoint,
+    /// Variance of its directions per axis, radians squared.
+    pub(in crate::render) variance: f32,
+    /// Share of what it finds in the owner's lobe.
+    pub(super) throughput: Vec3,
+    /// Its number among the lobe's cones.
+    pub(in crate::render) index: u32,
+    /// Cones that the next lobes are shared among.
+    pub(in crate::render) n: u32,
+}
+
+/// What a ray of the batch brings to a split lobe.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::render) struct Contribution {
+    /// The lit vertex whose lobe it is.
+    pub(super) owner: usize,
+    /// The ray.
+    pub(in crate::render) ray: usize,
+    /// The factor of its radiance.
+    pub(super) throughput: Vec3,
+}
+
+/// The point where a cone of `variance` that left `from` meets the object.
+pub(in crate::render) fn arrive(
+    object: &ObjectModel,
+    from: &SurfacePoint,
+    axis: Vec3,
+    variance: f32,
+) -> Option<SurfacePoint> {
+    let ray = Ray {
+        origin: from.position,
+        direction: axis,
+    };
+    let tracer = &object.tracer;
+    let hit = tracer.intersect(&ray, tracer.self_distance(), f32::INFINITY)?;
+    let base = from.base + from.spread * hit.t;
+    Some(SurfacePoint {
+        position: hit.position,
+        normal: hit.normal,
+        to_eye: -axis,
+        base: (base * base + variance * hit.t * hit.t).sqrt(),
+        spread: from.spread,
+    })
+}
+
+/// Follows the scratch's blocked cones: adds what the object itself sends to their owners, and rays for the rest.
+pub(in crate::render) fn follow(scene: &Scene, object: &ObjectModel, scratch: &mut ShadeScratch) {
+    let motion = scene.transform.environment_from_world();
+    let frame = scene.environment.frame();
+    let sharpest = scene.environment.sharpest_variance();
+    let mut cones = std::mem::take(&mut scratch.blocked);
+    let mut beyond = std::mem::take(&mut scratch.beyond);
+    for bounce in 1..MAX_VERTICES as u32 {
+        if cones.is_empty() {
+            break;
+        }
+        let points = cones
+            .iter()
+            .map(|cone| (cone.point.position, cone.point.normal));
+        light_surfaces(&mut beyond, scene, object, points, |_| false);
+        let surfaces = beyond.surfaces().iter().zip(beyond.specular_gain());
+        let is_last = bounce as usize + 1 == MAX_VERTICES;
+        let mut next = Vec::new();
+        for (cone, (surface, gain)) in cones.iter().zip(surfaces) {
+            let fresnel = fresnel(surface.tint, cone.point.n_dot_v());
+            let diffuse = surface.diffuse * (Vec3::ONE - fresnel);
+            scratch.lit[cone.owner].add_from_object(cone.throughput * diffuse);
+            let LobeCone { axis, lobe } = draw(cone, surface.roughness, bounce);
+            let variance = cone.variance + lobe.variance;
+            let throughput = cone.throughput * fresnel * *gain;
+            let met = arrive(object, &cone.point, axis, variance);
+            if let Some(point) = met.filter(|_| !is_last) {
+                next.push(BlockedCone {
+                    point,
+                    variance,
+                    throughput,
+                    ..*cone
+                });
+                continue;
+            }
+            let (owner, ray) = (cone.owner, scratch.rays().len());
+            scratch.contributions.push(Contribution {
+                owner,
+                ray,
+                throughput,
+            });
+            let lobe = Lobe::from_variance((variance + sharpest).min(WIDEST));
+            let ray = light_path::first_lobe_ray(&cone.point, axis, &lobe, &motion, frame);
+            scratch.rays().push(ray);
+        }
+        cones = next;
+    }
+    cones.clear();
+    scratch.blocked = cones;
+    scratch.beyond = beyond;
+}
+
+/// One cone of the lobe at the point where the cone is.
+fn draw(cone: &BlockedCone, roughness: f32, bounce: u32) -> LobeCone {
+    // A lattice by the powers of the plastic number's inverse.
+    let number = f64::from(cone.index * MAX_VERTICES as u32 + bounce);
+    let u = [0.754_877_666_246_693, 0.569_840_290_998_053]
+        .map(|step| (number * step + 0.5).fract() as f32);
+    lobe_cone(&cone.point, roughness, u, cone.n).unwrap_or_else(|| LobeCone {
+        axis: cone.point.reflected(),
+        lobe: Lobe::from_roughness(roughness),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::AtomicBool;
+
+    use glam::Vec3;
+
+    use crate::geometry::meshes::test_mesh::{ellipsoid, together};
+    use crate::neif::RoughnessEdit;
+    use crate::render::{
+        Layer, LobeShape, ReferenceOptions, Scene, render, render_reference, test_scene,
+    };
+
+    #[test]
+    fn a_rough_object_that_meets_itself_looks_as_by_thin_rays() {
+        let radii = Vec3::splat(0.5);
+        let [left, right] = [-0.5, 0.5].map(|x| ellipsoid(Vec3::Y * x, radii, 24));
+        let object = test_scene::object_of(together(&left, &right), 1);
+        let mut scene = Scene::new(Some(object), test_scene::environment(2));
+        let camera = test_scene::camera(24, 16);
+        let cancel = AtomicBool::new(false);
+        for roughness in [0.1, 0.4, 0.8] {
+            scene.edit.roughness = RoughnessEdit::Constant(roughness);
+            let options = ReferenceOptions {
+                n_paths: 256,
+                lobe: LobeShape::Ggx,
+            };
+            let cones = render(&scene, &camera, Layer::Final, &cancel, &|_| {});
+            let rays = render_reference(&scene, &camera, options, &cancel, &|_| {});
+            let (cones, rays) = cones.zip(rays).expect("not cancelled");
+            let squares = cones.pixels.iter().zip(&rays.pixels);
+            let sum: f32 = squares
+                .map(|(a, b)| (0..3).map(|c| (a[c] - b[c]).powi(2)).sum::<f32>())
+                .sum();
+            let psnr = -10.0 * (sum / (3 * cones.pixels.len()) as f32).log10();
+            assert!(psnr > 34.0, "roughness {roughness}: {psnr} dB");
+        }
+    }
+}

@@ -1,0 +1,293 @@
+//! Some rows of a preview pass: what is known of them, and how it is brought up to date.
+
+use std::ops::Range;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use super::progressive::{PreviewScene, Quality};
+use crate::geometry::Camera;
+use crate::render::highlight::{highlighted, region_share};
+use crate::render::path::gbuffer::{GBuffer, PathOptions};
+use crate::render::path::more_cones::{is_any_doubtful, shade_doubtful};
+use crate::render::path::shade::{
+    ShadeScratch, TILE, compose, shade_background, shade_object_once,
+};
+
+/// Pixels of a band, about.
+const BAND_PIXELS: u32 = 2048;
+/// Pixels shaded again between two looks at whether the picture is still wanted.
+const DOUBTFUL_TILE: usize = 16;
+/// Fewest rows of a band: tracing looks at one more row on each side.
+const MIN_BAND_ROWS: u32 = 4;
+
+/// Counters of the causes: a part of a band is good while its number is the pass's.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(in crate::render) struct Versions {
+    pub(in crate::render) geometry: u64,
+    pub(in crate::render) background: u64,
+    pub(in crate::render) object: u64,
+    pub(in crate::render) highlight: u64,
+}
+
+/// Some rows of one pass, with what is known of them; a version of 0 is nothing.
+#[derive(Debug)]
+pub(in crate::render) struct Band {
+    pub(in crate::render) rows: Range<u32>,
+    /// The object with one path a pixel, and with several: both cover the same.
+    objects: [BandObject; 2],
+    /// `[rows * width]` linear; behind the object only where `is_background_whole`.
+    background: Vec<[f32; 3]>,
+    background_version: u64,
+    is_background_whole: bool,
+}
+
+/// The object in a band.
+#[derive(Debug, Default)]
+struct BandObject {
+    gbuffer: GBuffer,
+    geometry_version: u64,
+    /// `[rows * width]` linear, or the layer's value.
+    values: Vec<[f32; 3]>,
+    /// Of each pixel where the object is seen, in order: how much the cones of split lobes disagree; 0 once it was shaded
+    /// again.
+    doubts: Vec<f32>,
+    version: u64,
+    /// `[rows * width]` share that is highlighted.
+    highlight: Vec<f32>,
+    highlight_version: u64,
+}
+
+/// What all bands of a pass share.
+pub(in crate::render) struct Work<'a> {
+    pub(in crate::render) request: &'a PreviewScene,
+    pub(in crate::render) camera: Camera,
+    /// What the object gets.
+    pub(in crate::render) quality: Quality,
+    pub(in crate::render) versions: Versions,
+    /// Set when the picture is no longer wanted.
+    pub(in crate::render) cancel: &'a AtomicBool,
+}
+
+impl Work<'_> {
+    fn options(&self) -> PathOptions {
+        if self.quality == Quality::Plain {
+            PathOptions::PLAIN
+        } else {
+            PathOptions::FINE
+        }
+    }
+
+    fn is_cancelled(&self) -> bool {
+        self.cancel.load(Ordering::Relaxed)
+    }
+
+    /// Which of a band's objects is wanted.
+    fn object(&self) -> usize {
+        usize::from(self.quality != Quality::Plain)
+    }
+}
+
+pub(super) fn band_rows(width: u32) -> u32 {
+    (BAND_PIXELS / width.max(1)).max(MIN_BAND_ROWS)
+}
+
+pub(in crate::render) fn bands(width: u32, height: u32) -> Vec<Band> {
+    let rows = band_rows(width);
+    (0..height.div_ceil(rows))
+        .map(|i| Band {
+            rows: i * rows..((i + 1) * rows).min(height),
+            objects: Default::default(),
+            background: Vec::new(),
+            background_version: 0,
+            is_background_whole: false,
+        })
+        .collect()
+}
+
+impl Band {
+    /// Computes what is out of date and needed for the layer: pixels of geometry, surroundings, object.
+    pub(in crate::render) fn update(
+        &mut self,
+        work: &Work<'_>,
+        scratch: &mut ShadeScratch,
+    ) -> [usize; 3] {
+        let layer = work.request.layer;
+        let object = &self.objects[work.object()];
+        let is_traced = object.geometry_version == work.versions.geometry;
+        let is_shaded = object.version == work.versions.object;
+        let traced = if is_traced { 0 } else { self.trace(work) };
+        let background = if work.request.scene.shows_background(layer) {
+            self.update_background(work, scratch)
+        } else {
+            0
+        };
+        let mut object = 0;
+        if layer.shows_object() && !is_shaded {
+            object += self.update_object(work, scratch);
+        }
+        if work.quality == Quality::Settled && layer.shows_object() {
+            object += self.settle_object(work, scratch);
+        }
+        self.update_highlight(work, scratch);
+        [traced, background, object]
+    }
+
+    fn trace(&mut self, work: &Work<'_>) -> usize {
+        let tracer = work
+            .request
+            .scene
+            .object
+            .as_ref()
+            .map(|object| &*object.tracer);
+        let gbuffer = GBuffer::trace(tracer, &work.camera, self.rows.clone(), work.options());
+        let n = gbuffer.coverage().len();
+        self.objects[work.object()] = BandObject {
+            gbuffer,
+            geometry_version: work.versions.geometry,
+            ..BandObject::default()
+        };
+        n
+    }
+
+    fn update_object(&mut self, work: &Work<'_>, scratch: &mut ShadeScratch) -> usize {
+        let pixels = self.pixels(work, |coverage| coverage > 0.0);
+        let mut out = vec![[0.0; 3]; pixels.len()];
+        let object = &mut self.objects[work.object()];
+        object.doubts.clear();
+        for (pixels, out) in pixels.chunks(TILE).zip(out.chunks_mut(TILE)) {
+            if work.is_cancelled() {
+                return 0;
+            }
+            let (scene, layer) = (&work.request.scene, work.request.layer);
+            let doubts = shade_object_once(scene, &object.gbuffer, pixels, layer, 1, out, scratch);
+            object.doubts.extend(doubts);
+        }
+        object.values.clear();
+        object
+            .values
+            .resize(object.gbuffer.coverage().len(), [0.0; 3]);
+        let first = self.rows.start * work.camera.width;
+        scatter(&mut object.values, first, &pixels, &out);
+        object.version = work.versions.object;
+        pixels.len()
+    }
+
+    /// Shades the object's doubtful pixels again.
+    fn settle_object(&mut self, work: &Work<'_>, scratch: &mut ShadeScratch) -> usize {
+        if work.is_cancelled() || self.is_settled(work) {
+            return 0;
+        }
+        let mut doubts = std::mem::take(&mut self.objects[work.object()].doubts);
+        let pixels = self.pixels(work, |coverage| coverage > 0.0);
+        let first = self.rows.start * work.camera.width;
+        let object = &mut self.objects[work.object()];
+        let known = pixels.iter().map(|pixel| (pixel - first) as usize);
+        let mut out: Vec<_> = known.map(|i| object.values[i]).collect();
+        let mut n_shaded = 0;
+        let tiles = out
+            .chunks_mut(DOUBTFUL_TILE)
+            .zip(doubts.chunks_mut(DOUBTFUL_TILE));
+        for (pixels, (out, doubts)) in pixels.chunks(DOUBTFUL_TILE).zip(tiles) {
+            if work.is_cancelled() {
+                break;
+            }
+            let (scene, layer) = (&work.request.scene, work.request.layer);
+            let parts = (&mut *out, &*doubts);
+            n_shaded += shade_doubtful(scene, &object.gbuffer, pixels, layer, parts, scratch);
+            doubts.fill(0.0);
+        }
+        scatter(&mut object.values, first, &pixels, &out);
+        object.doubts = doubts;
+        n_shaded
+    }
+
+    /// Whether a pass of [`Quality::Settled`] would show anything else.
+    pub(in crate::render) fn is_settled(&self, work: &Work<'_>) -> bool {
+        !is_any_doubtful(&self.objects[work.object()].doubts)
+    }
+
+    fn update_highlight(&mut self, work: &Work<'_>, scratch: &mut ShadeScratch) {
+        let object = &self.objects[work.object()];
+        let is_fresh = object.highlight_version == work.versions.highlight;
+        let Some(region) = work.request.highlight.as_ref().filter(|_| !is_fresh) else {
+            return;
+        };
+        let pixels = self.pixels(work, |coverage| coverage > 0.0);
+        let object = &mut self.objects[work.object()];
+        let scene = &work.request.scene;
+        let shares = region_share(scene, &object.gbuffer, region, &pixels, scratch);
+        object.highlight.clear();
+        object
+            .highlight
+            .resize(object.gbuffer.coverage().len(), 0.0);
+        let first = self.rows.start * work.camera.width;
+        scatter(&mut object.highlight, first, &pixels, &shares);
+        object.highlight_version = work.versions.highlight;
+    }
+
+    fn update_background(&mut self, work: &Work<'_>, scratch: &mut ShadeScratch) -> usize {
+        // With the object hidden, the surroundings behind it are wanted as well.
+        let wants_whole = !work.request.layer.shows_object();
+        let is_fresh = self.background_version == work.versions.background;
+        if is_fresh && (self.is_background_whole || !wants_whole) {
+            return 0;
+        }
+        let pixels = match (is_fresh, wants_whole) {
+            (true, _) => self.pixels(work, |coverage| coverage >= 1.0),
+            (false, true) => self.pixels(work, |_| true),
+            (false, false) => self.pixels(work, |coverage| coverage < 1.0),
+        };
+        let mut out = vec![[0.0; 3]; pixels.len()];
+        shade_background(
+            &work.request.scene,
+            &work.camera,
+            &pixels,
+            &mut out,
+            scratch,
+        );
+        let width = work.camera.width;
+        self.background
+            .resize(self.rows.len() * width as usize, [0.0; 3]);
+        scatter(&mut self.background, self.rows.start * width, &pixels, &out);
+        self.background_version = work.versions.background;
+        self.is_background_whole = wants_whole;
+        pixels.len()
+    }
+
+    /// Indices in the whole picture of the band's pixels whose coverage is as asked.
+    fn pixels(&self, work: &Work<'_>, keep: impl Fn(f32) -> bool) -> Vec<u32> {
+        let first = self.rows.start * work.camera.width;
+        let gbuffer = &self.objects[work.object()].gbuffer;
+        let coverage = gbuffer.coverage().iter().enumerate();
+        coverage
+            .filter(|(_, coverage)| keep(**coverage))
+            .map(|(i, _)| first + i as u32)
+            .collect()
+    }
+
+    pub(in crate::render) fn compose(&self, work: &Work<'_>, out: &mut [[u8; 4]]) {
+        let layer = work.request.layer;
+        let value =
+            |part: &[[f32; 3]], i: usize, shown: bool| if shown { part[i] } else { [0.0; 3] };
+        let shows_background = work.request.scene.shows_background(layer);
+        let object = &self.objects[work.object()];
+        let is_highlighted = work.request.highlight.is_some() && layer.shows_object();
+        let shares = is_highlighted.then_some(&object.highlight);
+        for (i, (out, &coverage)) in out.iter_mut().zip(object.gbuffer.coverage()).enumerate() {
+            let coverage = if layer.shows_object() { coverage } else { 0.0 };
+            let object = value(&object.values, i, layer.shows_object());
+            let background = value(&self.background, i, shows_background);
+            let mut color = compose(&work.request.scene, layer, coverage, object, background);
+            if let Some(shares) = shares {
+                color = highlighted(color, shares[i] * coverage);
+            }
+            let [r, g, b] = color.map(|v| (v * 255.0 + 0.5) as u8);
+            *out = [r, g, b, 255];
+        }
+    }
+}
+
+fn scatter<T: Copy>(into: &mut [T], first: u32, pixels: &[u32], values: &[T]) {
+    for (pixel, value) in pixels.iter().zip(values) {
+        into[(pixel - first) as usize] = *value;
+    }
+}

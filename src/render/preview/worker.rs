@@ -1,0 +1,527 @@
+//! The preview worker: takes the newest request, delivers pictures from coarse to fine.
+//!
+//! A newer request supersedes a running one within a tile of pixels, except that a first picture is
+//! always finished: while something is dragged there is one for every request taken, and
+//! none is ever coarser than a half per axis. Threads run below the window's priority and
+//! above the trainer's.
+
+use std::fmt;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use rayon::{ThreadPool, ThreadPoolBuilder};
+
+use super::accelerator::{Accelerator, Attempt, CardPass};
+use super::drawn_by::{DrawnBy, GpuChoice};
+use super::inbox::Inbox;
+use super::priority::lower_thread_priority;
+use super::progressive::{PassKind, PassOutput, PreviewScene, Progressive, Recomputed};
+use super::sketch::{Purpose, Sketch};
+use crate::render::irradiance::DiffuseLights;
+
+/// Niceness of the preview's threads: the window has 0, the trainer 19.
+const NICE: i32 = 5;
+/// A view that has not changed for so long counts as at rest.
+const REST: Duration = Duration::from_millis(100);
+
+/// Which pictures to make.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Passes {
+    /// A sketch at once; when the view stays, one at full resolution, several paths a pixel, and then what
+    /// [`crate::render::render`] makes.
+    Refine,
+    /// The same without the last two, which take long.
+    Glance,
+    /// One of a changed model, at this resolution divisor: 4, 2 or 1.
+    Only(u32),
+}
+
+impl Passes {
+    /// What is made one after the other. `motion` is the resolution divisor of what changes.
+    fn steps(self, motion: u32) -> Vec<Step> {
+        let sketch = |scale, purpose| Step::Sketch { scale, purpose };
+        let glance = [sketch(motion, Purpose::Motion), sketch(1, Purpose::Rest)];
+        match self {
+            Self::Refine => {
+                let still = [Step::Fine, Step::Settled];
+                glance.into_iter().chain(still).collect()
+            }
+            Self::Glance => glance.to_vec(),
+            Self::Only(1) => vec![sketch(1, Purpose::SharpRefresh)],
+            Self::Only(2) => vec![sketch(2, Purpose::SharpRefresh)],
+            Self::Only(_) => vec![sketch(2, Purpose::Refresh)],
+        }
+    }
+
+    /// The same by a graphics card, which needs no sketches.
+    fn card_steps(self) -> Vec<Step> {
+        match self {
+            Self::Refine => vec![Step::Card(CardPass::Plain), Step::Card(CardPass::Fine)],
+            Self::Glance | Self::Only(_) => vec![Step::Card(CardPass::Plain)],
+        }
+    }
+}
+
+/// One picture of a request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Step {
+    Sketch {
+        scale: u32,
+        purpose: Purpose,
+    },
+    /// Several paths a pixel.
+    Fine,
+    /// What [`crate::render::render`] makes, where that is anything else.
+    Settled,
+    /// By the graphics card.
+    Card(CardPass),
+}
+
+impl Step {
+    /// Resolution divisor of its light.
+    fn scale(self) -> u32 {
+        match self {
+            Self::Sketch {
+                scale,
+                purpose: Purpose::Refresh,
+            } => 2 * scale,
+            Self::Sketch { scale, .. } => scale,
+            Self::Fine | Self::Settled | Self::Card(_) => 1,
+        }
+    }
+
+    /// Whether the object has several paths a pixel.
+    fn is_fine(self) -> bool {
+        matches!(
+            self,
+            Self::Fine | Self::Settled | Self::Card(CardPass::Fine)
+        )
+    }
+}
+
+/// A finished picture.
+#[derive(Clone, Debug)]
+pub struct PreviewFrame {
+    /// The request's number, from [`Preview::request`].
+    pub request: u64,
+    /// Resolution divisor per axis: 4, 2 or 1.
+    pub scale: u32,
+    /// Whether the object has several paths a pixel.
+    pub is_fine: bool,
+    /// Whether no further pass follows.
+    pub is_last: bool,
+    /// Pixels per row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// `[height * width]` sRGB with alpha 255.
+    pub pixels: Vec<[u8; 4]>,
+    /// What had to be computed.
+    pub recomputed: Recomputed,
+    /// Processor time of the pass.
+    pub cpu_secs: f64,
+}
+
+/// Renders on threads of its own. Dropping it ends them.
+pub struct Preview {
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
+}
+
+/// What waits to be rendered.
+#[derive(Debug)]
+struct Request {
+    scene: PreviewScene,
+    passes: Passes,
+}
+
+#[derive(Debug, Default)]
+struct Shared {
+    inbox: Inbox<Request>,
+    frame: Mutex<Option<Arc<PreviewFrame>>>,
+    drawn_by: Mutex<DrawnBy>,
+    n_frames: AtomicU64,
+}
+
+impl fmt::Debug for Preview {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Preview")
+            .field("shared", &self.shared)
+            .finish_non_exhaustive()
+    }
+}
+
+impl Preview {
+    /// Starts the threads (0: one per core). `wake` is called after each picture; it must not block.
+    ///
+    /// # Errors
+    /// When the system gives no threads.
+    pub fn new(n_threads: usize, wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
+        Self::with_card(n_threads, GpuChoice::Off, wake)
+    }
+
+    /// The same, with pictures by a graphics card where there is one.
+    ///
+    /// # Errors
+    /// As [`Self::new`]; without a card the processor draws.
+    pub fn with_card(
+        n_threads: usize,
+        choice: GpuChoice,
+        wake: impl Fn() + Send + 'static,
+    ) -> std::io::Result<Self> {
+        let shared = Arc::new(Shared::default());
+        let pool = ThreadPoolBuilder::new()
+            .num_threads(n_threads)
+            .thread_name(|i| format!("neif-preview-{i}"))
+            .start_handler(|_| lower_thread_priority(NICE))
+            .build()
+            .map_err(std::io::Error::other)?;
+        let theirs = Arc::clone(&shared);
+        let thread = std::thread::Builder::new()
+            .name("neif-preview".to_owned())
+            .spawn(move || {
+                lower_thread_priority(NICE);
+                Worker {
+                    shared: theirs,
+                    pool,
+                    sketch: Sketch::default(),
+                    progressive: Progressive::default(),
+                    lights: DiffuseLights::default(),
+                    accelerator: Accelerator::new(choice),
+                }
+                .run(&wake);
+            })?;
+        Ok(Self {
+            shared,
+            thread: Some(thread),
+        })
+    }
+
+    /// Asks for a picture instead of whatever is waiting or running; returns the request's number.
+    pub fn request(&self, scene: PreviewScene, passes: Passes) -> u64 {
+        self.shared.inbox.put(Request { scene, passes })
+    }
+
+    /// The newest finished picture.
+    pub fn frame(&self) -> Option<Arc<PreviewFrame>> {
+        let frame = self.shared.frame.lock();
+        // A panic elsewhere cannot leave a half-written pointer.
+        frame.unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// What draws, as of the newest request that was begun.
+    pub fn drawn_by(&self) -> DrawnBy {
+        let drawn_by = self.shared.drawn_by.lock();
+        drawn_by.unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// How many pictures there have been: a change means news.
+    pub fn n_frames(&self) -> u64 {
+        self.shared.n_frames.load(Ordering::Acquire)
+    }
+}
+
+impl Drop for Preview {
+    fn drop(&mut self) {
+        self.shared.inbox.close();
+        if self
+            .thread
+            .take()
+            .is_some_and(|thread| thread.join().is_err())
+        {
+            tracing::error!("the preview thread broke down (this is a bug)");
+        }
+    }
+}
+
+struct Worker {
+    shared: Arc<Shared>,
+    pool: ThreadPool,
+    sketch: Sketch,
+    progressive: Progressive,
+    lights: DiffuseLights,
+    accelerator: Accelerator,
+}
+
+impl Worker {
+    fn run(mut self, wake: &(impl Fn() + Send)) {
+        while let Some((number, request)) = self.shared.inbox.take() {
+            self.serve(number, &request, wake);
+        }
+    }
+
+    fn serve(&mut self, number: u64, request: &Request, wake: &(impl Fn() + Send)) {
+        let mut picture = request.scene.clone();
+        let is_lit = picture.layer.is_lit();
+        // Motion is lit by few probes; those of the last picture take longer than a frame.
+        if is_lit {
+            picture.scene = self
+                .pool
+                .install(|| self.lights.quick(&picture.scene, picture.layer));
+        }
+        if self.accelerator.takes(&picture) {
+            let steps = request.passes.card_steps();
+            let is_done = self.serve_steps((number, request), &mut picture, &steps, wake);
+            if is_done {
+                return;
+            }
+        }
+        self.tell_who_draws();
+        let motion = self.pool.install(|| self.sketch.motion_scale());
+        let steps = request.passes.steps(motion);
+        self.serve_steps((number, request), &mut picture, &steps, wake);
+    }
+
+    /// Makes the pictures one after the other until something newer comes; false where the graphics card failed.
+    fn serve_steps(
+        &mut self,
+        (number, request): (u64, &Request),
+        picture: &mut PreviewScene,
+        steps: &[Step],
+        wake: &(impl Fn() + Send),
+    ) -> bool {
+        // The first picture of a change is always finished; what is only a refresh may be dropped.
+        let never = AtomicBool::new(false);
+        let is_change = !matches!(request.passes, Passes::Only(_));
+        for (i, &step) in steps.iter().enumerate() {
+            if i == 1 && !self.shared.inbox.stays_quiet(REST) {
+                return true;
+            }
+            let shared = Arc::clone(&self.shared);
+            let cancel = if i == 0 && is_change {
+                &never
+            } else {
+                shared.inbox.superseded()
+            };
+            let output = match step {
+                Step::Card(pass) => match self.accelerator.draw(picture, pass, cancel) {
+                    Attempt::Drawn(output) => Some(output),
+                    Attempt::Cancelled => None,
+                    Attempt::Failed => return false,
+                },
+                _ => self.make(picture, step, cancel),
+            };
+            tracing::trace!(number, ?step, is_done = output.is_some(), "pass");
+            let Some(output) = output else { return true };
+            self.tell_who_draws();
+            let is_last = i + 1 == steps.len() || output.is_settled;
+            self.publish(number, step, is_last, output);
+            wake();
+            if is_last || self.shared.inbox.is_superseded() {
+                return true;
+            }
+        }
+        true
+    }
+
+    fn tell_who_draws(&self) {
+        let told = self.shared.drawn_by.lock();
+        told.unwrap_or_else(PoisonError::into_inner)
+            .clone_from(self.accelerator.drawn_by());
+    }
+
+    /// One picture by the processor; `None` when cancelled.
+    fn make(
+        &mut self,
+        picture: &mut PreviewScene,
+        step: Step,
+        cancel: &AtomicBool,
+    ) -> Option<PassOutput> {
+        let Self {
+            pool,
+            sketch,
+            progressive,
+            lights,
+            ..
+        } = self;
+        pool.install(|| match step {
+            Step::Sketch { scale, purpose } => sketch.picture(picture, scale, purpose, cancel),
+            Step::Fine => {
+                if picture.layer.is_lit() {
+                    lights.prepare(&picture.scene, cancel);
+                    picture.scene = lights.fine(&picture.scene, &[picture.layer], cancel)?;
+                }
+                progressive.pass(picture, PassKind::FINE, cancel)
+            }
+            Step::Settled => progressive.pass(picture, PassKind::SETTLED, cancel),
+            Step::Card(_) => None,
+        })
+    }
+
+    fn publish(&self, request: u64, step: Step, is_last: bool, output: PassOutput) {
+        let PassOutput {
+            width,
+            height,
+            pixels,
+            recomputed,
+            cpu_secs,
+            is_settled: _,
+        } = output;
+        let frame = PreviewFrame {
+            request,
+            scale: step.scale(),
+            is_fine: step.is_fine(),
+            is_last,
+            width,
+            height,
+            pixels,
+            recomputed,
+            cpu_secs,
+        };
+        let newest = self.shared.frame.lock();
+        *newest.unwrap_or_else(PoisonError::into_inner) = Some(Arc::new(frame));
+        self.shared.n_frames.fetch_add(1, Ordering::Release);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::{Duration, Instant};
+
+    use super::*;
+    use crate::render::output::picture::{Picture, render};
+    use crate::render::scene::Layer;
+    use crate::render::test_scene::{camera, fog, scene};
+
+    fn request(width: u32) -> PreviewScene {
+        PreviewScene {
+            scene: scene(),
+            camera: camera(width, width),
+            layer: Layer::Final,
+            highlight: None,
+        }
+    }
+
+    /// All pictures until the last one of a request.
+    fn frames_until_last(
+        preview: &Preview,
+        news: &crossbeam::channel::Receiver<()>,
+        number: u64,
+    ) -> Vec<Arc<PreviewFrame>> {
+        let end = Instant::now() + Duration::from_mins(1);
+        let mut frames: Vec<Arc<PreviewFrame>> = Vec::new();
+        while frames
+            .last()
+            .is_none_or(|frame| frame.request != number || !frame.is_last)
+        {
+            news.recv_timeout(end.saturating_duration_since(Instant::now()))
+                .expect("a picture within a minute");
+            frames.extend(preview.frame());
+        }
+        frames
+    }
+
+    fn preview() -> (Preview, crossbeam::channel::Receiver<()>) {
+        let (sender, news) = crossbeam::channel::bounded(1000);
+        let wake = move || sender.send(()).expect("the test listens");
+        (Preview::new(2, wake).expect("threads"), news)
+    }
+
+    #[test]
+    fn pictures_come_coarse_to_fine() {
+        let (preview, news) = preview();
+        let number = preview.request(request(200), Passes::Refine);
+        let frames = frames_until_last(&preview, &news, number);
+        let last = frames.last().unwrap();
+        assert_eq!((last.scale, last.width, last.height), (1, 200, 200));
+        assert!(last.is_fine, "the last picture is the offline one");
+        assert_eq!(
+            frames[0].scale, 2,
+            "nothing was measured yet, so it begins at a half"
+        );
+        assert!(
+            frames.windows(2).all(|pair| pair[1].scale <= pair[0].scale),
+            "it grew coarser"
+        );
+    }
+
+    #[test]
+    fn in_moved_surroundings_the_settled_picture_is_the_offline_one() {
+        let (preview, news) = preview();
+        let mut request = request(60);
+        request.scene = crate::render::Scene::new(request.scene.object, fog(-1.0, 1.5));
+        request.scene.transform.rotate_deg = glam::Vec3::new(0.0, 20.0, 130.0);
+        for _ in 0..2 {
+            let number = preview.request(request.clone(), Passes::Refine);
+            let frames = frames_until_last(&preview, &news, number);
+            let settled = &frames.last().expect("a picture").pixels;
+            let PreviewScene {
+                scene,
+                camera,
+                layer,
+                ..
+            } = &request;
+            let never = AtomicBool::new(false);
+            let offline = |scene| render(scene, camera, *layer, &never, &|_| {}).expect("done");
+            let worst = |offline: &Picture| {
+                let pairs = settled.iter().zip(&offline.pixels);
+                let channels = pairs.flat_map(|(a, b)| (0..3).map(|c| (f32::from(a[c]), b[c])));
+                channels.fold(0.0_f32, |worst, (a, b)| worst.max((a / 255.0 - b).abs()))
+            };
+            assert!(worst(&offline(scene)) < 0.02, "{}", worst(&offline(scene)));
+            let baked = crate::render::Scene {
+                trained_in: None,
+                ..scene.clone()
+            };
+            assert!(worst(&offline(&baked)) > 0.02, "the diffuse part follows");
+            // The second time after another light in between.
+            request.scene.transform.rotate_deg.z = -80.0;
+        }
+    }
+
+    #[test]
+    fn the_newest_request_wins_and_none_is_coarser_than_a_half() {
+        let (preview, news) = preview();
+        let mut number = 0;
+        for i in 0..30 {
+            let mut next = request(160);
+            next.scene.transform.rotate_deg.z = i as f32;
+            number = preview.request(next, Passes::Refine);
+        }
+        let frames = frames_until_last(&preview, &news, number);
+        assert!(
+            frames.len() < 4 * 30,
+            "every request was refined: {} pictures",
+            frames.len()
+        );
+        assert!(
+            frames.iter().all(|frame| frame.width >= 80),
+            "coarser than a half"
+        );
+        assert!(
+            frames
+                .windows(2)
+                .all(|pair| pair[1].request >= pair[0].request),
+            "an older one came later"
+        );
+    }
+
+    #[test]
+    fn a_refresh_makes_one_picture_of_the_scale_asked_for() {
+        let (preview, news) = preview();
+        let number = preview.request(request(64), Passes::Only(2));
+        let frames = frames_until_last(&preview, &news, number);
+        assert_eq!(
+            frames
+                .iter()
+                .map(|frame| (frame.scale, frame.is_last))
+                .collect::<Vec<_>>(),
+            [(2, true)]
+        );
+    }
+
+    #[test]
+    fn a_dropped_preview_ends_at_once() {
+        let (preview, _news) = preview();
+        preview.request(request(2000), Passes::Only(1));
+        let start = Instant::now();
+        drop(preview);
+        assert!(
+            start.elapsed() < Duration::from_secs(20),
+            "took {:?}",
+            start.elapsed()
+        );
+    }
+}

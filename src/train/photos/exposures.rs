@@ -1,0 +1,261 @@
+//! Exposure and white balance of each training photo: known before ([`crate::train::priors::ground::SeenGround::log_gains`]), or found while the
+//! fields are learned.
+//!
+//! A photo shows `gain * radiance`, a gain a colour. Linear least squares over its pixels, in what is shown, give by how much
+//! the logarithms of its gain are off, again and again as the fields sharpen. Where that differs from photo to photo by no more
+//! than the fields are wrong, the photos are taken as alike. Only the photos' differences can be told: the gains' geometric
+//! mean over the photos is held at 1, which is how held-out photos are shown.
+
+use glam::Vec3;
+
+use crate::train::config::PhotoFit;
+use crate::train::step::loss::PixelLoss;
+use crate::train::step::trainer::Trainer;
+
+/// Steps before exposures are found. Much later the field would have learned them itself, from where each photo was taken.
+const DELAY: u64 = 50;
+/// Steps after which photos that are alike until then are taken as alike for good: looking takes a twentieth of a step.
+const LOOKED_AT: u64 = 1000;
+/// Steps between two updates: a photo of fifty gives some thousand pixels in that time.
+const EVERY: u64 = 50;
+/// Share of what is found that is taken up: the fields follow the gains, as they follow these.
+const SHARE: f32 = 0.5;
+/// Root mean square of the logarithms up to which photos count as alike.
+const ALIKE: f32 = 0.04;
+/// Difference, in sRGB, from which a pixel counts less: it shows something else, not the same thing exposed otherwise.
+const USUAL_DIFFERENCE: f32 = 0.1;
+/// Pull of the logarithms towards 0, in pixels' squared slopes: what hardly any pixel tells of keeps the mean exposure.
+const PULL: f32 = 0.1;
+/// Largest logarithm: a black photo would have its gain fall without end.
+const MOST: f32 = 3.0;
+
+/// A pixel's equation: `slope * correction = -difference`, a colour each.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::train) struct ExposureRow {
+    view: usize,
+    /// Of what is shown, by the logarithm of the gain.
+    slope: Vec3,
+    /// What is shown less the target, sRGB.
+    difference: Vec3,
+}
+
+impl ExposureRow {
+    /// Of a pixel that shows `exposed`, gain times radiance.
+    pub(in crate::train) fn new(view: usize, exposed: Vec3, loss: &PixelLoss) -> Self {
+        Self {
+            view,
+            slope: loss.slope * exposed,
+            difference: loss.difference,
+        }
+    }
+}
+
+/// The gains, and what the photos have told of them since they were last updated.
+#[derive(Clone, Debug)]
+pub(in crate::train) struct Exposures {
+    fit: PhotoFit,
+    /// Whether they are not sought.
+    are_known: bool,
+    /// `[n_views]` logarithms.
+    log_gains: Vec<Vec3>,
+    /// `[n_views]` sums of `slope^2` and `slope * difference`.
+    sums: Vec<[Vec3; 2]>,
+    /// What they are as applied.
+    gains: Vec<Vec3>,
+    are_applied: bool,
+}
+
+impl Exposures {
+    /// All alike, to be found.
+    pub(in crate::train) fn new(n_views: usize, fit: PhotoFit) -> Self {
+        let mut exposures = Self {
+            fit,
+            are_known: false,
+            log_gains: vec![Vec3::ZERO; n_views],
+            sums: vec![[Vec3::ZERO; 2]; n_views],
+            gains: Vec::new(),
+            are_applied: false,
+        };
+        exposures.apply();
+        exposures
+    }
+
+    /// Known from logarithms of the gains, whose mean is 0.
+    pub(in crate::train) fn known(log_gains: Vec<Vec3>, fit: PhotoFit) -> Self {
+        let mut exposures = Self::new(log_gains.len(), fit);
+        exposures.are_known = true;
+        exposures.log_gains = log_gains;
+        exposures.apply();
+        exposures
+    }
+
+    /// By training view, in linear light; `None` where all are alike.
+    pub(in crate::train) fn gains(&self) -> Option<&[Vec3]> {
+        self.are_applied.then_some(&self.gains)
+    }
+
+    /// Whether the pixels of step `step` are asked for them.
+    pub(in crate::train) fn are_sought(&self, step: u64) -> bool {
+        let may_differ = self.are_applied || step < LOOKED_AT;
+        !self.are_known && step >= DELAY && may_differ
+    }
+
+    /// Takes up the equations of a step.
+    fn add<'a>(&mut self, rows: impl Iterator<Item = &'a ExposureRow>) {
+        for row in rows {
+            let ratio = row.difference / USUAL_DIFFERENCE;
+            let weighted = row.slope / (1.0 + ratio * ratio);
+            let [slopes, differences] = &mut self.sums[row.view];
+            *slopes += weighted * row.slope;
+            *differences += weighted * row.difference;
+        }
+    }
+
+    /// Corrects all by what was taken up since the last time.
+    fn correct(&mut self) {
+        for (i, sums) in self.sums.iter_mut().enumerate() {
+            let [slopes, differences] = std::mem::take(sums);
+            let applied = self.gains[i].map(f32::ln);
+            let found = applied - (differences + PULL * applied) / (slopes + PULL);
+            if found.is_finite() {
+                let log_gain = &mut self.log_gains[i];
+                *log_gain = log_gain.lerp(found, SHARE);
+            }
+        }
+        let mean = self.log_gains.iter().sum::<Vec3>() / self.log_gains.len().max(1) as f32;
+        for log_gain in &mut self.log_gains {
+            *log_gain = (*log_gain - mean).clamp(Vec3::splat(-MOST), Vec3::splat(MOST));
+        }
+        self.apply();
+    }
+
+    /// Root mean square of the logarithms, over photos and colours.
+    fn spread(&self) -> f32 {
+        let squares = self
+            .log_gains
+            .iter()
+            .map(|log_gain| log_gain.length_squared());
+        (squares.sum::<f32>() / (3 * self.log_gains.len().max(1)) as f32).sqrt()
+    }
+
+    fn apply(&mut self) {
+        self.are_applied = self.fit != PhotoFit::Auto || self.spread() > ALIKE;
+        let applied = |log_gain: &Vec3| {
+            if self.are_applied {
+                log_gain.exp()
+            } else {
+                Vec3::ONE
+            }
+        };
+        self.gains = self.log_gains.iter().map(applied).collect();
+    }
+
+    /// `[n_views * 3]` logarithms, and `[n_views * 6]` sums.
+    pub(in crate::train) fn state(&self) -> [Vec<f32>; 2] {
+        let log_gains = self.log_gains.iter().flat_map(Vec3::to_array);
+        let sums = self.sums.as_flattened().iter().flat_map(Vec3::to_array);
+        [log_gains.collect(), sums.collect()]
+    }
+
+    /// Goes on from there; the lengths must be those of [`Self::state`].
+    pub(in crate::train) fn set_state(&mut self, [log_gains, sums]: [&[f32]; 2]) {
+        let pairs = self.log_gains.iter_mut().zip(log_gains.chunks_exact(3));
+        pairs.for_each(|(log_gain, stored)| *log_gain = Vec3::from_slice(stored));
+        let pairs = self
+            .sums
+            .as_flattened_mut()
+            .iter_mut()
+            .zip(sums.chunks_exact(3));
+        pairs.for_each(|(sum, stored)| *sum = Vec3::from_slice(stored));
+        self.apply();
+    }
+}
+
+impl Trainer {
+    /// Takes up the step's equations and corrects the exposures when it is time.
+    pub(in crate::train) fn find_exposures(&mut self) {
+        let Some(exposures) = &mut self.exposures else {
+            return;
+        };
+        if !exposures.are_sought(self.step) {
+            return;
+        }
+        exposures.add(
+            self.chunks
+                .iter()
+                .flat_map(|chunk| &chunk.photo_rows.exposures),
+        );
+        if self.step.is_multiple_of(EVERY) {
+            exposures.correct();
+        }
+    }
+
+    /// What each training photo's exposure multiplies radiance by, in the capture's order; `None` where all are alike.
+    pub fn gains(&self) -> Option<&[Vec3]> {
+        self.exposures.as_ref().and_then(Exposures::gains)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::color::srgb_from_linear;
+    use crate::neif::light::display::Display;
+    use crate::train::step::loss::pixel_loss;
+
+    /// The equations of pixels of every photo as bright as `truth` says, under gains as they are applied.
+    fn rows(exposures: &Exposures, truth: &[Vec3]) -> Vec<ExposureRow> {
+        let shown =
+            |radiance: f32, log_gain: Vec3| (radiance * log_gain.exp()).map(srgb_from_linear);
+        let row = |k: usize| {
+            let (view, radiance) = (k % truth.len(), 0.05 + 0.01 * (k % 40) as f32);
+            let exposed = radiance * exposures.gains[view];
+            let target = shown(radiance, truth[view]).to_array();
+            ExposureRow::new(
+                view,
+                exposed,
+                &pixel_loss(Display { gamma: 1.0 }, exposed, target),
+            )
+        };
+        (0..600).map(row).collect()
+    }
+
+    fn found(truth: &[Vec3], fit: PhotoFit) -> Exposures {
+        let mut exposures = Exposures::new(truth.len(), fit);
+        for _ in 0..20 {
+            let rows = rows(&exposures, truth);
+            exposures.add(rows.iter());
+            exposures.correct();
+        }
+        exposures
+    }
+
+    #[test]
+    fn gains_that_differ_are_found_around_a_mean_of_one() {
+        let truth = [
+            Vec3::new(0.4, 0.0, -0.1),
+            Vec3::new(-0.4, 0.2, 0.0),
+            Vec3::new(0.0, -0.2, 0.1),
+        ];
+        let exposures = found(&truth, PhotoFit::Auto);
+        let gains = exposures.gains().expect("they differ");
+        for (found, truth) in gains.iter().zip(truth) {
+            let apart = (found.map(f32::ln) - truth).abs().max_element();
+            assert!(apart < 0.01, "{found} for {truth}");
+        }
+        let mean = gains.iter().map(|g| g.x.ln()).sum::<f32>() / 3.0;
+        assert!(mean.abs() < 1e-5, "{mean}");
+    }
+
+    #[test]
+    fn photos_that_hardly_differ_are_alike_unless_somebody_says_otherwise() {
+        let truth = [Vec3::splat(0.02), Vec3::splat(-0.02)];
+        assert_eq!(found(&truth, PhotoFit::Auto).gains(), None);
+        let forced = found(&truth, PhotoFit::On);
+        let ratio = forced.gains().map(|gains| gains[0] / gains[1]);
+        assert!(
+            ratio.is_some_and(|ratio| (ratio.x - 1.04).abs() < 0.005),
+            "{ratio:?}"
+        );
+    }
+}

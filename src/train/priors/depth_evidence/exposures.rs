@@ -1,0 +1,51 @@
+//! How much brighter photos are than one another, from points whose depth is known.
+
+use std::ops::{Neg, Range};
+
+use glam::Vec3;
+
+use super::PhotoDepths;
+use super::small_photo::SmallPhoto;
+use crate::train::photos::relative_exposures::{pairs_of, relative_log_gains};
+
+/// Most points of a photo that are looked for in another.
+const MOST_POINTS: usize = 1000;
+/// Linear values that are neither noise nor clipped.
+const USABLE: Range<f32> = 0.004..0.85;
+/// Pairs that must tell of each photo.
+const LEAST_PAIRS: usize = 3;
+
+/// The logarithm of each photo's gain a colour, of mean 0; `None` where some photo cannot be compared with enough others.
+pub(super) fn log_gains(photos: &[SmallPhoto], depths: &[PhotoDepths]) -> Option<Vec<Vec3>> {
+    let n = photos.len();
+    let pairs = pairs_of(n, |[a, b]| {
+        let mut ratios = log_ratios([&photos[a], &photos[b]], [&depths[a], &depths[b]]);
+        let back = log_ratios([&photos[b], &photos[a]], [&depths[b], &depths[a]]);
+        ratios.extend(back.into_iter().map(Neg::neg));
+        ratios
+    });
+    let mut n_pairs = vec![0; n];
+    for photo in pairs.iter().flat_map(|pair| pair.photos) {
+        n_pairs[photo] += 1;
+    }
+    let is_told = n_pairs.iter().all(|n| *n >= LEAST_PAIRS);
+    is_told.then(|| relative_log_gains(n, &pairs))
+}
+
+/// The logarithms of the first photo's colours over the second's, at points that both show.
+fn log_ratios(photos: [&SmallPhoto; 2], depths: [&PhotoDepths; 2]) -> Vec<Vec3> {
+    let nearness = &depths[0].nearness;
+    let known = (0..nearness.len()).filter(|pixel| !nearness[*pixel].is_nan());
+    let stride = known.clone().count().div_ceil(MOST_POINTS).max(1);
+    let ratio = |pixel: usize| {
+        let there = depths[0].seen_by(pixel, depths[1])?;
+        Some(log_color(photos[0].colors[pixel])? - log_color(photos[1].colors[there])?)
+    };
+    known.step_by(stride).filter_map(ratio).collect()
+}
+
+/// The logarithm of a linear colour; `None` where it is noise or clipped.
+fn log_color(linear: Vec3) -> Option<Vec3> {
+    let is_usable = linear.to_array().iter().all(|v| USABLE.contains(v));
+    is_usable.then(|| linear.map(f32::ln))
+}

@@ -1,0 +1,180 @@
+//! On a sphere in a box with patterned walls, whose distances are known.
+
+use std::f32::consts::TAU;
+
+use glam::Vec3;
+
+use super::*;
+use crate::color::srgb_from_linear;
+use crate::data::{Mask, Photo};
+use crate::geometry::{Ray, fibonacci_sphere};
+use crate::neif::field::density_grid::{DensityGrid, cell_index};
+use crate::train::placement::field_frame;
+use crate::train::preparation::given_cameras;
+use crate::train::test_scene::{sphere_in_a_box, to_the_wall};
+
+/// Side of the photos, pixels.
+const SIZE: u32 = 96;
+
+/// Never the same twice.
+fn pattern(p: Vec3) -> Vec3 {
+    let wave = |frequency: f32| {
+        let q = frequency * p;
+        (q.x + 0.7 * q.y).sin() * (0.8 * q.y - 0.3 * q.z).cos() * (q.z + 0.4 * q.x).cos()
+    };
+    Vec3::new(0.3, 0.25, 0.2) * (1.0 + 0.4 * wave(5.0) + 0.3 * wave(8.3) + 0.2 * wave(13.7))
+}
+
+/// Photos from around the sphere, each with the gain a colour of its index.
+fn patterned_box(gain: impl Fn(usize) -> Vec3) -> Dataset {
+    let mut dataset = sphere_in_a_box(60, 8);
+    let n = dataset.train.len();
+    for (index, view) in dataset.train.iter_mut().enumerate() {
+        let (x, y) = (TAU * index as f32 / n as f32).sin_cos();
+        let eye = Vec3::new(1.8 * x, 1.8 * y, 0.6);
+        view.camera = Camera::look_at(eye, Vec3::ZERO, Vec3::Z, 1.0, SIZE, SIZE);
+        let pixels = 0..SIZE * SIZE;
+        let rays: Vec<Ray> = pixels
+            .map(|i| {
+                view.camera
+                    .ray((i % SIZE) as f32 + 0.5, (i / SIZE) as f32 + 0.5)
+            })
+            .collect();
+        let color = |ray: &Ray| {
+            let seen = gain(index) * pattern(ray.at(to_the_wall(ray.origin, ray.direction)));
+            let code = |v: f32| (srgb_from_linear(v).clamp(0.0, 1.0) * 65535.0).round() as u16;
+            seen.to_array().map(code)
+        };
+        // A pixel more than the sphere of half a unit.
+        let is_object = |ray: &Ray| ray.at(-ray.origin.dot(ray.direction)).length() < 0.52;
+        view.photo = Photo::Ldr {
+            width: SIZE,
+            height: SIZE,
+            pixels: rays.iter().map(color).collect(),
+        };
+        view.mask = Some(Mask {
+            width: SIZE,
+            height: SIZE,
+            coverage: rays
+                .iter()
+                .map(|ray| u8::MAX * u8::from(is_object(ray)))
+                .collect(),
+        });
+    }
+    dataset
+}
+
+fn depths_of(dataset: &Dataset) -> (FieldFrame, SeenDepths) {
+    let frame = field_frame(dataset, 1.1);
+    let tracer = dataset.mesh.clone().map(SurfaceTracer::new);
+    let cameras = given_cameras(dataset);
+    let depths = SeenDepths::of(dataset, &cameras, tracer.as_ref(), &frame, &|| true);
+    (frame, depths.expect("nobody cancelled"))
+}
+
+#[test]
+fn photos_a_pixel_wide_tell_nothing() {
+    let photo = |x: f32| SmallPhoto {
+        camera: Camera::look_at(Vec3::new(x, 2.0, 0.0), Vec3::ZERO, Vec3::Z, 1.0, 1, 40),
+        grey: (0..40).map(|i| (i % 7) as f32 / 7.0).collect(),
+        colors: vec![Vec3::ONE; 40],
+    };
+    let steps = Steps { n: 8, width: 0.1 };
+    let found = sweep(&photo(0.0), &[&photo(0.1), &photo(-0.1)], steps);
+    assert!(found.len() == 40 && found.iter().all(|nearness| nearness.is_nan()));
+}
+
+#[test]
+fn distances_of_the_walls_are_found_and_none_of_the_object() {
+    let dataset = patterned_box(|_| Vec3::ONE);
+    let (_, depths) = depths_of(&dataset);
+    assert!(depths.share() > 0.2, "{} known", depths.share());
+    let mut errors = Vec::new();
+    for (index, view) in dataset.train.iter().enumerate() {
+        for pixel in (0..view.photo.n_pixels()).step_by(7) {
+            let (x, y) = (pixel as u32 % SIZE, pixel as u32 / SIZE);
+            let ray = view.camera.ray(x as f32 + 0.5, y as f32 + 0.5);
+            let Some(nearness) = depths.nearness(index, ray.direction) else {
+                continue;
+            };
+            let mask = view.mask.as_ref().expect("a mask");
+            assert!(!mask.is_object(pixel), "pixel {pixel} of {}", view.name);
+            errors.push((nearness * to_the_wall(ray.origin, ray.direction) - 1.0).abs());
+        }
+    }
+    errors.sort_by(f32::total_cmp);
+    let at = |share: f32| errors[(share * errors.len() as f32) as usize];
+    assert!(errors.len() > 1000, "{} known", errors.len());
+    assert!(
+        at(0.5) < 0.02 && at(0.9) < 0.06,
+        "{} and {}",
+        at(0.5),
+        at(0.9)
+    );
+}
+
+#[test]
+fn what_photos_see_through_is_air_and_the_object_is_not() {
+    let (frame, depths) = depths_of(&patterned_box(|_| Vec3::ONE));
+    let mut density = DensityGrid::default();
+    clear_air(&mut density, &depths, &frame);
+    let is_void = |p: Vec3| density.is_void(cell_index(frame.field_from_world(p).to_array()));
+    let around = fibonacci_sphere(64);
+    let ring = (0..64).map(|i| Vec2::from_angle(TAU * i as f32 / 64.0).extend(0.0));
+    let n_void = ring.filter(|p| is_void(1.2 * *p)).count();
+    assert!(n_void > 32, "{n_void} of 64 places around the object");
+    assert!(around.iter().all(|p| !is_void(0.3 * *p)), "the object");
+}
+
+#[test]
+fn exposures_are_told_by_what_photos_share() {
+    let log_gain = |photo: usize| 0.3 * Vec3::new(1.0, 0.8, 1.2) * (1.7 * photo as f32).sin();
+    let dataset = patterned_box(|photo| log_gain(photo).exp());
+    let found = depths_of(&dataset).1.log_gains.expect("exposures");
+    let n = dataset.train.len();
+    let mean = (0..n).map(log_gain).sum::<Vec3>() / n as f32;
+    for (photo, found) in found.iter().enumerate() {
+        let apart = (*found - (log_gain(photo) - mean)).abs().max_element();
+        assert!(apart < 0.02, "photo {photo}: {found}, off by {apart}");
+    }
+}
+
+#[test]
+fn plain_walls_tell_nothing() {
+    let (_, depths) = depths_of(&sphere_in_a_box(30, 48));
+    assert!(depths.share() < 0.01 && depths.log_gains.is_none());
+}
+
+#[test]
+fn what_was_measured_goes_before_what_was_found() {
+    let dataset = patterned_box(|_| Vec3::ONE);
+    let view = &dataset.train[0];
+    let photo = SmallPhoto::of(view, &view.camera, None);
+    let mut depths = PhotoDepths {
+        camera: photo.camera,
+        nearness: vec![9.0; photo.grey.len()],
+        step: 0.1,
+    };
+    // The upper half is four units away; of the lower nothing is known.
+    let n = photo.grey.len();
+    let map = DepthMap {
+        camera: view.camera,
+        depths: (0..n).map(|i| if i < n / 2 { 4.0 } else { 0.0 }).collect(),
+    };
+    depths.measure(&photo, &map);
+    let (upper, lower) = depths.nearness.split_at(n / 2 - SIZE as usize);
+    for (value, grey) in upper.iter().zip(&photo.grey) {
+        let expected = if grey.is_nan() { 9.0 } else { 0.25 };
+        assert!((value - expected).abs() < 1e-5, "{value}");
+    }
+    assert!(lower[2 * SIZE as usize..].iter().all(|value| *value == 9.0));
+    assert!(photo.grey.iter().any(|grey| grey.is_nan()), "the object");
+}
+
+#[test]
+fn work_stops_when_asked_to() {
+    let dataset = sphere_in_a_box(6, 32);
+    let frame = field_frame(&dataset, 1.1);
+    let cameras = given_cameras(&dataset);
+    assert!(SeenDepths::of(&dataset, &cameras, None, &frame, &|| false).is_none());
+}

@@ -1,0 +1,251 @@
+//! A run in progress: steps to the end of its plan and obeys commands between two steps.
+
+use std::{
+    path::PathBuf,
+    sync::{Arc, atomic::Ordering},
+};
+
+use crossbeam::channel::TryRecvError;
+
+use super::events::{Finish, FinishReason, TrainCommand, TrainEvent};
+use super::handle::SessionError;
+use super::meter::{Clock, Meter};
+use super::plan::{Budget, Plan};
+use super::run_folder::{RunConfig, RunFolder};
+use super::run_log::RunLog;
+use super::thread::Worker;
+use crate::data::Dataset;
+use crate::train::any_trainer::AnyTrainer;
+use crate::train::measure::validation::{Settling, Validator};
+use crate::train::shape::retracing::Retracings;
+
+/// Steps in a row that may be skipped before the run is given up.
+const MAX_SKIPS_IN_A_ROW: u64 = 500;
+
+/// A run in progress. What it does beside stepping is in `upkeep.rs`.
+pub(in crate::train) struct Run<'a> {
+    pub(in crate::train) worker: &'a Worker,
+    pub(in crate::train) trainer: AnyTrainer,
+    pub(in crate::train) dataset: Arc<Dataset>,
+    /// Where it is saved by itself.
+    pub(in crate::train) folder: Option<RunFolder>,
+    /// Folders that belong to this run and so may be written again.
+    pub(super) own_folders: Vec<PathBuf>,
+    pub(in crate::train) config: RunConfig,
+    pub(in crate::train) plan: Plan,
+    pub(super) clock: Clock,
+    pub(in crate::train) meter: Meter,
+    pub(in crate::train) log: RunLog,
+    pub(super) validator: Validator,
+    pub(in crate::train) settling: Settling,
+    skips_in_a_row: u64,
+    pub(in crate::train) due: Due,
+}
+
+/// Seconds of training at which something is due.
+#[derive(Clone, Copy, Debug, Default)]
+pub(in crate::train) struct Due {
+    pub(in crate::train) report: f64,
+    pub(in crate::train) validation: f64,
+    pub(in crate::train) save: f64,
+    pub(in crate::train) retracings: Retracings,
+}
+
+/// What to do after looking at the commands.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Flow {
+    Go,
+    Stop,
+}
+
+impl<'a> Run<'a> {
+    /// A run that has not begun.
+    pub(in crate::train) fn new(
+        worker: &'a Worker,
+        trainer: AnyTrainer,
+        dataset: Arc<Dataset>,
+        folder: Option<RunFolder>,
+    ) -> Self {
+        let options = &worker.options;
+        let validator = worker.make_validator(&dataset, trainer.snapshot().object.as_deref());
+        Self {
+            config: options.describe(folder.as_ref()),
+            own_folders: options.run.iter().cloned().collect(),
+            log: RunLog::default(),
+            plan: Plan::new(options.budget),
+            clock: Clock::default(),
+            meter: Meter::default(),
+            settling: Settling::default(),
+            skips_in_a_row: 0,
+            due: Due::default(),
+            worker,
+            trainer,
+            dataset,
+            folder,
+            validator,
+        }
+    }
+
+    /// Trains until the end, and further each time more training is asked for.
+    pub(in crate::train) fn train(&mut self) -> Result<(), SessionError> {
+        loop {
+            let reason = self.train_to_the_end()?;
+            self.finish(reason)?;
+            if reason == FinishReason::Stopped || self.wait_for_more() == Flow::Stop {
+                return Ok(());
+            }
+        }
+    }
+
+    fn train_to_the_end(&mut self) -> Result<FinishReason, SessionError> {
+        loop {
+            if self.obey()? == Flow::Stop {
+                return Ok(FinishReason::Stopped);
+            }
+            if self.plan.is_done(self.position()) {
+                return Ok(if self.plan.is_cooling_down() {
+                    FinishReason::Settled
+                } else {
+                    FinishReason::Budget
+                });
+            }
+            self.step()?;
+            self.attend();
+        }
+    }
+
+    /// Where the run is on its plan.
+    pub(in crate::train) fn position(&self) -> f64 {
+        self.plan.position(self.clock.secs(), self.trainer.steps())
+    }
+
+    fn step(&mut self) -> Result<(), SessionError> {
+        let fraction = self.plan.fraction(self.position());
+        let stats = self
+            .worker
+            .step_pool()
+            .install(|| self.trainer.step(fraction));
+        self.meter.add(&stats);
+        self.skips_in_a_row = if stats.skipped {
+            self.skips_in_a_row + 1
+        } else {
+            0
+        };
+        if self.skips_in_a_row > MAX_SKIPS_IN_A_ROW {
+            return Err(SessionError::NotFinite(self.skips_in_a_row));
+        }
+        Ok(())
+    }
+
+    /// Carries out the commands that have arrived; waits for more while paused.
+    fn obey(&mut self) -> Result<Flow, SessionError> {
+        let mut paused = false;
+        loop {
+            if self.worker.shared.stop.load(Ordering::Relaxed) {
+                return Ok(Flow::Stop);
+            }
+            let command = match self.next_command(paused) {
+                Ok(command) => command,
+                Err(TryRecvError::Empty) => return Ok(Flow::Go),
+                // Nobody can send commands any more: nobody wants the run.
+                Err(TryRecvError::Disconnected) => return Ok(Flow::Stop),
+            };
+            match command {
+                TrainCommand::Pause if !paused => {
+                    paused = true;
+                    self.pause();
+                }
+                TrainCommand::StepOnce => {
+                    paused = true;
+                    self.step()?;
+                    self.pause();
+                }
+                TrainCommand::Resume if paused => {
+                    paused = false;
+                    self.go_on();
+                }
+                TrainCommand::Stop => return Ok(Flow::Stop),
+                TrainCommand::Save(path) => self.save_to(&path),
+                TrainCommand::Extend(more) => self.extend(more),
+                TrainCommand::Pause | TrainCommand::Resume => {}
+            }
+        }
+    }
+
+    fn next_command(&self, wait: bool) -> Result<TrainCommand, TryRecvError> {
+        let commands = &self.worker.commands;
+        if wait {
+            commands
+                .recv()
+                .map_err(|_closed| TryRecvError::Disconnected)
+        } else {
+            commands.try_recv()
+        }
+    }
+
+    fn pause(&mut self) {
+        self.clock.pause();
+        self.trainer.settle_normals();
+        self.publish();
+        self.report();
+        self.tell(TrainEvent::Paused);
+    }
+
+    fn go_on(&mut self) {
+        self.clock.resume();
+        self.tell(TrainEvent::Resumed);
+    }
+
+    fn extend(&mut self, more: Budget) {
+        self.plan
+            .extend(self.clock.secs(), self.trainer.steps(), more);
+        // What was traced for the rest of the former plan is too little for a much longer one.
+        let fraction = self.plan.fraction(self.position());
+        self.due.retracings = Retracings::starting_at(fraction);
+        self.settling = Settling::default();
+    }
+
+    /// Publishes, validates and saves the result.
+    fn finish(&mut self, reason: FinishReason) -> Result<(), SessionError> {
+        self.clock.pause();
+        self.trainer.settle_normals();
+        self.publish();
+        self.report();
+        self.validate();
+        if let Some(gains) = self.trainer.gains() {
+            let gains = gains.iter().map(glam::Vec3::to_array).collect();
+            self.tell(TrainEvent::Exposures(self.named(gains)));
+        }
+        if let Some(poses) = self.poses_found() {
+            self.tell(poses);
+        }
+        let finish = Finish {
+            reason,
+            step: self.trainer.steps(),
+            train_secs: self.clock.secs(),
+        };
+        // Noted before the save, so that the saved log is complete; told after it, so that who
+        // hears of the end finds the files.
+        self.log.note(&TrainEvent::Finished(finish));
+        self.save()?;
+        self.worker.events.send(TrainEvent::Finished(finish));
+        Ok(())
+    }
+
+    /// Waits after the end of the run until it is extended or nobody is left to extend it.
+    fn wait_for_more(&mut self) -> Flow {
+        while let Ok(command) = self.worker.commands.recv() {
+            match command {
+                TrainCommand::Extend(more) => {
+                    self.extend(more);
+                    self.go_on();
+                    return Flow::Go;
+                }
+                TrainCommand::Save(path) => self.save_to(&path),
+                TrainCommand::Stop => return Flow::Stop,
+                TrainCommand::Pause | TrainCommand::Resume | TrainCommand::StepOnce => {}
+            }
+        }
+        Flow::Stop
+    }
+}

@@ -1,0 +1,265 @@
+//! The training thread: makes its thread pool, reads the capture, prepares the run, hands over.
+
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use crossbeam::channel::Receiver;
+use rayon::{ThreadPool, ThreadPoolBuilder};
+
+use super::event_queue::EventQueue;
+use super::events::{Finish, FinishReason, TrainCommand, TrainEvent};
+use super::handle::{SessionError, SessionOptions, Shared, Start};
+use super::run::Run;
+use super::run_folder::RunFolder;
+use crate::data::{Dataset, LoadOptions, Problem, Severity, Splits, background_stands_still};
+use crate::geometry::ScalarGrid;
+use crate::neif::ObjectModel;
+use crate::render::preview::priority::lower_thread_priority;
+use crate::train::TrainError;
+use crate::train::any_trainer::AnyTrainer;
+use crate::train::config::{PhotoFit, TrainConfig};
+use crate::train::measure::validation::Validator;
+use crate::train::shape::refinement;
+use crate::train::shape::stage_one::{self, GrowthPicture, Making, StageOneError, StageOneOptions};
+
+/// Training then takes only time that nothing else wants, and the window stays smooth (measured:
+/// 25 frames per second instead of 13).
+const LOWEST_PRIORITY: i32 = 19;
+/// What the person reads while photos are decoded.
+const READING: &str = "Reading the capture";
+/// What the person reads while a mesh is made of depth maps or masks.
+const MAKING_MESH: &str = "Making the object's mesh";
+/// Between two pictures of the growing surface.
+const GROWTH_PAUSE: Duration = Duration::from_millis(500);
+/// What the person reads while pixels are traced.
+const PREPARING: &str = "Preparing the training pixels";
+
+/// What the thread owns before there is a run, and keeps during it.
+pub(in crate::train) struct Worker {
+    pub(in crate::train) options: SessionOptions,
+    pub(in crate::train) shared: Arc<Shared>,
+    pub(in crate::train) commands: Receiver<TrainCommand>,
+    pub(in crate::train) events: EventQueue,
+    pub(in crate::train) pool: ThreadPool,
+    /// One thread fewer, for steps that leave a core to others.
+    small_pool: ThreadPool,
+}
+
+impl Worker {
+    /// Makes the thread pool; the rest happens on the thread.
+    pub(in crate::train) fn new(
+        options: SessionOptions,
+        shared: Arc<Shared>,
+        commands: Receiver<TrainCommand>,
+        events: EventQueue,
+    ) -> Result<Self, SessionError> {
+        let nice = options.nice;
+        let pool = |n_threads| {
+            ThreadPoolBuilder::new()
+                .num_threads(n_threads)
+                .thread_name(|i| format!("neif-train-{i}"))
+                .start_handler(move |_| {
+                    if nice {
+                        lower_thread_priority(LOWEST_PRIORITY);
+                    }
+                })
+                .build()
+                .map_err(|error| SessionError::Threads(error.to_string()))
+        };
+        let all = pool(options.config.threads)?;
+        let fewer = all.current_num_threads().saturating_sub(1).max(1);
+        Ok(Self {
+            small_pool: pool(fewer)?,
+            options,
+            shared,
+            commands,
+            events,
+            pool: all,
+        })
+    }
+
+    /// The threads for the next step.
+    pub(super) fn step_pool(&self) -> &ThreadPool {
+        if self.shared.spares_core.load(Ordering::Relaxed) {
+            &self.small_pool
+        } else {
+            &self.pool
+        }
+    }
+
+    /// What measures the capture's validation views, traced on the object's mesh.
+    pub(super) fn make_validator(
+        &self,
+        dataset: &Dataset,
+        object: Option<&ObjectModel>,
+    ) -> Validator {
+        let config = &self.options.config;
+        let make = || Validator::new(dataset, object, config.seed, config.validation_pixels());
+        self.pool.install(make)
+    }
+
+    /// Prepares and trains; reports how it ended.
+    pub(in crate::train) fn run(self) -> Result<(), SessionError> {
+        if self.options.nice {
+            lower_thread_priority(LOWEST_PRIORITY);
+        }
+        let result = self.prepare_and_train();
+        if let Err(error) = &result {
+            self.events.send(TrainEvent::Failed(error.to_string()));
+        }
+        self.events.close();
+        result
+    }
+
+    fn prepare_and_train(&self) -> Result<(), SessionError> {
+        if let Some(mut run) = self.prepare()? {
+            return run.train();
+        }
+        self.events.send(TrainEvent::Finished(Finish {
+            reason: FinishReason::Stopped,
+            step: 0,
+            train_secs: 0.0,
+        }));
+        Ok(())
+    }
+
+    /// Loads everything; `None` when it was told to stop meanwhile.
+    fn prepare(&self) -> Result<Option<Run<'_>>, SessionError> {
+        let options = &self.options;
+        // A run that must not be overwritten shows before the loading; the folder is made after
+        // it, so that unusable input leaves nothing behind.
+        if let (Some(path), Start::Fresh) = (&options.run, options.start) {
+            RunFolder::check_free(path)?;
+        }
+        let mut dataset = self.load()?;
+        if !self.complete_mesh(&mut dataset)? {
+            return Ok(None);
+        }
+        let config = self.settle_background(&mut dataset);
+        let dataset = Arc::new(dataset);
+        let folder = match (&options.run, options.start) {
+            (None, _) => None,
+            (Some(path), Start::Fresh) => Some(RunFolder::create(path)?),
+            (Some(path), _) => Some(RunFolder::open(path)?),
+        };
+        self.shared.dataset.publish(Arc::clone(&dataset));
+        let report = |fraction| self.loading(PREPARING, fraction);
+        let trainer = self
+            .pool
+            .install(|| AnyTrainer::new(&config, &dataset, &self.shared.stop, &report));
+        let trainer = match trainer {
+            Err(TrainError::Cancelled) => return Ok(None),
+            other => other?,
+        };
+        let mut run = Run::new(self, trainer, dataset, folder);
+        if options.start != Start::Fresh {
+            run.restore()?;
+        }
+        run.begin()?;
+        Ok(Some(run))
+    }
+
+    fn load(&self) -> Result<Dataset, SessionError> {
+        self.loading(READING, 0.0);
+        let report = |done, all| self.loading(READING, done as f32 / all as f32);
+        // An environment has no test of its own: every photo that does not validate teaches.
+        let environment_only = self.options.environment_only;
+        let options = LoadOptions {
+            splits: if environment_only {
+                Splits::ALL
+            } else {
+                Splits::TRAIN_VAL
+            },
+            mesh: self.options.mesh.clone(),
+            mesh_placement: self.options.mesh_placement,
+            choices: self.options.choices.clone(),
+            on_progress: &report,
+        };
+        let load = || Dataset::load(&self.options.dataset, &options);
+        let mut dataset = self.pool.install(load)?;
+        if environment_only {
+            dataset.mesh = None;
+            dataset.train.append(&mut dataset.test);
+        }
+        Ok(dataset)
+    }
+
+    /// Gives the capture a mesh where it has none and what one can be made from, or one with better normals: a run that
+    /// goes on keeps its own, a new one makes it. False when it was told to stop meanwhile.
+    fn complete_mesh(&self, dataset: &mut Dataset) -> Result<bool, SessionError> {
+        let options = &self.options;
+        let is_needed = stage_one::is_needed(dataset);
+        if options.environment_only
+            || !(is_needed || refinement::is_wanted(&options.config, dataset))
+        {
+            return Ok(true);
+        }
+        if let (Some(path), Start::Continue | Start::Replan) = (&options.run, options.start) {
+            let folder = RunFolder::open(path)?;
+            dataset.mesh = folder.mesh()?.map(Arc::new);
+            let checkpoint = folder.checkpoint()?;
+            dataset.first_box = checkpoint.as_ref().and_then(refinement::stored_box);
+            return Ok(true);
+        }
+        if !is_needed {
+            return Ok(true);
+        }
+        let next_picture = Mutex::new(Instant::now());
+        let report = |making: Making<'_>| match making {
+            Making::Progress(fraction) => self.loading(MAKING_MESH, fraction),
+            Making::Surface(distances) => self.show_growth(dataset, distances, &next_picture),
+        };
+        let settings = StageOneOptions::within(options.started, options.budget);
+        let make = || stage_one::make_mesh(dataset, &settings, &self.shared.stop, &report);
+        match self.pool.install(make) {
+            Ok(mesh) => dataset.mesh = Some(Arc::new(mesh)),
+            Err(StageOneError::Cancelled) => return Ok(false),
+            Err(error) => {
+                let message = format!("only the surroundings are trained: {error}");
+                self.events.send(TrainEvent::Warning(message));
+            }
+        }
+        Ok(true)
+    }
+
+    /// The settings with which to train: without the background where it stands still in the picture and nobody wants it
+    /// all the same, which is told with the capture's problems.
+    fn settle_background(&self, dataset: &mut Dataset) -> TrainConfig {
+        let mut config = self.options.config.clone();
+        let has_object = dataset.mesh.is_some();
+        let is_still = || self.pool.install(|| background_stands_still(dataset));
+        if config.background == PhotoFit::Auto && has_object && is_still() {
+            config.background = PhotoFit::Off;
+            let what = "the background stands still in the picture, as on a turntable: it is left out, and light is \
+                        learned from reflections alone";
+            let advice = "--background=on trains on it all the same";
+            dataset
+                .problems
+                .push(Problem::new(Severity::Warning, what, advice));
+        }
+        if config.background == PhotoFit::Off && config.refine_poses == PhotoFit::Auto {
+            // Outlines tell where they begin, but only the background would hold them there.
+            config.refine_poses = PhotoFit::Off;
+        }
+        config
+    }
+
+    /// Makes a picture of the surface where somebody looks and the last one is a while ago.
+    fn show_growth(&self, dataset: &Dataset, distances: &ScalarGrid, next: &Mutex<Instant>) {
+        let (true, Some(view)) = (self.options.shows_growth, dataset.train.first()) else {
+            return;
+        };
+        let mut next = next.lock().unwrap_or_else(PoisonError::into_inner);
+        if Instant::now() >= *next {
+            let picture = GrowthPicture::new(distances, view);
+            self.shared.growth.publish(Arc::new(picture));
+            *next = Instant::now() + GROWTH_PAUSE;
+        }
+    }
+
+    fn loading(&self, what: &str, fraction: f32) {
+        let what = what.to_owned();
+        self.events.send(TrainEvent::Loading { what, fraction });
+    }
+}

@@ -1,0 +1,213 @@
+//! Adam (Kingma and Ba, arXiv:1412.6980) over flat parameter vectors.
+
+use rayon::prelude::*;
+
+use crate::neif::kernels::math::bf16_from_f32;
+use crate::neif::kernels::{Isa, dispatch};
+
+const BETA1: f32 = 0.9;
+const BETA2: f32 = 0.99;
+/// Small, as grid values see gradients of 1e-8 (instant-ngp's choice); 0 would divide by zero where none came yet.
+const EPSILON: f32 = 1e-15;
+/// Parameters of a cache line: a line without any gradient is left as it is, moments included. Most of a grid's values are
+/// touched by few steps, and the update is as fast as memory (instant-ngp skips them too, Sec. 4 of arXiv:2201.05989).
+const LINE: usize = 16;
+/// Parameters a task takes.
+const BLOCK: usize = 1 << 15;
+
+/// First and second moments of a parameter vector.
+#[derive(Clone, Debug, PartialEq)]
+pub(in crate::train) struct Adam {
+    /// Running mean of the gradient.
+    pub first: Vec<f32>,
+    /// Running mean of its square.
+    pub second: Vec<f32>,
+}
+
+impl Adam {
+    /// Zero moments for `n` parameters.
+    pub(in crate::train) fn new(n: usize) -> Self {
+        Self {
+            first: vec![0.0; n],
+            second: vec![0.0; n],
+        }
+    }
+
+    /// One step, the `step`-th (from 1): `params[i]` moves by at most about `lr(i)`; the head `..n_head` has `lr_head`.
+    /// Leaves the gradient zero: clearing it here, while it is in cache, saves a pass over it.
+    pub(in crate::train) fn update(
+        &mut self,
+        params: &mut [f32],
+        gradient: &mut [f32],
+        rates: Rates,
+        step: u64,
+    ) {
+        self.update_rounded(params, gradient, &mut [], rates, step);
+    }
+
+    /// [`Self::update`] that also writes the tail in bf16 to `tail_bf16`, unless that is empty.
+    pub(super) fn update_rounded(
+        &mut self,
+        params: &mut [f32],
+        gradient: &mut [f32],
+        tail_bf16: &mut [u16],
+        rates: Rates,
+        step: u64,
+    ) {
+        assert!(
+            params.len() == self.first.len() && gradient.len() == params.len(),
+            "adam: lengths differ"
+        );
+        let bias1 = 1.0 - f64::from(BETA1).powf(step as f64);
+        let bias2 = 1.0 - f64::from(BETA2).powf(step as f64);
+        let unbias = (bias2.sqrt() / bias1) as f32;
+        let epsilon = EPSILON * bias2.sqrt() as f32;
+        let (head, tail) = params.split_at_mut(rates.n_head);
+        let n_tail = tail.len();
+        let (m_head, m_tail) = self.first.split_at_mut(rates.n_head);
+        let (v_head, v_tail) = self.second.split_at_mut(rates.n_head);
+        let (g_head, g_tail) = gradient.split_at_mut(rates.n_head);
+        adam_block(head, m_head, v_head, g_head, [rates.head * unbias, epsilon]);
+        let rate_epsilon = [rates.tail * unbias, epsilon];
+        let blocks = tail
+            .par_chunks_mut(BLOCK)
+            .zip(m_tail.par_chunks_mut(BLOCK))
+            .zip(
+                v_tail
+                    .par_chunks_mut(BLOCK)
+                    .zip(g_tail.par_chunks_mut(BLOCK)),
+            );
+        if tail_bf16.is_empty() {
+            blocks.for_each(|((p, m), (v, g))| adam_block(p, m, v, g, rate_epsilon));
+            return;
+        }
+        assert_eq!(tail_bf16.len(), n_tail, "adam: a copy of another length");
+        blocks
+            .zip(tail_bf16.par_chunks_mut(BLOCK))
+            .for_each(|(((p, m), (v, g)), copy)| {
+                adam_block(p, m, v, g, rate_epsilon);
+                store_bf16(p, copy);
+            });
+    }
+}
+
+/// Learning rates of the networks (the head of the vector) and of the grid (the rest).
+#[derive(Clone, Copy, Debug)]
+pub(in crate::train) struct Rates {
+    /// Parameters in the head.
+    pub n_head: usize,
+    /// Their rate.
+    pub head: f32,
+    /// The rate of the rest.
+    pub tail: f32,
+}
+
+dispatch! {
+    /// Rounds `values` to bf16.
+    pub(super) fn store_bf16(values: &[f32], out: &mut [u16]) = store_bf16_body
+}
+
+#[inline(always)]
+#[expect(
+    clippy::extra_unused_type_parameters,
+    reason = "compiled once an instruction set"
+)]
+fn store_bf16_body<I: Isa>(values: &[f32], out: &mut [u16]) {
+    for (out, value) in out.iter_mut().zip(values) {
+        *out = bf16_from_f32(*value);
+    }
+}
+
+dispatch! {
+    fn adam_block(params: &mut [f32], first: &mut [f32], second: &mut [f32], gradient: &mut [f32], rate_epsilon: [f32; 2]) = adam_body
+}
+
+#[inline(always)]
+#[expect(
+    clippy::extra_unused_type_parameters,
+    reason = "compiled once an instruction set"
+)]
+fn adam_body<I: Isa>(
+    params: &mut [f32],
+    first: &mut [f32],
+    second: &mut [f32],
+    gradient: &mut [f32],
+    rate_epsilon: [f32; 2],
+) {
+    let [rate, epsilon] = rate_epsilon;
+    let lines = params
+        .chunks_mut(LINE)
+        .zip(first.chunks_mut(LINE))
+        .zip(second.chunks_mut(LINE).zip(gradient.chunks_mut(LINE)));
+    for ((params, first), (second, gradient)) in lines {
+        // Bits of +0 and -0 without the sign are 0; a NaN's are not.
+        if gradient.iter().fold(0, |bits, g| bits | g.to_bits()) << 1 == 0 {
+            continue;
+        }
+        for (((p, m), v), g) in params.iter_mut().zip(first).zip(second).zip(gradient) {
+            *m += (1.0 - BETA1) * (*g - *m);
+            *v += (1.0 - BETA2) * (*g * *g - *v);
+            *p -= rate * *m / (v.sqrt() + epsilon);
+            *g = 0.0;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_agree_with_the_defining_formula() {
+        let mut params = vec![1.0_f32, -2.0, 0.5];
+        let mut adam = Adam::new(3);
+        let mut reference = [1.0_f64, -2.0, 0.5];
+        let (mut m, mut v) = ([0.0_f64; 3], [0.0_f64; 3]);
+        let rates = Rates {
+            n_head: 1,
+            head: 0.01,
+            tail: 0.1,
+        };
+        for step in 1..=20_u64 {
+            let gradient: Vec<f32> = (0..3).map(|i| ((step * 3 + i) as f32).sin()).collect();
+            let mut copy = [0; 2];
+            adam.update_rounded(&mut params, &mut gradient.clone(), &mut copy, rates, step);
+            assert_eq!(copy[1], bf16_from_f32(params[2]), "the tail's copy");
+            for i in 0..3 {
+                let g = f64::from(gradient[i]);
+                m[i] = 0.9 * m[i] + 0.1 * g;
+                v[i] = 0.99 * v[i] + 0.01 * g * g;
+                let (mh, vh) = (
+                    m[i] / (1.0 - 0.9_f64.powi(step as i32)),
+                    v[i] / (1.0 - 0.99_f64.powi(step as i32)),
+                );
+                reference[i] -= if i == 0 { 0.01 } else { 0.1 } * mh / (vh.sqrt() + 1e-15);
+            }
+        }
+        for i in 0..3 {
+            assert!(
+                (f64::from(params[i]) - reference[i]).abs() < 1e-4,
+                "{i}: {} against {}",
+                params[i],
+                reference[i]
+            );
+        }
+    }
+
+    #[test]
+    fn untouched_parameters_stay() {
+        let mut params = vec![3.0; 10];
+        let mut adam = Adam::new(10);
+        adam.update(
+            &mut params,
+            &mut [0.0; 10],
+            Rates {
+                n_head: 0,
+                head: 0.0,
+                tail: 1.0,
+            },
+            1,
+        );
+        assert_eq!(params, vec![3.0; 10]);
+    }
+}

@@ -1,0 +1,600 @@
+//! The trainer: a plain value that owns all parameters and takes one optimisation step at a time.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use rayon::prelude::*;
+
+use super::adam::{Adam, Rates, store_bf16};
+use super::batch_size::BatchSize;
+use super::chunk::{Chunk, N_CHUNKS};
+use super::learned::{Learned, sum_in_order};
+use super::skips::SkipShares;
+use super::step_context::StepContext;
+use crate::data::{Dataset, exposures_differ};
+use crate::geometry::SurfaceTracer;
+use crate::neif::field::contraction::{FieldFrame, contract, unit_cube};
+use crate::neif::field::density_grid::DensityGrid;
+use crate::neif::field::hash_grid::FEATURES;
+use crate::neif::field::mlp::Transposed;
+use crate::neif::field::radiance_field::{FieldBatch, FieldTransposed, RadianceField};
+use crate::neif::field::seen_grid::SeenGrid;
+use crate::neif::field::skip_counts::SkipCounts;
+use crate::neif::light::display::Display;
+use crate::neif::light::environment::{Environment, EnvironmentPlace};
+use crate::neif::surface::object::{Material, ObjectModel, SurfaceField};
+use crate::train::TrainError;
+use crate::train::config::{PhotoFit, TrainConfig};
+use crate::train::photos::exposures::Exposures;
+use crate::train::photos::photo_exposures::PhotoExposures;
+use crate::train::photos::poses::Poses;
+use crate::train::pixels::store::PixelStore;
+use crate::train::placement::{clear_density, field_frame, up_direction};
+use crate::train::preparation::Prepared;
+use crate::train::priors::depth_evidence::clear_air;
+use crate::train::priors::ground::SeenGround;
+use crate::train::priors::unseen_light::UnseenDirections;
+use crate::train::priors::void::lay_floor;
+use crate::train::random::SlotRandom;
+use crate::train::session::snapshot::Snapshot;
+use crate::train::shape::refinement::{self, Refinement};
+
+/// Steps between two rounds of random looks into the density cache's cells.
+const PROBE_EVERY: u64 = 16;
+/// Cells looked into a round.
+const N_PROBES: usize = 8192;
+/// Pull of gamma's logarithm to 0, in squared differences of what is shown: photos have the curve of sRGB. Gains that are found
+/// make up for almost any gamma, and where a mesh is wrong a lower one is wrong by less.
+const GAMMA_PULL: f32 = 0.1;
+
+/// Parameters, moments and pixels of a run.
+#[derive(Debug)]
+pub struct Trainer {
+    pub(in crate::train) config: TrainConfig,
+    name: String,
+    up: glam::Vec3,
+    pub(in crate::train) pixels: PixelStore,
+    /// Of the mesh that snapshots have.
+    pub(in crate::train) tracer: Option<Arc<SurfaceTracer>>,
+    pub(in crate::train) frame: FieldFrame,
+    pub(in crate::train) field: Learned<RadianceField, FieldTransposed>,
+    pub(in crate::train) density: DensityGrid,
+    pub(in crate::train) material: Option<Learned<Material, Transposed>>,
+    pub(in crate::train) gamma: f32,
+    pub(in crate::train) gamma_adam: Adam,
+    /// Where each photo has its own.
+    pub(in crate::train) exposures: Option<Exposures>,
+    /// The training photos, for what snapshots tell of their exposures.
+    photos: Option<PhotoExposures>,
+    /// Where the photos' poses are refined.
+    pub(in crate::train) poses: Option<Poses>,
+    /// Where the mesh's normals are refined.
+    pub(in crate::train) refinement: Option<Refinement>,
+    unseen: UnseenDirections,
+    pub(in crate::train) step: u64,
+    /// Optimiser updates done: steps less the skipped ones.
+    pub(in crate::train) updates: u64,
+    pub(in crate::train) skipped: u64,
+    /// Of the step at hand.
+    batch_size: BatchSize,
+    pub(in crate::train) chunks: Vec<Chunk>,
+    /// Features of each level, `[n][4]` of all chunks.
+    encoded: Vec<Vec<f32>>,
+    /// The field's grid in bf16, rewritten with every update: what a step encodes from, at half the cache lines.
+    tables: Vec<u16>,
+    probes: Vec<FieldBatch>,
+}
+
+/// The parts of a step, in order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Stage {
+    /// Pixels drawn, surfaces evaluated, lobes aimed, samples placed.
+    Prepare,
+    /// Grid features of the field.
+    Encode,
+    /// Networks, compositing, pixel equation, loss, and back.
+    Networks,
+    /// Grid gradients, sums, density cache.
+    Gather,
+    /// Adam.
+    Update,
+    /// Random looks into the density cache, every 16th step.
+    Probe,
+}
+
+/// What a step did.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StepStats {
+    /// Weighted sum of all terms.
+    pub loss: f32,
+    /// Mean squared error of object pixels, summed over the colours.
+    pub loss_object: f32,
+    /// The same for background pixels.
+    pub loss_background: f32,
+    /// Field rays evaluated.
+    pub rays: u32,
+    /// Field samples evaluated.
+    pub samples: u32,
+    /// Whether a value was not finite, so that nothing was learned.
+    pub skipped: bool,
+}
+
+impl Trainer {
+    /// Traces every training pixel on the current thread pool; `on_progress` gets 0..1.
+    ///
+    /// # Errors
+    /// When cancelled, when the configuration is unusable, or when no pixel can be trained on.
+    pub fn new(
+        config: &TrainConfig,
+        dataset: &Dataset,
+        cancel: &AtomicBool,
+        on_progress: &(dyn Fn(f32) + Sync),
+    ) -> Result<Self, TrainError> {
+        let prepared = Prepared::new(config, dataset, cancel, on_progress)?;
+        Ok(Self::of(config, dataset, prepared))
+    }
+
+    fn of(config: &TrainConfig, dataset: &Dataset, prepared: Prepared) -> Self {
+        let Prepared {
+            tracer,
+            poses,
+            pixels,
+        } = prepared;
+        let mut random = SlotRandom::new(config.seed, u64::MAX, 0);
+        let frame = field_frame(dataset, config.inner_box_scale);
+        let field = RadianceField::new(config.field, || random.uniform());
+        let material = dataset
+            .object_box()
+            .filter(|_| pixels.n_objects() > 0)
+            .map(|bounds| {
+                // A margin, so that the rim of the cube is never needed.
+                let side = 1.05 * bounds.extent().max_element();
+                Material::new(config.material, bounds.center(), side, || random.uniform())
+            });
+        let traced = tracer.as_deref();
+        let outline_error_px = pixels.outline_error_px();
+        let refinement = Refinement::of(config, dataset, traced, outline_error_px);
+        // A background that is left out says nothing of exposures.
+        let has_background = config.background != PhotoFit::Off;
+        let has_haze = has_background && tracer.is_some() && exposures_differ(dataset);
+        let up = up_direction(dataset);
+        let mut density = clear_density(dataset, traced, &frame, up, refinement.is_none());
+        density.seen = Some(SeenGrid::default());
+        if let Some(depths) = &pixels.depths {
+            clear_air(&mut density, depths, &frame);
+        }
+        let fit = config.photo_exposures;
+        let has_exposures = has_haze || fit == PhotoFit::On;
+        let ground = (has_background && has_exposures)
+            .then(|| SeenGround::of(dataset))
+            .flatten();
+        if let Some(ground) = ground.as_ref().filter(|_| has_haze) {
+            lay_floor(&mut density, dataset, &frame, ground);
+        }
+        let seen_gains = pixels.depths.as_ref().and_then(|d| d.log_gains.clone());
+        let known_gains = seen_gains.or_else(|| Some(ground?.log_gains().to_vec()));
+        let exposures = (fit != PhotoFit::Off).then(|| match known_gains {
+            Some(log_gains) => Exposures::known(log_gains, fit),
+            None => Exposures::new(pixels.n_views(), fit),
+        });
+        let alike = vec![glam::Vec3::ONE; pixels.n_views()];
+        let photos = exposures.as_ref();
+        let photos = photos.map(|_| PhotoExposures::of(dataset, &alike));
+        let mut trainer = Self {
+            config: TrainConfig {
+                distortion_weight: config.distortion_weight * if has_haze { 1.0 } else { 0.0 },
+                ..config.clone()
+            },
+            name: dataset.name.clone(),
+            up,
+            pixels,
+            tracer,
+            frame,
+            tables: vec![0; field.params.len() - field.n_network_params()],
+            encoded: vec![Vec::new(); field.levels().len()],
+            field: Learned::new(field, |f| f.params.len()),
+            density,
+            material: material.map(|m| Learned::new(m, |m| m.params.len())),
+            gamma: 1.0,
+            gamma_adam: Adam::new(1),
+            exposures,
+            photos,
+            poses,
+            refinement,
+            unseen: UnseenDirections::of(dataset, &frame),
+            step: 0,
+            updates: 0,
+            skipped: 0,
+            batch_size: BatchSize::default(),
+            chunks: (0..N_CHUNKS).map(Chunk::new).collect(),
+            probes: vec![FieldBatch::default(); N_CHUNKS],
+        };
+        trainer.derive();
+        trainer
+    }
+
+    /// Takes one step on the current thread pool; `progress` in 0..1 drives the learning rates' decay.
+    pub fn step(&mut self, progress: f32) -> StepStats {
+        self.step_by_stage(progress, &mut |_| ())
+    }
+
+    /// [`Self::step`], telling after each stage that it is done: for benchmarks, since the trainer has no clock.
+    pub fn step_by_stage(&mut self, progress: f32, on_done: &mut dyn FnMut(Stage)) -> StepStats {
+        self.prepare(progress);
+        on_done(Stage::Prepare);
+        self.encode();
+        on_done(Stage::Encode);
+        self.run_chunks();
+        on_done(Stage::Networks);
+        let stats = self.stats();
+        self.step += 1;
+        if stats.skipped {
+            self.skipped += 1;
+            return stats;
+        }
+        self.gather_gradients();
+        on_done(Stage::Gather);
+        self.update(progress);
+        on_done(Stage::Update);
+        if self.step.is_multiple_of(PROBE_EVERY) {
+            self.probe_density();
+            on_done(Stage::Probe);
+        }
+        stats
+    }
+
+    /// Steps taken.
+    pub fn steps(&self) -> u64 {
+        self.step
+    }
+
+    /// Steps that learned nothing because a value was not finite.
+    pub fn skipped_steps(&self) -> u64 {
+        self.skipped
+    }
+
+    /// What the shortcuts left out of the last step, counted now: costs about a hundredth of a step.
+    pub fn skips(&self) -> SkipShares {
+        let mut counts = SkipCounts::default();
+        for chunk in &self.chunks {
+            counts.add(&chunk.batch, self.field.value.levels(), &self.density);
+        }
+        SkipShares::of(&counts)
+    }
+
+    /// Field samples a ray.
+    pub fn samples_per_ray(&self) -> f32 {
+        self.n_samples() as f32
+    }
+
+    fn n_samples(&self) -> usize {
+        match self.material {
+            Some(_) => self.config.samples_per_ray,
+            None => self.config.samples_per_ray_alone,
+        }
+    }
+
+    /// The learned exponent of the display transform.
+    pub fn gamma(&self) -> f32 {
+        self.gamma
+    }
+
+    /// The mesh's tracer, when there is an object.
+    pub fn tracer(&self) -> Option<&Arc<SurfaceTracer>> {
+        self.tracer.as_ref()
+    }
+
+    /// The model as it stands: a copy of the parameters.
+    pub fn snapshot(&self) -> Snapshot {
+        let place = EnvironmentPlace {
+            name: self.name.clone(),
+            frame: self.frame,
+            gamma: self.gamma,
+            n_samples: self.config.render_samples,
+            up: self.up,
+        };
+        let object = self
+            .material
+            .as_ref()
+            .zip(self.tracer.as_ref())
+            .map(|(material, tracer)| {
+                Arc::new(ObjectModel {
+                    tracer: Arc::clone(tracer),
+                    material: Arc::new(SurfaceField::Grid(material.value.clone())),
+                })
+            });
+        let environment = Environment::new(place, self.field.value.clone(), self.density.clone());
+        let photos = self.photos.as_ref().zip(self.gains());
+        Snapshot {
+            step: self.step,
+            object,
+            environment: Arc::new(environment),
+            exposures: photos.map(|(photos, gains)| Arc::new(photos.with_gains(gains))),
+        }
+    }
+
+    fn context(&self) -> StepContext<'_> {
+        let explored = self.step as f32 / self.config.exploration_steps.max(1) as f32;
+        StepContext {
+            config: &self.config,
+            pixels: &self.pixels,
+            frame: &self.frame,
+            field: &self.field.value,
+            field_transposed: &self.field.transposed,
+            density: &self.density,
+            batch_size: self.batch_size,
+            material: self.material.as_ref().map(|m| &m.value),
+            material_transposed: self.material.as_ref().map_or(&EMPTY, |m| &m.transposed),
+            display: Display { gamma: self.gamma },
+            gains: self.gains().unwrap_or_default(),
+            finds_exposures: (self.exposures.as_ref()).is_some_and(|e| e.are_sought(self.step)),
+            finds_poses: (self.poses.as_ref()).is_some_and(|p| p.are_sought(self.step)),
+            unseen: &self.unseen,
+            offsets: self.refinement.as_ref().map(|r| &r.offsets),
+            tilts: self.step >= refinement::DELAY,
+            step: self.step,
+            samples_per_ray: self.n_samples(),
+            uniform_share: (1.0 - explored).max(self.config.uniform_share),
+        }
+    }
+
+    /// Draws and places every chunk's rays.
+    pub(in crate::train) fn prepare(&mut self, progress: f32) {
+        let mut chunks = std::mem::take(&mut self.chunks);
+        self.batch_size = BatchSize::of(&self.config, progress);
+        let size = self.batch_size;
+        let context = self.context();
+        let backgrounds = size.backgrounds * usize::from(self.pixels.n_backgrounds() > 0);
+        let objects = context.material.map_or(0, |_| size.objects);
+        // Without an object its share of the work goes to the background.
+        let backgrounds = if objects == 0 {
+            let n = (backgrounds + size.objects) * self.config.samples_per_ray;
+            n.div_ceil(self.n_samples())
+        } else {
+            backgrounds
+        };
+        chunks
+            .par_iter_mut()
+            .for_each(|chunk| chunk.prepare(&context, objects, backgrounds));
+        self.chunks = chunks;
+    }
+
+    /// Encodes the step from the tables in bf16.
+    fn encode(&mut self) {
+        let tables = std::mem::take(&mut self.tables);
+        self.encode_by_level(|field, level, batch, out| {
+            field.encode_level_bf16(level, &tables, batch, out);
+        });
+        self.tables = tables;
+    }
+
+    /// Encodes level by level over the whole step: each level's table stays in its core's cache.
+    pub(super) fn encode_by_level(
+        &mut self,
+        encode_level: impl Fn(&RadianceField, usize, &FieldBatch, &mut [f32]) + Sync,
+    ) {
+        let (field, chunks) = (&self.field.value, &self.chunks);
+        let n: usize = chunks.iter().map(|c| c.batch.n()).sum();
+        self.encoded
+            .par_iter_mut()
+            .enumerate()
+            .rev()
+            .for_each(|(level, out)| {
+                out.resize(n * FEATURES, 0.0);
+                let mut rest = out.as_mut_slice();
+                for chunk in chunks {
+                    let (head, tail) = rest.split_at_mut(chunk.batch.n() * FEATURES);
+                    encode_level(field, level, &chunk.batch, head);
+                    rest = tail;
+                }
+            });
+    }
+
+    pub(in crate::train) fn run_chunks(&mut self) {
+        let mut chunks = std::mem::take(&mut self.chunks);
+        let starts: Vec<usize> = chunks
+            .iter()
+            .scan(0, |end, chunk| {
+                let start = *end;
+                *end += chunk.batch.n();
+                Some(start)
+            })
+            .collect();
+        let context = self.context();
+        let encoded = &self.encoded;
+        chunks
+            .par_iter_mut()
+            .zip(starts)
+            .for_each(|(chunk, start)| {
+                let n = chunk.batch.n();
+                for (level, values) in encoded.iter().enumerate() {
+                    context.field.insert_level(
+                        level,
+                        &values[start * FEATURES..(start + n) * FEATURES],
+                        &mut chunk.batch,
+                    );
+                }
+                chunk.run(&context);
+            });
+        self.chunks = chunks;
+    }
+
+    /// Mean losses of the step's object and background pixels.
+    fn pixel_losses(&self) -> [f64; 2] {
+        [
+            self.sum(|c| c.loss.object) / self.batch_size.objects as f64,
+            self.sum(|c| c.loss.background) / self.batch_size.backgrounds as f64,
+        ]
+    }
+
+    /// What the step minimises.
+    pub(in crate::train) fn loss(&self) -> f64 {
+        let [object, background] = self.pixel_losses();
+        object
+            + f64::from(self.config.background_weight) * background
+            + self.sum(|c| c.loss.smoothness + c.loss.priors)
+    }
+
+    fn sum(&self, of: fn(&Chunk) -> f64) -> f64 {
+        self.chunks.iter().map(of).sum()
+    }
+
+    fn stats(&self) -> StepStats {
+        let [object, background] = self.pixel_losses();
+        StepStats {
+            loss: self.loss() as f32,
+            loss_object: object as f32,
+            loss_background: background as f32,
+            rays: self.chunks.iter().map(|c| c.batch.rays.len() as u32).sum(),
+            samples: self.chunks.iter().map(|c| c.batch.n() as u32).sum(),
+            skipped: !self.chunks.iter().all(|c| c.is_finite),
+        }
+    }
+
+    /// Sums the chunks' gradients in order: networks, then each level by one task; and refreshes the density cache.
+    pub(in crate::train) fn gather_gradients(&mut self) {
+        let chunks = &self.chunks;
+        let n_networks = self.field.value.n_network_params();
+        let (networks, mut grids) = self.field.gradient.split_at_mut(n_networks);
+        let (field, density) = (&self.field.value, &mut self.density);
+        let material = self.material.as_mut();
+        let (step, parity) = (self.step, (self.step % 2) as usize);
+        rayon::scope(|scope| {
+            for (level, shape) in field.levels().iter().enumerate() {
+                let (table, rest) = grids.split_at_mut(shape.n_entries * FEATURES);
+                grids = rest;
+                scope.spawn(move |_| {
+                    for chunk in chunks {
+                        field.scatter_level(level, &chunk.batch, table);
+                    }
+                });
+            }
+            scope.spawn(move |_| {
+                sum_in_order(
+                    networks,
+                    chunks.iter().map(|c| c.d_field_networks.as_slice()),
+                );
+            });
+            scope.spawn(move |_| {
+                // Every second chunk, in turn: the running means need no more, and each look is a cache miss.
+                for chunk in chunks.iter().skip(parity).step_by(2) {
+                    chunk.observe(density);
+                }
+                density.seen.iter_mut().for_each(|seen| seen.forget(step));
+            });
+            if let Some(learned) = material {
+                let material = &learned.value;
+                let (network, mut grids) =
+                    learned.gradient.split_at_mut(material.n_network_params());
+                sum_in_order(
+                    network,
+                    chunks.iter().map(|c| c.d_material_network.as_slice()),
+                );
+                for (level, shape) in material.levels().iter().enumerate() {
+                    let (table, rest) = grids.split_at_mut(shape.n_entries * FEATURES);
+                    grids = rest;
+                    scope.spawn(move |_| {
+                        for chunk in chunks {
+                            material.scatter_level(level, &chunk.material, table);
+                        }
+                    });
+                }
+            }
+        });
+    }
+
+    fn update(&mut self, progress: f32) {
+        self.updates += 1;
+        let warmup = ((self.updates as f32) / self.config.warmup_steps.max(1) as f32).min(1.0);
+        let decay = warmup * self.config.final_rate.powf(progress.clamp(0.0, 1.0));
+        let rates = |n_head| Rates {
+            n_head,
+            head: decay * self.config.network_rate,
+            tail: decay * self.config.grid_rate,
+        };
+        let n_head = self.field.value.n_network_params();
+        self.field.adam.update_rounded(
+            &mut self.field.value.params,
+            &mut self.field.gradient,
+            &mut self.tables,
+            rates(n_head),
+            self.updates,
+        );
+        if let Some(m) = &mut self.material {
+            let n_head = m.value.n_network_params();
+            m.adam.update(
+                &mut m.value.params,
+                &mut m.gradient,
+                rates(n_head),
+                self.updates,
+            );
+        }
+        let d_gamma = self.sum(|c| c.loss.d_gamma) as f32 + GAMMA_PULL * self.gamma.ln();
+        let rates = Rates {
+            n_head: 1,
+            head: decay * self.config.gamma_rate,
+            tail: 0.0,
+        };
+        // Surroundings alone look the same with any exponent: theirs stays 1.
+        if self.material.is_some() {
+            let mut gamma = [self.gamma];
+            self.gamma_adam
+                .update(&mut gamma, &mut [d_gamma], rates, self.updates);
+            // Outside this range the transform is no display transform any more.
+            self.gamma = gamma[0].clamp(0.2, 5.0);
+        }
+        if let Some(refinement) = &mut self.refinement
+            && self.step > refinement::DELAY
+        {
+            let batches: Vec<_> = self.chunks.iter().map(|c| &c.offsets).collect();
+            let rate = refinement::rate(progress);
+            let n_pixels = self.batch_size.objects;
+            refinement.offsets.update(&batches, rate, n_pixels);
+            if let Some(evidence) = &mut refinement.evidence {
+                evidence.add(self.chunks.iter().flat_map(|c| &c.tilted.rows));
+            }
+        }
+        self.find_exposures();
+        self.refine_poses();
+        self.transpose();
+    }
+
+    /// All that is derived from the parameters: after they were set from outside.
+    pub(in crate::train) fn derive(&mut self) {
+        let field = &self.field.value;
+        store_bf16(&field.params[field.n_network_params()..], &mut self.tables);
+        self.transpose();
+    }
+
+    fn transpose(&mut self) {
+        self.field.value.transpose(&mut self.field.transposed);
+        if let Some(m) = &mut self.material {
+            m.value.transpose(&mut m.transposed);
+        }
+    }
+
+    /// Looks into random cells of the density cache, so that places no sample goes to are known too.
+    fn probe_density(&mut self) {
+        let mut random = SlotRandom::new(self.config.seed, self.step, u64::MAX);
+        let (cells, points): (Vec<usize>, Vec<_>) = (0..N_PROBES)
+            .map(|_| {
+                let cell = random.index(self.density.len());
+                let u = [random.uniform(), random.uniform(), random.uniform()];
+                let place = unit_cube(contract(DensityGrid::point_in_cell(cell, u)).0);
+                (cell, (place, 0.0))
+            })
+            .unzip();
+        let field = &self.field.value;
+        let densities: Vec<Vec<f32>> = self
+            .probes
+            .par_iter_mut()
+            .zip(points.par_chunks(N_PROBES / N_CHUNKS))
+            .map(|(probe, points)| field.densities(probe, points, &mut Vec::new()))
+            .collect();
+        for (cell, density) in cells.into_iter().zip(densities.into_iter().flatten()) {
+            self.density.observe(cell as u32, density);
+        }
+    }
+}
+
+static EMPTY: Transposed = Transposed::EMPTY;
