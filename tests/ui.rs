@@ -34,7 +34,7 @@ use neif::app::viewport::camera_control::CameraMove;
 use neif::app::viewport::canvas::Pictures;
 use neif::app::work::pace::Pace;
 use neif::app::{AppState, Command, Effect, apply, shell, theme};
-use neif::data::{Dataset, Origin, Photo, View};
+use neif::data::{Dataset, Origin, Photo, Split, View};
 use neif::geometry::{Camera, Mesh};
 use neif::neif::distant::{DistantConfig, DistantLight};
 use neif::neif::{Environment, EnvironmentTransform, RoughnessEdit};
@@ -89,6 +89,7 @@ fn effects(harness: &mut Harness<'_, Shown>) -> Vec<Effect> {
 fn view(name: &str, eye: Vec3) -> View {
     View {
         name: name.to_owned(),
+        split: Split::Train,
         camera: Camera::look_at(eye, Vec3::ZERO, Vec3::Z, 0.8, 32, 24),
         photo: Photo::Ldr {
             width: 32,

@@ -12,12 +12,12 @@ use super::formats::listing::{list_capture, list_capture_as};
 use super::mesh_io::{find_mesh, read_mesh};
 use super::photos::exif::exposure_ev;
 use super::photos::photo_budget::Reduction;
-use super::photos::views::{load_views, upright_photo};
+use super::photos::views::{load_views, of_split, upright_photo};
 use super::problem::first_names;
 use super::world_up::world_up;
 use super::{
     DataError, Dataset, DepthView, Frame, LoadOptions, MeshPlacement, Origin, Photo, Problem,
-    Severity, View,
+    Severity, Split, View,
 };
 use crate::geometry::Mesh;
 
@@ -112,13 +112,9 @@ fn decode_splits(
     let surroundings_visible = !loaded.findings.are_cut_out();
     problems.extend(loaded.findings.into_problems());
     let mut views = loaded.views;
-    let test: Vec<View> = views
-        .split_off(n_train + n_val)
-        .into_iter()
-        .flatten()
-        .collect();
-    let val: Vec<View> = views.split_off(n_train).into_iter().flatten().collect();
-    let train: Vec<View> = views.into_iter().flatten().collect();
+    let test = of_split(Split::Test, views.split_off(n_train + n_val));
+    let val = of_split(Split::Val, views.split_off(n_train));
+    let train = of_split(Split::Train, views);
     let nothing_to_learn_from = options.splits.train && train.is_empty();
     if nothing_to_learn_from || (train.is_empty() && val.is_empty() && test.is_empty()) {
         return Err(DataError::NoViews {

@@ -141,17 +141,48 @@ pub struct Origin {
     pub split_rule: String,
 }
 
+/// Which part of a capture a view belongs to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Split {
+    /// Learned from.
+    Train,
+    /// For settings.
+    Val,
+    /// For the final measure.
+    Test,
+}
+
+impl Split {
+    /// As in the files' names.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Train => "train",
+            Self::Val => "val",
+            Self::Test => "test",
+        }
+    }
+}
+
 /// One posed photo.
 #[derive(Clone, Debug)]
 pub struct View {
-    /// The photo's file name without extension.
+    /// The photo's file name without extension; photos of other splits may have the same.
     pub name: String,
+    /// What the photo is for.
+    pub split: Split,
     /// The camera, for exactly the photo's size.
     pub camera: Camera,
     /// The pixels.
     pub photo: Photo,
     /// Where the object is, same size as the photo.
     pub mask: Option<Mask>,
+}
+
+impl View {
+    /// Its name with that of its split, which no other view has, for people.
+    pub fn full_name(&self) -> String {
+        format!("{} / {}", self.split.name(), self.name)
+    }
 }
 
 /// Which splits to load; reading test views is pointless (and slow) while training.

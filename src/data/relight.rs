@@ -9,8 +9,8 @@ use serde::Deserialize;
 
 use super::files::capture_path::read_text;
 use super::photos::photo_budget::Reduction;
-use super::photos::views::load_views;
-use super::{CaptureChoices, DataError, Dataset, Problem, View, read_frames};
+use super::photos::views::{load_views, of_split};
+use super::{CaptureChoices, DataError, Dataset, Problem, Split, View, read_frames};
 
 /// The largest `edit.json` read.
 const MAX_BYTES: u64 = 128 << 20;
@@ -104,7 +104,7 @@ fn read_case(folder: &Path) -> Result<RelightCase, DataError> {
             .map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
         description: edit.edit,
         apply: edit.apply,
-        views: loaded.views.into_iter().flatten().collect(),
+        views: of_split(Split::Test, loaded.views),
         problems: loaded.findings.into_problems(),
     })
 }

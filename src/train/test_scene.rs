@@ -7,7 +7,7 @@ use glam::Vec3;
 
 use super::config::TrainConfig;
 use crate::color::srgb_from_linear;
-use crate::data::{Dataset, Mask, Photo, View};
+use crate::data::{Dataset, Mask, Photo, Split, View};
 use crate::geometry::{Camera, Mesh, Ray, SurfaceTracer, fibonacci_sphere};
 use crate::neif::field::hash_grid::{GridConfig, LEAST_WEIGHT};
 
@@ -134,6 +134,7 @@ fn view(tracer: &SurfaceTracer, index: usize, n_views: usize, size: u32) -> View
     }
     View {
         name: format!("view {index}"),
+        split: Split::Train,
         camera,
         photo: Photo::Ldr {
             width: size,

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use super::session_file::{SavedCamera, SavedKey, SessionFile};
 use crate::app::lighting::LARGEST_DISPLAY_EV;
-use crate::app::state::app_state::{AppState, Compare, PathPurpose, Split};
+use crate::app::state::app_state::{AppState, Compare, PathPurpose};
 use crate::app::state::command::{
     Command, Effect, apply as apply_command, choose_environment, go_to_view,
 };
@@ -132,8 +132,7 @@ pub(in crate::app) fn stand_at_wanted_view(state: &mut AppState) {
     let Some(WantedView { name, wipe }) = state.session.wanted_view.take() else {
         return;
     };
-    let is_wanted =
-        |(split, view): (Split, &View)| format!("{} / {}", split.name(), view.name) == name;
+    let is_wanted = |view: &View| view.full_name() == name;
     let index = state.views().position(is_wanted);
     if let Some(index) = index {
         go_to_view(state, index);

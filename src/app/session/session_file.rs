@@ -12,7 +12,7 @@ use super::preferences::Panels;
 use crate::app::state::app_state::{AppState, Source};
 use crate::app::state::stored_look::StoredLook;
 use crate::app::viewport::camera_control::Viewpoint;
-use crate::data::KeyView;
+use crate::data::{KeyView, View};
 use crate::geometry::{Camera, Distortion};
 use crate::neif::{EnvironmentTransform, MaterialEdit, Regions};
 use crate::render::{Background, Layer, ToneMap};
@@ -131,7 +131,7 @@ impl SavedCamera {
     fn of(state: &AppState) -> Self {
         let view = state.view.at_view.and_then(|i| state.view_at(i));
         Self {
-            view: view.map(|(split, view)| format!("{} / {}", split.name(), view.name)),
+            view: view.map(View::full_name),
             ..Self::of_viewpoint(&state.view.viewpoint)
         }
     }

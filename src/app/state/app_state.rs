@@ -127,28 +127,6 @@ pub enum EnvironmentContent {
     Failed(String),
 }
 
-/// Which part of the capture a view belongs to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Split {
-    /// Learned from.
-    Train,
-    /// For settings.
-    Val,
-    /// For the final measure.
-    Test,
-}
-
-impl Split {
-    /// As in the files' names.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Train => "train",
-            Self::Val => "val",
-            Self::Test => "test",
-        }
-    }
-}
-
 /// The camera and where it came from.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewState {
@@ -457,27 +435,18 @@ impl AppState {
     }
 
     /// All views of the capture: training, validation, test.
-    pub fn views(&self) -> impl Iterator<Item = (Split, &View)> {
-        self.dataset.iter().flat_map(|dataset| {
-            let train = dataset.train.iter().map(|view| (Split::Train, view));
-            let val = dataset.val.iter().map(|view| (Split::Val, view));
-            train
-                .chain(val)
-                .chain(dataset.test.iter().map(|view| (Split::Test, view)))
-        })
+    pub fn views(&self) -> impl Iterator<Item = &View> {
+        self.dataset.iter().flat_map(|dataset| dataset.views())
     }
 
     /// A view by its index among [`Self::views`].
-    pub fn view_at(&self, index: usize) -> Option<(Split, &View)> {
+    pub fn view_at(&self, index: usize) -> Option<&View> {
         self.views().nth(index)
     }
 
     /// The view whose camera is most like the current one.
     pub fn nearest_view(&self) -> Option<usize> {
-        nearest_view(
-            &self.view.viewpoint.camera,
-            self.views().map(|(_, view)| view),
-        )
+        nearest_view(&self.view.viewpoint.camera, self.views())
     }
 
     /// Takes in a capture and puts the camera where its first photo was taken.
@@ -543,7 +512,7 @@ impl AppState {
 #[cfg(test)]
 pub(in crate::app) mod tests {
     use super::*;
-    use crate::data::Photo;
+    use crate::data::{Photo, Split};
     use crate::render::test_scene::{camera, scene};
     use crate::train::photos::photo_exposures::PhotoExposures;
 
@@ -551,6 +520,7 @@ pub(in crate::app) mod tests {
     pub(in crate::app) fn one_photo(gain: Vec3) -> (Arc<Dataset>, Snapshot) {
         let view = View {
             name: "a".to_owned(),
+            split: Split::Train,
             camera: camera(4, 3),
             photo: Photo::Ldr {
                 width: 4,

@@ -485,7 +485,7 @@ fn leave_view(state: &mut AppState) {
 
 /// Puts the camera where a photo was taken.
 pub(in crate::app) fn go_to_view(state: &mut AppState, index: usize) {
-    if let Some((_, view)) = state.view_at(index) {
+    if let Some(view) = state.view_at(index) {
         state.view.viewpoint = Viewpoint::of_camera(&view.camera, state.view.viewpoint.pivot);
         state.view.at_view = Some(index);
         state.view.was_moved = true;

@@ -197,12 +197,12 @@ fn pan(state: &AppState, drag_px: egui::Vec2, window: (u32, u32)) -> CameraMove 
 /// Where the camera stands and what of the picture is not what was learned.
 fn caption_ui(ui: &Ui, rect: Rect, state: &AppState) {
     let view = state.view.at_view.and_then(|i| state.view_at(i));
-    if let Some((split, view)) = view {
+    if let Some(view) = view {
         label(
             ui,
             rect.left_top() + vec2(10.0, 10.0),
             Align2::LEFT_TOP,
-            &format!("{} / {}", split.name(), view.name),
+            &view.full_name(),
         );
     }
     if state.is_original_shown {

@@ -4,9 +4,9 @@ use egui::{Color32, Pos2, Rect, Response, Stroke, Ui, pos2};
 use glam::{Vec2, Vec3};
 
 use super::canvas::label;
-use crate::app::state::app_state::{AppState, Split};
+use crate::app::state::app_state::AppState;
 use crate::app::state::command::Command;
-use crate::data::View;
+use crate::data::{Split, View};
 use crate::geometry::Camera;
 
 /// Height of a pyramid in mean distances of the cameras from what they look at.
@@ -47,23 +47,23 @@ pub(super) fn frustums_ui(
         .hover_pos()
         .and_then(|at| nearest(state, &screen, at));
     let painter = ui.painter_at(rect);
-    for (i, (split, view)) in state.views().enumerate() {
+    for (i, view) in state.views().enumerate() {
         if state.view.at_view == Some(i) {
             continue;
         }
         let width = if hovered == Some(i) { 2.5 } else { 1.0 };
-        let stroke = Stroke::new(width, split_color(split));
+        let stroke = Stroke::new(width, split_color(view.split));
         for [a, b] in edges(&view.camera, depth) {
             if let (Some(a), Some(b)) = (screen.point(a), screen.point(b)) {
                 painter.line_segment([a, b], stroke);
             }
         }
     }
-    let Some((index, (split, view))) = hovered.and_then(|i| Some((i, state.view_at(i)?))) else {
+    let Some((index, view)) = hovered.and_then(|i| Some((i, state.view_at(i)?))) else {
         return false;
     };
     if let Some(at) = screen.point(view.camera.position()) {
-        let name = format!("{} / {}", split.name(), view.name);
+        let name = view.full_name();
         let anchor = egui::Align2::LEFT_BOTTOM;
         label(ui, at + egui::vec2(8.0, -8.0), anchor, &name);
     }
@@ -92,7 +92,7 @@ impl Screen {
 
 /// The camera whose place is nearest to the pointer, if one is near.
 fn nearest(state: &AppState, screen: &Screen, pointer: Pos2) -> Option<usize> {
-    let distance = |(i, (_, view)): (usize, (Split, &View))| {
+    let distance = |(i, view): (usize, &View)| {
         let at = screen.point(view.camera.position())?;
         (state.view.at_view != Some(i)).then_some((i, at.distance(pointer)))
     };
@@ -106,7 +106,7 @@ fn mean_distance(state: &AppState) -> f32 {
     let pivot = state.view.home.pivot;
     let distances = || {
         let views = state.views();
-        views.map(|(_, view)| (view.camera.position() - pivot).length())
+        views.map(|view| (view.camera.position() - pivot).length())
     };
     distances().sum::<f32>() / distances().count().max(1) as f32
 }

@@ -10,7 +10,9 @@ use super::orientation::{lies_on_its_side, orientation_of, turned_mask, turned_p
 use super::photo_budget::{DecodeGate, Reduction, decoding_cost};
 use super::shrink::{shrunk_mask, shrunk_photo};
 use crate::data::problem::first_names;
-use crate::data::{DataError, DepthFile, Frame, Mask, Photo, Problem, Severity, View, read_mask};
+use crate::data::{
+    DataError, DepthFile, Frame, Mask, Photo, Problem, Severity, Split, View, read_mask,
+};
 
 /// Views in the order of their frames, `None` where one could not be read.
 pub(in crate::data) struct LoadedViews {
@@ -234,6 +236,7 @@ fn load_view(frame: &Frame, reduction: Reduction) -> Result<LoadedView, DataErro
     };
     let full = View {
         name: frame.name.clone(),
+        split: Split::Train,
         camera,
         photo: decoded.photo,
         mask,
@@ -254,6 +257,12 @@ fn load_view(frame: &Frame, reduction: Reduction) -> Result<LoadedView, DataErro
     })
 }
 
+/// The views of frames of one split.
+pub(in crate::data) fn of_split(split: Split, views: Vec<Option<View>>) -> Vec<View> {
+    let views = views.into_iter().flatten();
+    views.map(|view| View { split, ..view }).collect()
+}
+
 impl View {
     /// The view with a photo of at most `longest` pixels along its longer side.
     pub(crate) fn within(&self, longest: u32) -> Self {
@@ -266,6 +275,7 @@ impl View {
 fn reduced_view(full: &View, shown: Option<&Mask>, (width, height): (u32, u32)) -> View {
     View {
         name: full.name.clone(),
+        split: full.split,
         camera: full.camera.resized(width, height),
         photo: shrunk_photo(&full.photo, shown, width, height),
         mask: full

@@ -90,7 +90,7 @@ pub fn evaluate_views(
     let scene = &scene.lit(cancel)?;
     let mut results = Vec::with_capacity(views.len());
     for (index, view) in views.iter().enumerate() {
-        let own = exposures.and_then(|exposures| exposures.trained(&view.name));
+        let own = exposures.and_then(|exposures| exposures.trained(view));
         let exposed = own.map(|gain| scene.exposed(gain));
         let scene = exposed.as_ref().unwrap_or(scene);
         let picture = render(scene, &view.camera, Layer::Final, cancel, &|_| {})?;

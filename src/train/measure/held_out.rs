@@ -256,7 +256,7 @@ mod tests {
     use glam::{Mat3A, Quat};
 
     use super::*;
-    use crate::data::Photo;
+    use crate::data::{Photo, Split};
     use crate::neif::Environment;
     use crate::neif::distant::{DistantConfig, DistantLight};
     use crate::render::test_scene::{camera, fog};
@@ -299,6 +299,7 @@ mod tests {
             let photo = render(&scene, &taken, Layer::Final, &cancel, &|_| {}).expect("a photo");
             View {
                 name: "off".to_owned(),
+                split: Split::Test,
                 camera,
                 photo: Photo::Ldr {
                     width: camera.width,

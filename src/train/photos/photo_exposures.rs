@@ -9,7 +9,7 @@ use std::sync::{Mutex, PoisonError};
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use crate::data::{DataError, Dataset, View, write_atomically};
+use crate::data::{DataError, Dataset, Split, View, write_atomically};
 use crate::render::{Layer, Scene, render};
 use crate::train::measure::held_out::nearest_gain;
 
@@ -32,7 +32,7 @@ pub struct PhotoExposure {
 pub struct PhotoExposures {
     photos: Vec<PhotoExposure>,
     /// What was found for other photos, by name.
-    found: Mutex<BTreeMap<String, Vec3>>,
+    found: Mutex<BTreeMap<(Split, String), Vec3>>,
 }
 
 impl PhotoExposures {
@@ -61,21 +61,23 @@ impl PhotoExposures {
         Self::new(photos)
     }
 
-    /// The gain a colour of a photo that was trained on.
-    pub fn trained(&self, name: &str) -> Option<Vec3> {
-        let photo = self.photos.iter().find(|photo| photo.name == name);
+    /// The gain a colour of the view's photo; `None` where it was not trained on, though one of the same name was.
+    pub fn trained(&self, view: &View) -> Option<Vec3> {
+        let mut photos = self.photos.iter().filter(|_| view.split == Split::Train);
+        let photo = photos.find(|photo| photo.name == view.name);
         photo.map(|photo| photo.gain)
     }
 
     /// The gain a colour of the view's photo: its own where it was trained on, else the one that brings the unedited `scene`
     /// nearest to it.
     pub fn gain(&self, view: &View, scene: &Scene) -> Vec3 {
-        if let Some(own) = self.trained(&view.name) {
+        if let Some(own) = self.trained(view) {
             return own;
         }
         let mut found = self.found.lock().unwrap_or_else(PoisonError::into_inner);
         let find = || fitting_gain(view, scene);
-        *found.entry(view.name.clone()).or_insert_with(find)
+        let photo = (view.split, view.name.clone());
+        *found.entry(photo).or_insert_with(find)
     }
 
     /// Reads what [`Self::write`] wrote; `None` where there is no file.
@@ -156,7 +158,9 @@ mod tests {
             Vec3::new(0.5, 1.0, 2.0),
             "its own"
         );
-        view.name = "other".to_owned();
+        // A held-out photo of the same name is another.
+        view.split = Split::Test;
+        assert_eq!(photos().trained(&view), None);
         let n = (view.camera.width * view.camera.height) as usize;
         let shown = (0..n)
             .map(|i| Vec3::from(view.photo.linear(i)))

@@ -7,6 +7,7 @@ use crate::app::panels::widgets::weak;
 use crate::app::state::app_state::AppState;
 use crate::app::state::command::Command;
 use crate::app::state::sections::Section;
+use crate::data::View;
 
 /// Draws the list.
 pub fn cameras_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
@@ -42,11 +43,11 @@ pub fn cameras_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     scroll.show_rows(ui, row_height, n, |ui, shown| {
         for i in shown {
             let is_here = state.view.at_view == Some(i);
-            let (split, view) = views[i];
-            let name = format!("{} / {}", split.name(), view.name);
+            let view = views[i];
+            let name = view.full_name();
             let mut row = Button::selectable(is_here, name)
                 .min_size(egui::vec2(ui.available_width(), row_height));
-            let (figure, hint) = figure_of(state, i, &view.name);
+            let (figure, hint) = figure_of(state, i, view);
             if let Some(figure) = figure {
                 row = row.right_text(weak(ui, figure));
             }
@@ -71,14 +72,14 @@ fn scroll_to_view(ui: &Ui, state: &AppState, row_height: f32) -> Option<f32> {
     Some((state.view.at_view? as f32 * step - middle).max(0.0))
 }
 
-/// What is known of a photo, by its index and name, and what the row says of that.
-fn figure_of(state: &AppState, index: usize, name: &str) -> (Option<String>, &'static str) {
+/// What is known of a photo, by its index, and what the row says of that.
+fn figure_of(state: &AppState, index: usize, view: &View) -> (Option<String>, &'static str) {
     if let Some(db) = psnr_of(state, index) {
         let hint = "Stand where this photo was taken; PSNR of the object in it, where there is one";
         return (Some(format!("{db:.1} dB")), hint);
     }
     let exposures = state.snapshot.as_ref().and_then(|s| s.exposures.as_ref());
-    let gain = exposures.and_then(|exposures| exposures.trained(name));
+    let gain = exposures.and_then(|exposures| exposures.trained(view));
     let stops = gain.map(|gain| format!("{:+.1} EV", gain.element_product().cbrt().log2()));
     let moved = state.training.moved_px.get(index);
     let moved = moved.map(|px| format!("{px:.1} px"));
@@ -122,7 +123,7 @@ mod tests {
             dataset: Some(dataset),
             ..AppState::default()
         };
-        let figure = |state: &AppState| figure_of(state, 0, "a").0;
+        let figure = |state: &AppState| figure_of(state, 0, state.view_at(0).expect("a view")).0;
         assert_eq!(figure(&state), None, "nothing is known yet");
         state.snapshot = Some(Arc::new(snapshot));
         assert_eq!(figure(&state).as_deref(), Some("+1.0 EV"));

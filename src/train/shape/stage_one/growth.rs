@@ -75,7 +75,7 @@ fn first_hit(distances: &ScalarGrid, ray: &Ray) -> Option<Vec3> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::Photo;
+    use crate::data::{Photo, Split};
     use crate::geometry::{Aabb, Camera};
 
     #[test]
@@ -93,6 +93,7 @@ mod tests {
         let blue = [0, 0, 255];
         let view = View {
             name: "r_0".to_owned(),
+            split: Split::Train,
             camera: Camera::look_at(3.0 * Vec3::X, Vec3::ZERO, Vec3::Z, 0.6, width, height),
             photo: Photo::Rgb8 {
                 width,

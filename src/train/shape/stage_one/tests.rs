@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 use glam::{Vec2, Vec3};
 
 use super::*;
-use crate::data::{Mask, Photo, View};
+use crate::data::{Mask, Photo, Split, View};
 use crate::geometry::Camera;
 use crate::train::pixels::outlines::tests::wander;
 
@@ -97,6 +97,7 @@ fn view(i: u32, n: u32, shape: Shape) -> View {
         .collect();
     View {
         name: format!("r_{i}"),
+        split: Split::Train,
         camera,
         photo: Photo::Rgb8 {
             width: SIDE,
