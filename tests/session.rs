@@ -8,7 +8,8 @@ use std::{path::Path, time::Duration};
 use neif::train::TrainConfig;
 use neif::train::config::{Normals, PhotoFit};
 use neif::train::session::events::{FinishReason, TrainCommand, TrainEvent};
-use neif::train::session::handle::{Session, SessionOptions};
+use neif::train::session::handle::Session;
+use neif::train::session::options::SessionOptions;
 use neif::train::session::plan::Budget;
 use neif::train::session::run_folder::RunFolder;
 

@@ -31,7 +31,7 @@ use neif::app::state::history as app_history;
 use neif::app::state::training_state::{Level, Phase};
 use neif::app::state::{keys, shortcuts};
 use neif::app::viewport::camera_control::CameraMove;
-use neif::app::viewport::canvas::Pictures;
+use neif::app::viewport::overlay::Pictures;
 use neif::app::work::pace::Pace;
 use neif::app::{AppState, Command, Effect, apply, shell, theme};
 use neif::data::{Dataset, Origin, Photo, Split, View};

@@ -2,12 +2,13 @@
 
 use egui::{CentralPanel, Frame, Margin, Panel, ScrollArea, Ui};
 
+use super::panels;
 use super::session::preferences::{PreferencesCommand, Side};
 use super::state::app_state::AppState;
 use super::state::command::Command;
 use super::state::sections::Section;
-use super::viewport::canvas::{Pictures, viewport_ui};
-use crate::app::panels;
+use super::viewport::canvas::viewport_ui;
+use super::viewport::overlay::Pictures;
 
 /// Width of the panel at the left.
 const LEFT_WIDTH: f32 = 262.0;

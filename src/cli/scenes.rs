@@ -1,11 +1,10 @@
 //! Opens what the commands work on: runs, environments, captures.
 
-use std::{
-    path::{Path, PathBuf},
-    sync::Arc,
-};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use anyhow::Context as _;
+use neif::geometry::Camera;
 use neif::data::{CaptureChoices, Dataset, Frame, LoadOptions, Splits, View, read_frames};
 use neif::neif::{Environment, EnvironmentTransform};
 use neif::render::Scene;
@@ -13,7 +12,6 @@ use neif::train::photos::photo_exposures::PhotoExposures;
 use neif::train::session::run_folder::{ENVIRONMENT, RunFolder};
 
 use super::capture::PhotoArgs;
-use super::commands::render::NamedCamera;
 use super::failure::{Failure, OrUnusable as _};
 
 /// A trained run with where its capture lies.
@@ -182,4 +180,13 @@ pub(crate) fn make_folder_of(file: &Path) -> Result<(), Failure> {
 pub(crate) fn make_folder(path: &Path) -> Result<(), Failure> {
     std::fs::create_dir_all(path).with_context(|| path.display().to_string())?;
     Ok(())
+}
+
+/// A camera and what its pictures are called.
+#[derive(Clone, Debug)]
+pub(crate) struct NamedCamera {
+    /// File name without ending.
+    pub(crate) name: String,
+    /// Where it stands.
+    pub(crate) camera: Camera,
 }

@@ -11,9 +11,8 @@ use neif::render::output::turntable;
 use neif::render::{CameraPath, Shot, Spin};
 
 use super::capture::PhotoArgs;
-use super::commands::render::NamedCamera;
 use super::failure::{Failure, OrUnusable as _};
-use super::scenes::{self, OpenRun, Split};
+use super::scenes::{self, NamedCamera, OpenRun, Split};
 use super::values::{self, Size};
 
 /// Where the pictures are taken from.

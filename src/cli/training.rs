@@ -1,6 +1,7 @@
 //! Drives a training session from the command line: shows its events, ends it on Ctrl-C.
 
-use std::{sync::Arc, time::Duration};
+use std::sync::Arc;
+use std::time::Duration;
 
 use crossbeam::channel::RecvTimeoutError;
 use neif::data::Dataset;
@@ -8,7 +9,8 @@ use neif::train::Snapshot;
 use neif::train::session::events::{
     Finish, FinishReason, Progress, TrainCommand, TrainEvent, Validation,
 };
-use neif::train::session::handle::{Session, SessionError, SessionOptions};
+use neif::train::session::handle::Session;
+use neif::train::session::options::{SessionError, SessionOptions};
 
 use super::failure::Failure;
 use super::interrupt;

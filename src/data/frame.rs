@@ -4,8 +4,9 @@ use std::path::{Path, PathBuf};
 
 use glam::{Affine3A, DMat3, DVec3};
 
+use super::intrinsics::Intrinsics;
 use super::{DataError, DepthFile};
-use crate::geometry::{Camera, Distortion};
+use crate::geometry::Camera;
 
 /// One listed photo, not yet read.
 #[derive(Clone, Debug)]
@@ -32,27 +33,6 @@ pub struct Frame {
     pub depth_range: Option<[f32; 2]>,
     /// The file that lists it, for messages.
     pub listed_in: PathBuf,
-}
-
-/// A lens as declared; lengths in pixels of a picture of the declared size.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Intrinsics {
-    /// `w, h`.
-    pub size: Option<(u32, u32)>,
-    /// `fl_x`.
-    pub fl_x: Option<f32>,
-    /// `fl_y`.
-    pub fl_y: Option<f32>,
-    /// `camera_angle_x` in radians.
-    pub camera_angle_x: Option<f32>,
-    /// `camera_angle_y` in radians.
-    pub camera_angle_y: Option<f32>,
-    /// `cx`.
-    pub cx: Option<f32>,
-    /// `cy`.
-    pub cy: Option<f32>,
-    /// `k1..k4, p1, p2`.
-    pub distortion: Distortion,
 }
 
 /// Whether a declared number can be a side of a picture, pixels.

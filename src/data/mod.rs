@@ -11,6 +11,7 @@ mod formats;
 mod frame;
 #[cfg(test)]
 mod fuzz_smoke;
+mod intrinsics;
 mod load;
 mod mesh_io;
 mod photos;
@@ -43,7 +44,9 @@ pub use self::formats::colmap::{
 };
 pub use self::formats::listing::{Listing, list_capture, list_capture_as};
 pub use self::formats::transforms_json::read_frames;
-pub use self::photos::depth::{DepthFile, DepthMap, DepthView};
+pub use self::intrinsics::Intrinsics;
+pub use self::photos::depth::{DepthFile, DepthMap};
+pub use self::photos::depth_view::DepthView;
 pub use self::photos::exr_image::{
     ExrChannel, ExrSample, read_exr_linear, write_exr, write_exr_channels,
 };
@@ -56,7 +59,7 @@ pub use check::{
 };
 pub use choices::CaptureChoices;
 pub use error::DataError;
-pub use frame::{Frame, Intrinsics};
+pub use frame::Frame;
 pub use load::first_photo;
 pub use mesh_io::{Texture, TexturedMesh, find_mesh, read_mesh, write_glb, write_textured_glb};
 pub use points::{PointCloud, SeenPoints};

@@ -3,8 +3,9 @@
 use std::fmt;
 use std::str::FromStr;
 
-use super::named::by_name;
 use serde::{Deserialize, Serialize};
+
+use super::named::by_name;
 
 /// How the surroundings are seen directly; their reflections and their light stay.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -66,7 +67,8 @@ mod tests {
     use super::super::scene::{Layer, Scene};
     use super::super::test_scene::{camera, scene};
     use super::*;
-    use crate::render::output::picture::{Picture, render};
+    use crate::render::output::picture::render;
+    use crate::render::output::raster::Picture;
 
     fn picture(background: Background, display_ev: f32, layer: Layer) -> Picture {
         let scene = Scene {

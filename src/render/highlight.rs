@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 use super::path::gbuffer::GBuffer;
-use super::path::shade::ShadeScratch;
+use super::path::scratch::ShadeScratch;
 use super::scene::Scene;
 use crate::neif::{ObjectModel, Region};
 

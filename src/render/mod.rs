@@ -24,16 +24,18 @@ pub use self::output::film::{Destination, FileKind, Film, FilmError, Shot};
 pub use self::output::panorama::{PanoramaView, panorama, panorama_of};
 pub use self::output::parts::{Backdrop, Parts, PartsOptions, render_parts};
 pub use self::output::picture::{
-    Picture, SeenThere, render, render_reference, render_with, see_surroundings,
+    SeenThere, render, render_reference, render_with, see_surroundings,
 };
+pub use self::output::raster::Picture;
 pub use self::output::tone_map::ToneMap;
 pub use self::output::turntable::Spin;
 pub use self::output::unwrapped::Unwrapped;
 pub use self::path::gbuffer::{GBuffer, PathOptions};
 pub use self::path::reference::{LobeShape, ReferenceOptions};
-pub use self::path::shade::{ShadeScratch, compose, shade_background, shade_object};
+pub use self::path::scratch::ShadeScratch;
+pub use self::path::shade::{compose, shade_background, shade_object};
 pub use self::preview::drawn_by::{DrawnBy, GpuChoice};
-pub use self::preview::progressive::PreviewScene;
+pub use self::preview::request::PreviewScene;
 pub use self::preview::worker::{Passes, Preview, PreviewFrame};
 pub use background::{BLUR_STD, Background};
 pub use irradiance::{DiffuseLights, trained_light};

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::output::picture::Picture;
+use super::output::raster::Picture;
 use super::path::gbuffer::{GBuffer, PathOptions};
 use crate::geometry::Camera;
 use crate::neif::neilf::model::{NeilfModel, NeilfScratch};

@@ -2,14 +2,15 @@
 
 use glam::Vec3;
 
-use super::path::shade::{ShadeScratch, settled_path};
+use super::path::scratch::ShadeScratch;
+use super::path::shade::settled_path;
 use super::path::trace::{MAX_VERTICES, PIXEL_STD, Seen, trace_path};
 use super::scene::Scene;
 use crate::geometry::Camera;
 use crate::neif::light::light_path::PathVertex;
 use crate::neif::light::lobe::kappa_from_roughness;
 use crate::neif::light::shading::SurfacePoint;
-use crate::neif::surface::material::Surface;
+use crate::neif::surface::values::Surface;
 use crate::neif::{MaterialEdit, Regions};
 
 /// A place on the surface and from where it is looked at, world coordinates.

@@ -5,7 +5,8 @@ use std::sync::atomic::AtomicBool;
 
 use glam::Vec3;
 
-use super::preview::progressive::{PassKind, Progressive};
+use super::preview::progressive::Progressive;
+use super::preview::request::PassKind;
 use super::test_scene::{camera, environment, object_of};
 use super::{GBuffer, Layer, PathOptions, PreviewScene, Scene, bake, radiance_as_albedo, render};
 use crate::geometry::meshes::test_mesh::{ellipsoid, together};

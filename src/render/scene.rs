@@ -16,8 +16,7 @@ use super::irradiance::{
 };
 use super::lamps::Highlights;
 use super::named::by_name;
-use super::output::tone_map::ToneMap;
-use super::path::shade::display_gain;
+use super::output::tone_map::{ToneMap, display_gain};
 use crate::neif::light::display::Display;
 use crate::neif::light::environment::EnvironmentField;
 use crate::neif::light::exposure_match::matched;

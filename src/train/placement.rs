@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use super::priors::line_of_sight::clear_lines_of_sight;
 use crate::data::Dataset;
-use crate::geometry::{Ray, SurfaceTracer};
+use crate::geometry::{Camera, Ray, SurfaceTracer};
 use crate::neif::field::contraction::FieldFrame;
 use crate::neif::field::density_grid::DensityGrid;
 
@@ -98,4 +98,9 @@ pub(super) fn up_direction(dataset: &Dataset) -> Vec3 {
     let mut up = Vec3::ZERO;
     up[axis] = if mean[axis] < 0.0 { -1.0 } else { 1.0 };
     up
+}
+
+/// The cameras of the training photos as the capture has them.
+pub(super) fn given_cameras(dataset: &Dataset) -> Vec<Camera> {
+    dataset.train.iter().map(|view| view.camera).collect()
 }

@@ -9,11 +9,11 @@ use super::photos::poses::Poses;
 use super::pixels::outlines::OutlineFit;
 use super::pixels::store::PixelStore;
 use super::pixels::view_pixels::PixelOptions;
-use super::placement::field_frame;
+use super::placement::{field_frame, given_cameras};
 use super::priors::depth_evidence::SeenDepths;
 use super::shape::refinement;
 use crate::data::Dataset;
-use crate::geometry::{Camera, SurfaceTracer};
+use crate::geometry::SurfaceTracer;
 use crate::render::path::gbuffer::PathOptions;
 
 /// [`PathOptions::largest_turn`] in training: a mirror image that a pixel squeezes further in one direction than in the
@@ -79,11 +79,6 @@ impl Prepared {
             pixels,
         })
     }
-}
-
-/// The cameras of the training photos as the capture has them.
-pub(super) fn given_cameras(dataset: &Dataset) -> Vec<Camera> {
-    dataset.train.iter().map(|view| view.camera).collect()
 }
 
 /// Traces the pixels again, on a mesh and from cameras that have changed a little: of the object about as many as are to be

@@ -12,7 +12,7 @@ use egui_kittest::wgpu::WgpuTestRenderer;
 use image::RgbaImage;
 use neif::app::session::preferences::ThemeChoice;
 use neif::app::state::export::{ExportCommand, Subject};
-use neif::app::viewport::canvas::Pictures;
+use neif::app::viewport::overlay::Pictures;
 use neif::app::{AppState, Command, apply, shell, theme};
 
 use super::{inspect, training_state};

@@ -1,15 +1,17 @@
 //! Draws the gizmo over the picture and turns drags of its handles into commands. Lines only: large filled areas are
 //! slow where the processor draws.
 
-use egui::vec2;
-use egui::{Color32, CursorIcon, Pos2, Rect, Response, Role, Sense, Shape, Stroke, Ui, WidgetInfo};
+use egui::{
+    Color32, CursorIcon, Pos2, Rect, Response, Role, Sense, Shape, Stroke, Ui, WidgetInfo, vec2,
+};
 use glam::Vec2;
 
-use crate::app::lighting::gizmo::{Axis, Gizmo, Grab, Handle, place};
-use crate::app::lighting::{LightingCommand, anchor};
+use super::anchor;
+use super::gizmo::{Axis, Gizmo, Grab, Handle, place};
+use crate::app::lighting::LightingCommand;
 use crate::app::state::app_state::AppState;
 use crate::app::state::command::Command;
-use crate::app::viewport::canvas::label;
+use crate::app::viewport::overlay::label;
 use crate::neif::Environment;
 
 /// Length of an arrow in points.

@@ -7,7 +7,7 @@ use egui::{
 use crate::app::lighting::LightingCommand;
 use crate::app::state::app_state::AppState;
 use crate::app::state::command::Command;
-use crate::app::viewport::canvas::label;
+use crate::app::viewport::overlay::label;
 
 /// Width of the strip that catches the line, in points.
 const GRAB: f32 = 14.0;

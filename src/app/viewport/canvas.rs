@@ -1,12 +1,6 @@
 //! The viewport: the preview picture, the photo over it, and what the mouse does there.
 
-use std::path::Path;
-use std::sync::Arc;
-
-use egui::{
-    Align2, Color32, CursorIcon, FontId, PointerButton, Pos2, Rect, Response, Sense, TextureId, Ui,
-    pos2, vec2,
-};
+use egui::{Align2, Color32, CursorIcon, PointerButton, Rect, Response, Sense, Ui, vec2};
 use glam::Vec2;
 
 use super::camera_control::CameraMove;
@@ -15,6 +9,7 @@ use super::environment_control::{DEGREES_PER_POINT, shifted, turned};
 use super::fly::fly_ui;
 use super::frustums::frustums_ui;
 use super::layer_bar::layer_bar_ui;
+use super::overlay::{Pictures, WHOLE, label};
 use crate::app::inspect::marker::{marker_ui, pick_ui};
 use crate::app::lighting::{gizmo_ui, lines_ui, split_ui};
 use crate::app::panels::widgets::{tell_place, weak};
@@ -27,34 +22,6 @@ use crate::neif::distant::is_environment_file;
 const ORBIT_PER_POINT: f32 = 0.008;
 /// Change of the logarithm of the distance for one point of scrolling.
 const DOLLY_PER_POINT: f32 = 0.003;
-/// All of a texture.
-pub(in crate::app) const WHOLE: Rect = Rect {
-    min: pos2(0.0, 0.0),
-    max: pos2(1.0, 1.0),
-};
-
-/// Pictures on the graphics card.
-#[derive(Clone, Debug, Default)]
-pub struct Pictures {
-    /// The preview.
-    pub preview: Option<TextureId>,
-    /// The preview of B, while both are compared.
-    pub preview_b: Option<TextureId>,
-    /// The photo of the view at which the camera stands.
-    pub photo: Option<TextureId>,
-    /// The error map that is asked for.
-    pub error: Option<TextureId>,
-    /// The slice through the surroundings.
-    pub slice: Option<TextureId>,
-    /// A photo of a capture that is being read, or the object's surface as it grows; its size in pixels, and what is said of it.
-    pub first: Option<(TextureId, [usize; 2], &'static str)>,
-    /// The surroundings as the picked point sees them.
-    pub panorama: Option<TextureId>,
-    /// Small pictures of environments, with their files.
-    pub thumbnails: Vec<(Arc<Path>, TextureId)>,
-    /// The same of the surroundings that were opened or trained.
-    pub own_thumbnail: Option<TextureId>,
-}
 
 /// Draws the viewport into all of `ui`; returns the size of the preview in it, in physical pixels.
 pub fn viewport_ui(
@@ -226,19 +193,6 @@ fn caption_ui(ui: &Ui, rect: Rect, state: &AppState) {
             &format!("as of step {}", shown.step),
         );
     }
-}
-
-/// White text on a dark ground, readable over any picture; returns where it is.
-pub(in crate::app) fn label(ui: &Ui, at: Pos2, anchor: Align2, text: &str) -> Rect {
-    let galley =
-        ui.painter()
-            .layout_no_wrap(text.to_owned(), FontId::proportional(13.0), Color32::WHITE);
-    let rect = anchor.anchor_size(at, galley.size() + vec2(12.0, 6.0));
-    ui.painter()
-        .rect_filled(rect, 4.0, Color32::from_black_alpha(150));
-    ui.painter()
-        .galley(rect.min + vec2(6.0, 3.0), galley, Color32::WHITE);
-    rect
 }
 
 fn empty_ui(ui: &mut Ui, rect: Rect, state: &AppState, commands: &mut Vec<Command>) {

@@ -2,7 +2,7 @@
 
 use egui::{Align2, Color32, CursorIcon, Pos2, Rect, Sense, Stroke, TextureId, Ui, pos2, vec2};
 
-use super::canvas::{Pictures, WHOLE, label};
+use super::overlay::{Pictures, WHOLE, color_bar, label};
 use crate::app::state::app_state::AppState;
 use crate::app::state::command::Command;
 use crate::app::state::watch::{Comparison, ErrorKind, MeasuredView};
@@ -13,10 +13,6 @@ const WIPE_GRAB: f32 = 14.0;
 const FLICKER_SECS: f64 = 0.25;
 /// Gap between two pictures side by side.
 const GAP: f32 = 4.0;
-/// Size of the colour bar.
-const BAR: egui::Vec2 = vec2(180.0, 10.0);
-/// Steps of colour in it.
-const BAR_STEPS: usize = 60;
 
 /// The part of the viewport for the photo, if it is shown beside the rendering, and the part for the rendering.
 pub(in crate::app) fn split(rect: Rect, state: &AppState) -> (Option<Rect>, Rect) {
@@ -165,39 +161,4 @@ pub fn figures_line(measured: MeasuredView) -> String {
         line.push_str(", with edits");
     }
     line
-}
-
-/// A horizontal bar of the colours from 0 to 1 with numbers at equal distances under it; `at` is its left bottom.
-pub(in crate::app) fn color_bar(
-    ui: &Ui,
-    at: Pos2,
-    legend: &str,
-    marks: &[String],
-    color: &dyn Fn(f32) -> [u8; 3],
-) {
-    let (pad, text_height) = (8.0, 16.0);
-    let size = BAR + vec2(2.0 * pad + 16.0, 2.0 * text_height + 10.0);
-    let ground = Rect::from_min_size(at - vec2(0.0, size.y), size);
-    let painter = ui.painter();
-    painter.rect_filled(ground, 4.0, Color32::from_black_alpha(150));
-    let font = egui::FontId::proportional(12.0);
-    let text = |at: Pos2, anchor: Align2, text: &str| {
-        painter.text(at, anchor, text, font.clone(), Color32::WHITE);
-    };
-    let left_top = ground.min + vec2(pad + 8.0, 4.0);
-    text(left_top - vec2(8.0, 0.0), Align2::LEFT_TOP, legend);
-    let bar = Rect::from_min_size(left_top + vec2(0.0, text_height), BAR);
-    for i in 0..BAR_STEPS {
-        let x = |i: usize| bar.left() + bar.width() * i as f32 / BAR_STEPS as f32;
-        let part = Rect::from_x_y_ranges(x(i)..=x(i + 1), bar.y_range());
-        let [r, g, b] = color((i as f32 + 0.5) / BAR_STEPS as f32);
-        painter.rect_filled(part, 0.0, Color32::from_rgb(r, g, b));
-    }
-    let last = marks.len().saturating_sub(1).max(1) as f32;
-    for (i, mark) in marks.iter().enumerate() {
-        let x = bar.left() + bar.width() * i as f32 / last;
-        let tick = bar.bottom()..=bar.bottom() + 3.0;
-        painter.vline(x, tick, Stroke::new(1.0, Color32::WHITE));
-        text(pos2(x, bar.bottom() + 3.0), Align2::CENTER_TOP, mark);
-    }
 }

@@ -3,7 +3,7 @@
 use egui::{Color32, Pos2, Rect, Response, Stroke, Ui, pos2};
 use glam::{Vec2, Vec3};
 
-use super::canvas::label;
+use super::overlay::label;
 use crate::app::state::app_state::AppState;
 use crate::app::state::command::Command;
 use crate::data::{Split, View};

@@ -2,7 +2,7 @@
 
 use egui::{Rect, Ui, vec2};
 
-use super::compare_view::color_bar;
+use super::overlay::color_bar;
 use crate::app::state::app_state::AppState;
 use crate::color::map::ColorMap;
 use crate::render::Layer;

@@ -7,4 +7,5 @@ pub mod environment_control;
 pub mod fly;
 mod frustums;
 mod layer_bar;
+pub mod overlay;
 pub(super) mod texture;

@@ -13,9 +13,8 @@ use super::exporter::Exporter;
 use super::keeper::Keeper;
 use super::opener::{Opened, Opener, ScreenPhoto};
 use crate::app::assets;
-use crate::app::session::leaving;
-use crate::app::session::recent;
 use crate::app::session::saving::stand_at_wanted_view;
+use crate::app::session::{leaving, recent};
 use crate::app::state::app_state::{
     AppState, EnvironmentContent, Look, PathPurpose, Source, ViewState,
 };
@@ -28,7 +27,8 @@ use crate::render::Scene;
 use crate::train::Snapshot;
 use crate::train::config::TrainConfig;
 use crate::train::session::events::TrainCommand;
-use crate::train::session::handle::{Session, SessionOptions};
+use crate::train::session::handle::Session;
+use crate::train::session::options::SessionOptions;
 use crate::train::session::plan::Budget;
 
 /// Training wakes the window at most so often.

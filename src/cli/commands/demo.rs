@@ -1,13 +1,11 @@
 //! The demo without a window: trains on the bundled capture for a minute, then shows in pictures
 //! what the program can do.
 
-use std::{
-    fmt::Write as _,
-    io::Write as _,
-    path::{Path, PathBuf},
-    sync::atomic::AtomicBool,
-    time::Instant,
-};
+use std::fmt::Write as _;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
 
 use glam::Vec3;
 use neif::data::{Dataset, LoadOptions, Splits, View, bundled_assets, write_atomically};
@@ -15,13 +13,13 @@ use neif::neif::{EnvironmentTransform, MaterialEdit, RoughnessEdit};
 use neif::render::{Layer, Picture, Scene, panorama, render};
 use neif::train::config::TrainConfig;
 use neif::train::measure::eval::{Measures, evaluate_views, mean_of_views};
-use neif::train::session::handle::SessionOptions;
+use neif::train::session::options::SessionOptions;
 use neif::train::session::plan::Budget;
 
 use super::env::PanoramaFile;
 use crate::cli::failure::Failure;
-use crate::cli::training::Outcome;
-use crate::cli::{interrupt, output, scenes, sheet, training};
+use crate::cli::training::{self, Outcome};
+use crate::cli::{interrupt, output, scenes, sheet};
 
 /// Training time, in seconds.
 const TRAIN_SECS: f64 = 60.0;

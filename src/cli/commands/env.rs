@@ -1,16 +1,14 @@
 //! `neif env`: surroundings on their own.
 
-use std::{
-    path::{Path, PathBuf},
-    time::Instant,
-};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 use glam::Vec3;
 use neif::color::srgb_from_linear;
 use neif::data::{ExrSample, write_exr, write_png_srgb};
 use neif::neif::Storage;
 use neif::render::{Picture, panorama as render_panorama};
-use neif::train::session::handle::SessionOptions;
+use neif::train::session::options::SessionOptions;
 
 use super::env_import::EnvImportArgs;
 use super::train::{BudgetArgs, config};

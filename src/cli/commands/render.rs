@@ -5,7 +5,6 @@ use std::sync::{Mutex, PoisonError};
 
 use anyhow::anyhow;
 use neif::data::Ending;
-use neif::geometry::Camera;
 use neif::render::{
     Backdrop, Background, Destination, FileKind, Film, FilmError, Layer, LobeShape,
     ReferenceOptions, ToneMap,
@@ -71,15 +70,6 @@ pub(crate) struct RenderArgs {
     /// The folder for the pictures, made when missing; for a gif or mp4 also the file
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-}
-
-/// A camera and what its pictures are called.
-#[derive(Clone, Debug)]
-pub(crate) struct NamedCamera {
-    /// File name without ending.
-    pub(crate) name: String,
-    /// Where it stands.
-    pub(crate) camera: Camera,
 }
 
 /// `neif render`.

@@ -1,16 +1,14 @@
 //! `neif train`: from photos to a run folder.
 
-use std::{
-    path::{Path, PathBuf},
-    time::Instant,
-};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 use anyhow::Context as _;
 use glam::Vec3;
 use neif::data::MeshPlacement;
 use neif::neif::Storage;
 use neif::train::config::{Normals, PhotoFit, TrainConfig};
-use neif::train::session::handle::SessionOptions;
+use neif::train::session::options::SessionOptions;
 use neif::train::session::plan::Budget;
 use neif::train::session::run_folder::RunFolder;
 

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
 
-use super::listing::{Found, Listed};
+use super::found::{Found, Listed};
 use super::photo_folder::{list_pictures, photo_folders};
 use crate::data::files::capture_path::read_text;
 use crate::data::frame::{rotation_and_translation, world_from_opencv};

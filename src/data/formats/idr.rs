@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DMat4, DVec3};
 
-use super::listing::{Found, Listed};
+use super::found::{Found, Listed};
 use super::photo_folder::{list_pictures, match_by_position, photo_folders};
 use crate::data::files::npy::{Array, read_npz};
 use crate::data::frame::world_from_opencv;

@@ -5,9 +5,10 @@
 
 use std::path::{Path, PathBuf};
 
+use super::found::{Found, Listed};
 use super::photo_folder::assign_masks;
-use super::splits::{SplitFrames, split_as_chosen};
-use super::{blended_mvs, colmap, idr, llff, neilf, nero, rgbd, splits};
+use super::splits::{self, SplitFrames, split_as_chosen};
+use super::{blended_mvs, colmap, idr, llff, neilf, nero, rgbd};
 use crate::data::problem::first_names;
 use crate::data::{CaptureChoices, DataError, Frame, PointCloud, Problem, Severity};
 
@@ -37,41 +38,6 @@ impl Listing {
     pub fn frames(&self) -> impl Iterator<Item = &Frame> {
         self.train.iter().chain(&self.val).chain(&self.test)
     }
-}
-
-/// A capture of some layout: its folder, and the file or folder that lists the cameras.
-#[derive(Clone, Debug)]
-pub(in crate::data) struct Found {
-    pub(in crate::data) root: PathBuf,
-    pub(in crate::data) file: PathBuf,
-}
-
-impl Found {
-    /// A file that lists the cameras, in its folder.
-    fn beside(file: &Path) -> Self {
-        Self {
-            root: file.parent().unwrap_or_else(|| Path::new("")).to_owned(),
-            file: file.to_owned(),
-        }
-    }
-
-    /// A path below the capture as messages show it.
-    pub(in crate::data) fn shown(&self, path: &Path) -> String {
-        match path.strip_prefix(&self.root) {
-            Ok(below) if below.as_os_str().is_empty() => "the folder itself".to_owned(),
-            Ok(below) => below.display().to_string(),
-            Err(_outside) => path.display().to_string(),
-        }
-    }
-}
-
-/// What a layout without splits of its own lists.
-#[derive(Debug)]
-pub(in crate::data) struct Listed {
-    pub(in crate::data) frames: Vec<Frame>,
-    pub(in crate::data) points: Option<PointCloud>,
-    pub(in crate::data) recognised: String,
-    pub(in crate::data) problems: Vec<Problem>,
 }
 
 /// A layout without splits of its own.

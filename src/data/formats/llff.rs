@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{Affine3A, DMat3, DVec3};
 
-use super::listing::{Found, Listed};
+use super::found::{Found, Listed};
 use super::photo_folder::{list_pictures, photo_folders};
 use crate::data::files::npy::{Array, read_npy};
 use crate::data::frame::{is_rotation, is_side_px};

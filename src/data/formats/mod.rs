@@ -5,6 +5,7 @@
 
 mod blended_mvs;
 pub(super) mod colmap;
+mod found;
 mod idr;
 mod json_fields;
 pub(super) mod listing;

@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
+use super::found::{Found, Listed};
 use super::json_fields::Fields;
-use super::listing::{Found, Listed};
 use crate::data::files::capture_path::{path_below, read_text, with_extension};
 use crate::data::frame::{is_side_px, rotation_and_translation, world_from_opencv};
 use crate::data::{DataError, Frame, Intrinsics};

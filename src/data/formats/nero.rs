@@ -6,7 +6,7 @@
 
 use std::path::Path;
 
-use super::listing::{Found, Listed};
+use super::found::{Found, Listed};
 use crate::data::files::capture_path::read_bytes;
 use crate::data::files::npy::Array;
 use crate::data::files::pickle;

@@ -9,7 +9,9 @@
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
-use super::transforms_json::split_lists;
+use serde_json::Value;
+
+use super::transforms_json::read_value;
 use crate::data::files::capture_path::read_text;
 use crate::data::problem::first_names;
 use crate::data::{CaptureChoices, DataError, Frame, Problem, Severity, read_frames};
@@ -285,4 +287,20 @@ pub(super) fn keep_existing(frames: Vec<Frame>, problems: &mut Vec<Problem>) -> 
         problems.push(Problem::new(Severity::Warning, what, advice).in_file(json));
     }
     existing
+}
+
+/// nerfstudio's `train_filenames`, `val_filenames` and `test_filenames`, where a file has them.
+pub(in crate::data) fn split_lists(json: &Path) -> Result<Option<SplitLists>, DataError> {
+    let value = read_value(json)?;
+    let list = |name: &str| {
+        let names = value.get(name)?.as_array()?.iter();
+        Some(names.filter_map(Value::as_str).map(photo_key).collect())
+    };
+    let lists = SplitLists {
+        source: "the file's own lists".to_owned(),
+        train: list("train_filenames"),
+        val: list("val_filenames"),
+        test: list("test_filenames"),
+    };
+    Ok((lists.val.is_some() || lists.test.is_some()).then_some(lists))
 }

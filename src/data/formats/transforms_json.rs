@@ -10,7 +10,6 @@ use glam::{Affine3A, Mat3, Vec3};
 use serde_json::Value;
 
 use super::json_fields::Fields;
-use super::splits::{SplitLists, photo_key};
 use crate::data::files::capture_path::{path_below, read_text, with_extension};
 use crate::data::photos::depth::MILLIMETRE;
 use crate::data::{DataError, DepthFile, Frame, Intrinsics};
@@ -67,23 +66,7 @@ pub fn read_frames(json: &Path) -> Result<Vec<Frame>, DataError> {
         .collect()
 }
 
-/// nerfstudio's `train_filenames`, `val_filenames` and `test_filenames`, where a file has them.
-pub(in crate::data) fn split_lists(json: &Path) -> Result<Option<SplitLists>, DataError> {
-    let value = read_value(json)?;
-    let list = |name: &str| {
-        let names = value.get(name)?.as_array()?.iter();
-        Some(names.filter_map(Value::as_str).map(photo_key).collect())
-    };
-    let lists = SplitLists {
-        source: "the file's own lists".to_owned(),
-        train: list("train_filenames"),
-        val: list("val_filenames"),
-        test: list("test_filenames"),
-    };
-    Ok((lists.val.is_some() || lists.test.is_some()).then_some(lists))
-}
-
-fn read_value(json: &Path) -> Result<Value, DataError> {
+pub(super) fn read_value(json: &Path) -> Result<Value, DataError> {
     let text = read_text(json, MAX_BYTES)?;
     serde_json::from_str(&text).map_err(|source| DataError::Json {
         path: json.to_owned(),

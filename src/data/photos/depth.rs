@@ -7,10 +7,11 @@ use std::path::{Path, PathBuf};
 use image::DynamicImage;
 
 use super::exr_image::read_exr_depth;
-use super::image::{check_size, open};
+use super::image::open;
+use super::limits::check_size;
 use crate::data::files::capture_path::read_bytes;
 use crate::data::files::npy::read_npy;
-use crate::data::{DataError, Frame, Intrinsics};
+use crate::data::{DataError, Intrinsics};
 use crate::geometry::Camera;
 
 /// Extensions of depth maps, in the order in which they are tried.
@@ -79,14 +80,6 @@ impl DepthFile {
     }
 }
 
-/// A training photo's depth map, not yet read.
-#[derive(Clone, Debug)]
-pub struct DepthView {
-    /// The photo's name, as its view's.
-    pub name: String,
-    frame: Frame,
-}
-
 /// Depths of a picture.
 #[derive(Clone, Debug)]
 pub struct DepthMap {
@@ -94,37 +87,6 @@ pub struct DepthMap {
     pub camera: Camera,
     /// `[height * width]` along the camera's axis, scene units; 0 where nothing is known.
     pub depths: Vec<f32>,
-}
-
-impl DepthView {
-    /// That of a frame, where it has one.
-    pub(in crate::data) fn of(frame: &Frame) -> Option<Self> {
-        frame.depth.is_some().then(|| Self {
-            name: frame.name.clone(),
-            frame: frame.clone(),
-        })
-    }
-
-    /// Reads the map. `photo_camera` is that of the photo, in any size.
-    ///
-    /// # Errors
-    /// When the file cannot be read or is no depth map.
-    pub fn read(&self, photo_camera: &Camera) -> Result<DepthMap, DataError> {
-        let missing = || self.frame.error("depth", "missing");
-        let file = self.frame.depth.as_ref().ok_or_else(missing)?;
-        let (width, height, depths) = file.read()?;
-        let camera = match file.lens {
-            None => photo_camera.resized(width, height),
-            Some(intrinsics) => {
-                let frame = Frame {
-                    intrinsics,
-                    ..self.frame.clone()
-                };
-                frame.camera(width, height)?.0
-            }
-        };
-        Ok(DepthMap { camera, depths })
-    }
 }
 
 impl DepthMap {

@@ -12,7 +12,7 @@ use exr::meta::attribute::LineOrder;
 use exr::meta::header::LayerAttributes;
 use exr::prelude::{Image, ReadChannels as _, ReadLayers as _, WritableImage as _, f16, read};
 
-use super::image::{check_finite, check_size};
+use super::limits::{check_finite, check_size};
 use crate::data::{DataError, write_atomically};
 
 /// The most values of all channels that are read.

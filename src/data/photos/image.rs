@@ -11,13 +11,10 @@ use image::{DynamicImage, ExtendedColorType, ImageEncoder as _, ImageReader, Lim
 
 use super::chroma::chroma_block_of;
 use super::exr_image::{exr_size, read_exr_linear};
+use super::limits::{check_finite, check_size};
 use super::mask_color::coverage_of;
 use crate::data::{DataError, Mask, Photo, write_atomically};
 
-/// The longest side accepted.
-const MAX_SIDE: u32 = 16384;
-/// The most pixels accepted.
-const MAX_PIXELS: u64 = 128 << 20;
 /// Bytes that decoding may take beside the pixels: profiles and other notes in the file unpack to less.
 const MAX_EXTRA_BYTES: u64 = 64 << 20;
 
@@ -127,42 +124,6 @@ pub(super) fn picture_size(path: &Path) -> Result<(u32, u32), DataError> {
     };
     check_size(path, u64::from(width), u64::from(height))?;
     Ok((width, height))
-}
-
-/// Refuses pictures that are empty or too large, before their pixels are decoded.
-pub(super) fn check_size(path: &Path, width: u64, height: u64) -> Result<(), DataError> {
-    let too_large = width > u64::from(MAX_SIDE)
-        || height > u64::from(MAX_SIDE)
-        || width.saturating_mul(height) > MAX_PIXELS;
-    if too_large || width == 0 || height == 0 {
-        return Err(DataError::image(
-            path,
-            format!(
-                "picture of {width} x {height} pixels; sides of 1 to {MAX_SIDE} and at most \
-                 {} megapixels are supported",
-                MAX_PIXELS >> 20
-            ),
-        ));
-    }
-    Ok(())
-}
-
-/// Refuses NaN and infinite pixels, naming the first.
-pub(in crate::data) fn check_finite(
-    path: &Path,
-    width: u32,
-    pixels: &[[f32; 3]],
-) -> Result<(), DataError> {
-    match pixels.iter().position(|p| p.iter().any(|c| !c.is_finite())) {
-        None => Ok(()),
-        Some(i) => {
-            let (x, y) = (i % width as usize, i / width as usize);
-            Err(DataError::image(
-                path,
-                format!("pixel ({x}, {y}) is not finite: {:?}", pixels[i]),
-            ))
-        }
-    }
 }
 
 fn is_exr(path: &Path) -> bool {

@@ -5,9 +5,11 @@
 
 mod chroma;
 pub(super) mod depth;
+pub(super) mod depth_view;
 pub(super) mod exif;
 pub(super) mod exr_image;
 pub(super) mod image;
+mod limits;
 mod mask_color;
 mod orientation;
 pub(super) mod photo;

@@ -4,5 +4,6 @@ pub(super) mod bvh;
 pub(super) mod fan;
 pub(super) mod footprint;
 mod hierarchy;
+mod part_at;
 pub(super) mod ray;
 mod wide_bvh;

@@ -182,6 +182,20 @@ fn file_stem(path: &Path) -> String {
     stem.to_string_lossy().into_owned()
 }
 
+impl Environment {
+    /// Reads an environment file, or a panorama (`.hdr`, `.exr`) as infinitely far surroundings with z up.
+    ///
+    /// # Errors
+    /// As [`Self::load`] and [`import_environment`].
+    pub fn open(path: &Path) -> Result<Self, NeifError> {
+        if is_panorama_file(path) {
+            let imported = import_environment(path, &ImportOptions::default())?;
+            return Ok(imported.environment);
+        }
+        Self::load(path)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -6,7 +6,6 @@
 
 use glam::Vec3;
 
-use super::proposal::ConeRay;
 use crate::data::files::tensor_file::{TensorFile, TensorFileError};
 
 /// The least slope of a ray that meets it: others skim over what is not quite a plane.
@@ -43,11 +42,11 @@ impl Floor {
         Vec3::from(point).dot(self.up) - self.offset
     }
 
-    /// Distance along a ray from above to where it ends.
+    /// Distance along a ray from above to where it ends, in lengths of its direction.
     #[inline(always)]
-    pub fn distance(&self, ray: &ConeRay) -> Option<f32> {
-        let height = self.height(ray.origin);
-        let slope = -Vec3::from(ray.direction).dot(self.up);
+    pub fn distance(&self, origin: [f32; 3], direction: [f32; 3]) -> Option<f32> {
+        let height = self.height(origin);
+        let slope = -Vec3::from(direction).dot(self.up);
         (height > 0.0 && slope > LEAST_SLOPE).then(|| height / slope)
     }
 
@@ -85,11 +84,7 @@ mod tests {
     use super::*;
 
     fn distance(origin: [f32; 3], direction: [f32; 3]) -> Option<f32> {
-        Floor::new(Vec3::new(7.0, 3.0, -0.5), Vec3::Z).distance(&ConeRay {
-            origin,
-            direction,
-            ..ConeRay::default()
-        })
+        Floor::new(Vec3::new(7.0, 3.0, -0.5), Vec3::Z).distance(origin, direction)
     }
 
     #[test]

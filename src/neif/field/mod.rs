@@ -4,6 +4,7 @@
 //! encoded by `hash_grid`, composited by `composite`, and turned to light by `mlp` with `spherical_harmonics`: all of it in
 //! `radiance_field`, whose working memory is `field_batch`.
 
+pub mod cells;
 pub mod composite;
 pub mod contraction;
 pub mod density_grid;

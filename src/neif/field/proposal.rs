@@ -3,12 +3,11 @@
 //! No proposal network and no hard pruning: a running mean of the density, a uniform share that keeps exploring, and a
 //! fixed number of samples a ray. Hard occupancy pruning measured 3 dB worse: it prunes before the geometry is found.
 
+use super::cells::{INNER_CELLS, INNER_SIDE, OUTER_SIDE, cell_of, contract_point};
 use super::contraction::unit_cube;
-use super::density_grid::{
-    DensityGrid, INNER_CELLS, INNER_SIDE, OUTER_SIDE, cell_of, contract_point,
-};
-use crate::neif::kernels::math::f32_from_bf16;
-use crate::neif::kernels::{Baseline, Isa, dispatch, fma, math};
+use super::density_grid::DensityGrid;
+use crate::neif::kernels::math::{self, f32_from_bf16};
+use crate::neif::kernels::{Baseline, Isa, dispatch, fma};
 
 /// Equal steps from the origin to the inner box's far side.
 const INNER_STEPS: usize = 48;
@@ -194,7 +193,7 @@ fn step_distance(step: f32, split: f32) -> f32 {
 /// The fractional step at which a ray ends on the floor.
 #[inline(always)]
 fn floor_step(grid: &DensityGrid, ray: &ConeRay, split: f32) -> Option<f32> {
-    let distance = grid.floor?.distance(ray)?;
+    let distance = grid.floor?.distance(ray.origin, ray.direction)?;
     Some(step_at(distance, split))
 }
 

@@ -1,7 +1,8 @@
 //! The samples of a batch of rays: where they are, how blurred, and how long the intervals they stand for.
 
+use super::cells::cell_index;
 use super::contraction::{contract, unit_cube};
-use super::density_grid::{DensityGrid, cell_index};
+use super::density_grid::DensityGrid;
 use super::hash_grid::SamplePoints;
 use super::proposal::{ConeRay, OPAQUE_LENGTH, Placement, place_samples};
 use crate::neif::kernels::{Isa, dispatch};

@@ -4,7 +4,7 @@
 //! pixel's ray reaches the cell while training. Early in a run rays reach what later turns out to be hidden, so
 //! the grid forgets: it keeps the bits of the last one or two periods.
 
-use super::density_grid::{INNER_CELLS, INNER_SIDE, OUTER_SIDE};
+use super::cells::{INNER_CELLS, INNER_SIDE, OUTER_SIDE};
 use crate::data::files::tensor_file::{TensorFile, TensorFileError};
 
 /// Photos of the same number modulo this share a bit.
@@ -125,7 +125,8 @@ mod tests {
     use std::path::Path;
 
     use super::*;
-    use crate::neif::field::density_grid::{DensityGrid, cell_index};
+    use crate::neif::field::cells::cell_index;
+    use crate::neif::field::density_grid::DensityGrid;
 
     #[test]
     fn what_two_photos_showed_is_certain_and_its_neighbours_are_not() {

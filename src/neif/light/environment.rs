@@ -10,9 +10,7 @@ use super::lobe::SHARPEST_VARIANCE;
 use crate::data::files::tensor_file::TensorFile;
 use crate::geometry::Aabb;
 use crate::neif::NeifError;
-use crate::neif::distant::{
-    DistantConfig, DistantLight, ImportOptions, import_environment, is_panorama_file,
-};
+use crate::neif::distant::{DistantConfig, DistantLight};
 use crate::neif::field::contraction::FieldFrame;
 use crate::neif::field::density_grid::DensityGrid;
 use crate::neif::field::floor::Floor;
@@ -257,18 +255,6 @@ impl Environment {
                 batch.radiance.extend(radiance);
             }
         }
-    }
-
-    /// Reads an environment file, or a panorama (`.hdr`, `.exr`) as infinitely far surroundings with z up.
-    ///
-    /// # Errors
-    /// As [`Self::load`] and [`import_environment`].
-    pub fn open(path: &Path) -> Result<Self, NeifError> {
-        if is_panorama_file(path) {
-            let imported = import_environment(path, &ImportOptions::default())?;
-            return Ok(imported.environment);
-        }
-        Self::load(path)
     }
 
     /// Reads an environment file.

@@ -15,7 +15,7 @@ use crate::neif::field::contraction::FieldFrame;
 use crate::neif::field::proposal::ConeRay;
 use crate::neif::field::radiance_field::FieldRay;
 use crate::neif::surface::edit::EnvironmentFromWorld;
-use crate::neif::surface::material::Surface;
+use crate::neif::surface::values::Surface;
 
 /// Half-angle of the part of the lobe that the mirror ray stands for, radians.
 const CORE_ANGLE: f32 = 0.09;

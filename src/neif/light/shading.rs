@@ -5,7 +5,7 @@
 
 use glam::Vec3;
 
-use crate::neif::surface::material::Surface;
+use crate::neif::surface::values::Surface;
 
 /// A surface point seen by a pixel: geometry only, world coordinates.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

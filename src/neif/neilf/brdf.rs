@@ -9,7 +9,7 @@ use glam::Vec3;
 use crate::geometry::{fibonacci_sphere, orthonormal_basis};
 use crate::neif::light::lobe::Lobe;
 use crate::neif::light::shading::{SurfacePoint, fresnel, outgoing, outgoing_backward, schlick};
-use crate::neif::surface::material::Surface;
+use crate::neif::surface::values::Surface;
 
 /// Reflectance of a dielectric at normal incidence.
 const DIELECTRIC: f32 = 0.04;

@@ -10,7 +10,7 @@ use super::encoding::{LEVEL_WIDTH, encode};
 use super::network::{Activation, Dense, MAX_WIDTH, Stack, StackBuffers, padded};
 use crate::neif::kernels::math::{sigmoid, softplus};
 use crate::neif::kernels::matmul::{Epilogue, LANES};
-use crate::neif::surface::material::Surface;
+use crate::neif::surface::values::Surface;
 
 /// Shift of the diffuse output: training starts at `softplus(-2) = 0.13`, a dark grey, as in the fast model.
 const DIFFUSE_SHIFT: f32 = -2.0;

@@ -3,7 +3,7 @@
 use glam::{EulerRot, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 
-use super::material::Surface;
+use super::values::Surface;
 
 /// How roughness is edited.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -5,9 +5,10 @@
 use glam::Vec3;
 
 use super::edit::MaterialEdit;
-use super::material::{MaterialBatch, Surface};
+use super::material::MaterialBatch;
 use super::object::ObjectModel;
 use super::region::{Region, RegionMask, Regions};
+use super::values::Surface;
 
 /// The edited surfaces at some points, and working memory to be used again.
 #[derive(Debug, Default)]

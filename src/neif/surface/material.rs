@@ -5,6 +5,7 @@
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
+use super::values::Surface;
 use crate::neif::field::hash_grid::{
     FEATURES, FeatureColumns, GridConfig, Level, SamplePoints, encode_level, scatter_level,
 };
@@ -42,17 +43,6 @@ impl MaterialConfig {
     pub fn is_sane(&self) -> bool {
         self.grid.is_sane() && is_sane_width(self.n_hidden)
     }
-}
-
-/// What the surface is made of at one point.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Surface {
-    /// Baked diffuse radiance `C_d`, linear, at least 0.
-    pub diffuse: Vec3,
-    /// Specular reflectance at normal incidence, RGB in `(0, 1)`.
-    pub tint: Vec3,
-    /// Perceptual roughness in `(0, 1)`.
-    pub roughness: f32,
 }
 
 /// Parameters of a surface field and the cube it lives in.

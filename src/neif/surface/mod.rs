@@ -7,3 +7,4 @@ pub mod edited_surface;
 pub mod material;
 pub mod object;
 pub mod region;
+pub mod values;

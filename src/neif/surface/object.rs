@@ -9,7 +9,8 @@ use serde::{Deserialize, Serialize};
 
 pub use super::material::Material;
 
-use super::material::{MaterialBatch, MaterialConfig, Surface};
+use super::material::{MaterialBatch, MaterialConfig};
+use super::values::Surface;
 use crate::data::files::tensor_file::TensorFile;
 use crate::geometry::SurfaceTracer;
 use crate::neif::NeifError;

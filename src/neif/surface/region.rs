@@ -7,8 +7,9 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use super::edit::MaterialEdit;
-use super::material::{MaterialBatch, Surface};
+use super::material::MaterialBatch;
 use super::object::ObjectModel;
+use super::values::Surface;
 use crate::color::srgb_from_linear;
 
 /// Most regions of an object: each is weighted at every point that is shaded.

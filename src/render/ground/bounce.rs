@@ -6,7 +6,7 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::GroundResolution;
-use super::light::Stand;
+use super::stand::Stand;
 use crate::geometry::{Hit, Ray};
 use crate::neif::field::radiance_field::{FieldBatch, FieldRay};
 use crate::neif::light::environment::LightScratch;

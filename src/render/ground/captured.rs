@@ -6,18 +6,15 @@ use std::sync::atomic::AtomicBool;
 use glam::Vec3;
 
 use super::bounce::Bounce;
-use super::light::Stand;
 use super::share_grid::ShareGrid;
 use super::sight::Sight;
 use super::square::Square;
-use super::support::{Hidden, Support};
+use super::stand::Stand;
+use super::support::{Hidden, LEAST_SHARE, Support};
 use super::{Cancelled, GroundResolution};
 use crate::neif::{Environment, EnvironmentTransform, ObjectModel};
 use crate::render::irradiance::Probes;
 use crate::render::lamps::Lamps;
-
-/// Least share that is divided by: less says nothing of the colour there.
-pub(super) const LEAST_SHARE: f32 = 0.1;
 
 /// What an object does to the surroundings that it was captured in.
 #[derive(Debug)]

@@ -7,14 +7,12 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::bounce::Bounce;
-use super::look::FLOOR_SLAB;
+use super::look::{FLOOR_SLAB, Share};
 use super::square::Square;
+use super::stand::Stand;
 use super::surfaces::{Cells, Patch, Surfaces};
 use super::{Cancelled, GroundResolution};
 use crate::geometry::{Ray, irradiance_directions};
-use crate::neif::surface::edit::EnvironmentFromWorld;
-use crate::neif::{Environment, ObjectModel};
-use crate::render::lamps::Lamps;
 
 /// Half the cube's side: this many heights of the object beyond its radius.
 const MARGIN_HEIGHTS: f32 = 1.2;
@@ -35,15 +33,6 @@ const FACING: f32 = 0.8;
 /// Cosine of a slope that is none, 2.5 degrees.
 const LEVEL: f32 = 0.999;
 
-/// An object in surroundings.
-pub(super) struct Stand<'a> {
-    pub(super) object: &'a ObjectModel,
-    pub(super) environment: &'a Environment,
-    pub(super) motion: EnvironmentFromWorld,
-    /// Of the environment.
-    pub(super) lamps: &'a Lamps,
-}
-
 /// Where an object stands, field coordinates.
 pub(super) struct Foot {
     /// Below the middle of the object, as low as its lowest point.
@@ -51,15 +40,6 @@ pub(super) struct Foot {
     /// Farthest from the vertical through the middle.
     pub(super) radius: f32,
     pub(super) height: f32,
-}
-
-/// What the object does to a point of a surface.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Share {
-    /// Light that arrives with the object over that without it, a colour.
-    pub(super) light: Vec3,
-    /// Share of the directions that cameras look from that is free.
-    pub(super) seen: f32,
 }
 
 impl Stand<'_> {

@@ -3,7 +3,6 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::light::Share;
 use super::square::Square;
 use crate::neif::Environment;
 use crate::neif::field::radiance_field::{FieldBatch, FieldRay};
@@ -78,4 +77,13 @@ pub(super) fn is_floor(shares: &[Share], floor: &[f32], known: &[f32]) -> bool {
 /// Lightness of a share: its mean over the colours.
 pub(super) fn lightness(share: Vec3) -> f32 {
     share.element_sum() / 3.0
+}
+
+/// What the object does to a point of a surface.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Share {
+    /// Light that arrives with the object over that without it, a colour.
+    pub(super) light: Vec3,
+    /// Share of the directions that cameras look from that is free.
+    pub(super) seen: f32,
 }

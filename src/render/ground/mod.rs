@@ -15,6 +15,7 @@ mod shadow;
 mod share_grid;
 mod sight;
 mod square;
+mod stand;
 mod support;
 mod surfaces;
 #[cfg(test)]

@@ -7,10 +7,10 @@ use glam::Vec3;
 
 use super::bounce::Bounce;
 use super::captured::{BakedGround, Captured};
-use super::light::Stand;
 use super::look::FLOOR_SLAB;
 use super::share_grid::ShareGrid;
 use super::sight::Sight;
+use super::stand::Stand;
 use super::{Cancelled, GroundResolution};
 use crate::neif::{Environment, EnvironmentTransform, ObjectModel};
 use crate::render::irradiance::Probes;

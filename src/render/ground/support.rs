@@ -2,14 +2,13 @@
 
 use glam::{Vec3, Vec4};
 
-use super::captured::LEAST_SHARE;
-use super::light::{Share, Stand};
-use super::look::{FLOOR_SLAB, is_floor, lightness, look_down};
+use super::look::{FLOOR_SLAB, Share, is_floor, lightness, look_down};
 use super::map::Map;
 use super::share_grid::ShareGrid;
 use super::sight::Sight;
 use super::smoothstep;
 use super::square::Square;
+use super::stand::Stand;
 
 /// What hides a point that no camera saw may be as high as this, in heights of the object.
 const GHOST_HEIGHT: f32 = 0.5;
@@ -141,3 +140,6 @@ impl Support {
         })
     }
 }
+
+/// Least share that is divided by: less says nothing of the colour there.
+pub(super) const LEAST_SHARE: f32 = 0.1;

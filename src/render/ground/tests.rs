@@ -5,8 +5,8 @@ use std::sync::atomic::AtomicBool;
 
 use glam::{Vec2, Vec3, Vec4};
 
-use super::light::Stand;
 use super::map::Map;
+use super::stand::Stand;
 use super::*;
 use crate::geometry::meshes::test_mesh::ellipsoid;
 use crate::neif::field::radiance_field::FieldRay;

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 
-use super::cache::LightKey;
+use super::key::LightKey;
 use super::probes::Probes;
 use super::surface_light::{Irradiance, LampLight, SurfaceLight, albedo, quotient, ratio};
 use super::transport::{Cone, Met, Transport};
@@ -16,7 +16,8 @@ use crate::neif::field::radiance_field::{FieldBatch, FieldRay};
 use crate::neif::light::environment::LightScratch;
 use crate::neif::light::lobe::Lobe;
 use crate::neif::light::shading::fresnel;
-use crate::neif::surface::material::{MaterialBatch, Surface};
+use crate::neif::surface::material::MaterialBatch;
+use crate::neif::surface::values::Surface;
 use crate::neif::{Environment, EnvironmentTransform, SurfaceField};
 use crate::render::ground::{BakedGround, Captured, Ground, Shadow};
 use crate::render::lamps::{Highlights, Lamps, Place, lamp_gains, lit_lobes};

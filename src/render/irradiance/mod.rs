@@ -7,6 +7,7 @@
 //! part of the light that was baked.
 
 mod cache;
+mod key;
 mod light;
 mod probes;
 mod surface_light;
@@ -14,8 +15,9 @@ mod surface_light;
 mod tests;
 mod transport;
 
+pub use self::key::{KeyedLight, LightKey};
 pub(super) use cache::shows_light;
-pub use cache::{DiffuseLights, KeyedLight, LightKey, trained_light};
+pub use cache::{DiffuseLights, trained_light};
 pub use light::{DiffuseLight, TrainedLight};
 pub use probes::{Probe, Probes};
 pub(super) use surface_light::ratio;

@@ -7,7 +7,7 @@ use glam::Vec3;
 use super::{LitPlace, MovedLamps};
 use crate::geometry::SurfaceTracer;
 use crate::neif::light::shading::fresnel;
-use crate::neif::surface::material::Surface;
+use crate::neif::surface::values::Surface;
 use crate::render::irradiance::Probe;
 
 /// A place of the object in the light that it was captured in.

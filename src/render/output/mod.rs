@@ -10,6 +10,7 @@ pub mod metallic_roughness;
 pub mod panorama;
 pub mod parts;
 pub mod picture;
+pub mod raster;
 pub mod slice;
 pub(super) mod tone_map;
 pub mod turntable;

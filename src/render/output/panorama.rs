@@ -6,11 +6,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use glam::{Quat, Vec2, Vec3};
 use rayon::prelude::*;
 
-use super::picture::Picture;
+use super::raster::Picture;
 use crate::neif::field::proposal::ConeRay;
 use crate::neif::field::radiance_field::FieldRay;
 use crate::neif::light::lobe::Lobe;
-use crate::render::path::shade::ShadeScratch;
+use crate::render::path::scratch::ShadeScratch;
 use crate::render::scene::Scene;
 
 /// What a panorama shows.

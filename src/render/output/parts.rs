@@ -11,9 +11,8 @@ use crate::data::{ExrChannel, ExrSample, Rgba8};
 use crate::geometry::Camera;
 use crate::render::path::gbuffer::{GBuffer, PathOptions};
 use crate::render::path::reference::{Reference, ReferenceOptions, shade_object_reference};
-use crate::render::path::shade::{
-    ShadeScratch, compose, shade_background, shade_object, shade_object_once,
-};
+use crate::render::path::scratch::ShadeScratch;
+use crate::render::path::shade::{compose, shade_background, shade_object, shade_object_once};
 use crate::render::scene::{Layer, Scene};
 
 /// Rows of a task.

@@ -6,22 +6,13 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::parts::{PartsOptions, render_parts};
+use super::raster::Picture;
 use crate::geometry::Camera;
 use crate::render::path::gbuffer::PathOptions;
 use crate::render::path::reference::ReferenceOptions;
-use crate::render::path::shade::{SeenLight, ShadeScratch, TILE, compose, see_background};
+use crate::render::path::scratch::{SeenLight, ShadeScratch, TILE};
+use crate::render::path::shade::{compose, see_background};
 use crate::render::scene::{Layer, Scene};
-
-/// An image, row-major.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Picture {
-    /// Pixels per row.
-    pub width: u32,
-    /// Rows.
-    pub height: u32,
-    /// `[height * width]` colours; which space, the maker says.
-    pub pixels: Vec<[f32; 3]>,
-}
 
 /// The display-referred picture (sRGB, `[0, 1]`) of a scene; `None` when cancelled. `on_progress` gets 0..1.
 ///

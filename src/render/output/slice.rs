@@ -3,8 +3,8 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::neif::Environment;
+use crate::neif::field::cells::cell_index;
 use crate::neif::field::contraction::{contract, unit_cube};
-use crate::neif::field::density_grid::cell_index;
 use crate::neif::field::floor::Floor;
 use crate::neif::field::radiance_field::FieldBatch;
 use crate::neif::light::environment::EnvironmentField;

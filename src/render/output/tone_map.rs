@@ -3,8 +3,9 @@
 use std::fmt;
 use std::str::FromStr;
 
-use crate::render::named::by_name;
 use serde::{Deserialize, Serialize};
+
+use crate::render::named::by_name;
 
 /// Where compression begins: 0.8 less the reflectance of plastic seen straight on.
 const START: f32 = 0.8 - F0;
@@ -82,6 +83,11 @@ impl FromStr for ToneMap {
     fn from_str(text: &str) -> Result<Self, String> {
         by_name("tone map", &Self::ALL, Self::name, text)
     }
+}
+
+/// Factor of an exposure of the picture; finite, so that black stays black.
+pub(in crate::render) fn display_gain(ev: f32) -> f32 {
+    ev.clamp(-60.0, 60.0).exp2()
 }
 
 #[cfg(test)]

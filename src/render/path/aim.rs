@@ -4,8 +4,8 @@ use std::ops::Range;
 
 use glam::Vec3;
 
-use super::blocked_cones::{self, BlockedCone};
-use super::shade::ShadeScratch;
+use super::blocked_cones;
+use super::scratch::{BlockedCone, ShadeScratch};
 use crate::neif::EnvironmentFromWorld;
 use crate::neif::field::contraction::FieldFrame;
 use crate::neif::field::radiance_field::FieldRay;
@@ -13,8 +13,8 @@ use crate::neif::light::light_path::{self, PathVertex, SplitLobe};
 use crate::neif::light::lobe::{Lobe, cone_roughness};
 use crate::neif::light::lobe_cones::{LobeCone, PathOfPixel, lobe_cones};
 use crate::neif::light::shading::SurfacePoint;
-use crate::neif::surface::material::Surface;
 use crate::neif::surface::object::ObjectModel;
+use crate::neif::surface::values::Surface;
 use crate::render::scene::Scene;
 
 /// Change of roughness from which one cone, which the photos taught at the learned roughness, counts nothing.

@@ -5,7 +5,7 @@
 
 use glam::Vec3;
 
-use super::shade::{ShadeScratch, light_surfaces};
+use super::scratch::{BlockedCone, Contribution, ShadeScratch, light_surfaces};
 use super::trace::MAX_VERTICES;
 use crate::geometry::Ray;
 use crate::neif::light::light_path;
@@ -17,34 +17,6 @@ use crate::render::scene::Scene;
 
 /// Widest variance of a cone's directions per axis, radians squared: beyond it directions mean little.
 const WIDEST: f32 = 0.3;
-
-/// A cone of a split lobe that meets the object, on its way to the surroundings.
-#[derive(Clone, Copy, Debug)]
-pub(in crate::render) struct BlockedCone {
-    /// The lit vertex whose lobe it is of.
-    pub(super) owner: usize,
-    /// Where it is; `to_eye` looks back along it.
-    pub(in crate::render) point: SurfacePoint,
-    /// Variance of its directions per axis, radians squared.
-    pub(in crate::render) variance: f32,
-    /// Share of what it finds in the owner's lobe.
-    pub(super) throughput: Vec3,
-    /// Its number among the lobe's cones.
-    pub(in crate::render) index: u32,
-    /// Cones that the next lobes are shared among.
-    pub(in crate::render) n: u32,
-}
-
-/// What a ray of the batch brings to a split lobe.
-#[derive(Clone, Copy, Debug)]
-pub(in crate::render) struct Contribution {
-    /// The lit vertex whose lobe it is.
-    pub(super) owner: usize,
-    /// The ray.
-    pub(in crate::render) ray: usize,
-    /// The factor of its radiance.
-    pub(super) throughput: Vec3,
-}
 
 /// The point where a cone of `variance` that left `from` meets the object.
 pub(in crate::render) fn arrive(

@@ -9,5 +9,6 @@ pub mod gbuffer;
 mod importance;
 pub(super) mod more_cones;
 pub mod reference;
+pub mod scratch;
 pub mod shade;
 pub mod trace;

@@ -4,15 +4,11 @@
 //! their mean is as wrong as their number is small, and says so by its standard error: those few pixels are shaded again
 //! with as many cones as the error asks for.
 
-use super::gbuffer::GBuffer;
-use super::shade::{ShadeScratch, shade_object_once};
-use crate::render::scene::{Layer, Scene};
-
 /// Standard error of a pixel that is let be, in display values. The cones' true error is about half of it, as they are
 /// spread evenly over the lobe and not by chance.
 const BEARABLE: f32 = 0.008;
 /// How many times as many cones doubtful pixels get, and the doubt from which they do.
-const STEPS: [(u32, f32); 4] = [
+pub(super) const STEPS: [(u32, f32); 4] = [
     (2, BEARABLE),
     (4, 1.7 * BEARABLE),
     (8, 2.8 * BEARABLE),
@@ -28,36 +24,4 @@ pub(in crate::render) fn times(doubt: f32) -> u32 {
 /// Whether pixels of these standard errors are worth [`shade_doubtful`].
 pub(in crate::render) fn is_any_doubtful(doubts: &[f32]) -> bool {
     doubts.iter().any(|&doubt| times(doubt) > 1)
-}
-
-/// Shades those of the listed pixels again whose `doubts` say so; leaves the others' values. Returns how many.
-pub(in crate::render) fn shade_doubtful(
-    scene: &Scene,
-    gbuffer: &GBuffer,
-    pixels: &[u32],
-    layer: Layer,
-    (out, doubts): (&mut [[f32; 3]], &[f32]),
-    scratch: &mut ShadeScratch,
-) -> usize {
-    let mut n_shaded = 0;
-    for (n_times, _) in STEPS {
-        let is_chosen = |i: &usize| times(doubts[*i]) == n_times;
-        let chosen: Vec<usize> = (0..pixels.len()).filter(is_chosen).collect();
-        let theirs: Vec<u32> = chosen.iter().map(|&i| pixels[i]).collect();
-        let mut values = vec![[0.0; 3]; theirs.len()];
-        shade_object_once(
-            scene,
-            gbuffer,
-            &theirs,
-            layer,
-            n_times,
-            &mut values,
-            scratch,
-        );
-        for (&i, value) in chosen.iter().zip(&values) {
-            out[i] = *value;
-        }
-        n_shaded += chosen.len();
-    }
-    n_shaded
 }

@@ -11,7 +11,7 @@ use glam::Vec3;
 use super::aim::untaught_share;
 use super::gbuffer::GBuffer;
 use super::importance::{Importance, hilbert, systematic};
-use super::shade::ShadeScratch;
+use super::scratch::ShadeScratch;
 use super::trace::MAX_VERTICES;
 use crate::geometry::{Ray, sample_vmf};
 use crate::neif::field::contraction::FieldFrame;

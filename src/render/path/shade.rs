@@ -3,68 +3,27 @@
 use glam::Vec3;
 
 use super::aim::aim_lobes;
-use super::blocked_cones::{BlockedCone, Contribution};
 use super::gbuffer::GBuffer;
-use super::more_cones;
-use super::trace::PIXEL_STD;
+use super::more_cones::{STEPS, times};
+use super::scratch::{Contribution, FAR, PIECE, SeenLight, ShadeScratch, TILE};
 use crate::geometry::Camera;
-use crate::neif::field::radiance_field::{FieldBatch, FieldRay};
-use crate::neif::light::environment::{EnvironmentField, LightScratch};
+use crate::neif::EditedSurfaces;
+use crate::neif::field::radiance_field::FieldBatch;
+use crate::neif::light::environment::EnvironmentField;
 use crate::neif::light::light_path::{self, LitVertex, PathVertex};
 use crate::neif::light::lobe_cones::PathOfPixel;
 use crate::neif::light::shading::{fresnel, outgoing};
-use crate::neif::surface::material::Surface;
 use crate::neif::surface::object::ObjectModel;
-use crate::neif::{EditedSurfaces, Environment};
-use crate::render::background::{BLUR_STD, Background};
+use crate::neif::surface::values::Surface;
 use crate::render::diagnostic::{depth_share, diagnostic_color, visibility};
 use crate::render::scene::{Layer, Scene};
 
 /// Most samples a ray in a picture in motion.
 pub(in crate::render) const MOTION_SAMPLES: usize = 8;
-/// Pixels shaded together: their samples stay in the core's cache.
-pub(in crate::render) const TILE: usize = 64;
-/// Rays evaluated together: split lobes have thousands in a tile, whose samples would take gigabytes.
-const PIECE: usize = 128;
 const _: () = assert!(
     TILE <= PIECE,
     "see_background asks for the samples of a whole tile"
 );
-
-/// Working memory of one thread, reused from call to call.
-#[derive(Debug, Default)]
-pub struct ShadeScratch {
-    /// Rays to evaluate, and their radiance.
-    pub(in crate::render) rays: Vec<FieldRay>,
-    radiance: Vec<[f32; 3]>,
-    /// Those that were evaluated last, with their samples.
-    batch: FieldBatch,
-    pub(in crate::render) edited: EditedSurfaces,
-    light: LightScratch,
-    /// Of each path, its pixel in the tile.
-    pixel_of_path: Vec<usize>,
-    pub(in crate::render) lit: Vec<LitVertex>,
-    /// Cones of split lobes that meet the object, the surfaces there, and the rays that go on.
-    pub(in crate::render) blocked: Vec<BlockedCone>,
-    pub(in crate::render) beyond: EditedSurfaces,
-    pub(super) contributions: Vec<Contribution>,
-    /// Most samples a ray; none leaves the number to the surroundings.
-    most_samples: Option<usize>,
-}
-
-/// What a pixel sees of the surroundings.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(in crate::render) struct SeenLight {
-    /// Where, in the field's coordinates; far away where nothing is met.
-    pub(in crate::render) position: Vec3,
-    /// Linear radiance before the transform's gain.
-    pub(in crate::render) radiance: [f32; 3],
-}
-
-/// What light that no photo showed looks like where that is marked, linear: rare in photos of things.
-const UNSEEN: Vec3 = Vec3::new(0.6, 0.05, 0.5);
-/// Where light comes from that has no place, in half sides of the inner box.
-const FAR: f32 = 1e5;
 
 /// Linear radiance of the surroundings, blurred if the scene says so, through each listed pixel (`y * width + x` of `camera`); `out`: one a pixel.
 pub fn shade_background(
@@ -143,7 +102,7 @@ pub fn shade_object(
     scratch: &mut ShadeScratch,
 ) {
     let doubts = shade_object_once(scene, gbuffer, pixels, layer, 1, out, scratch);
-    more_cones::shade_doubtful(scene, gbuffer, pixels, layer, (out, &doubts), scratch);
+    shade_doubtful(scene, gbuffer, pixels, layer, (out, &doubts), scratch);
 }
 
 /// [`shade_object`] with `times` as many cones of split lobes as usual in every pixel; returns each pixel's standard
@@ -327,7 +286,7 @@ pub(in crate::render) fn settled_path(
         (outgoing(&surface, cos, gain, light), light, doubt)
     };
     let (value, light, doubt) = seen(1);
-    let times = more_cones::times(shown_doubt(scene, value, doubt));
+    let times = times(shown_doubt(scene, value, doubt));
     if times == 1 {
         return (value, light);
     }
@@ -424,114 +383,6 @@ fn unlit(
         .collect()
 }
 
-impl ShadeScratch {
-    /// For pictures in motion: at most so many samples a ray.
-    pub(in crate::render) fn with_most_samples(n: usize) -> Self {
-        Self {
-            most_samples: Some(n),
-            ..Self::default()
-        }
-    }
-
-    /// The rays of pixels (`y * width + x` of `camera`) into the surroundings.
-    fn aim_at_background(&mut self, scene: &Scene, camera: &Camera, pixels: &[u32]) {
-        let motion = scene.transform.environment_from_world();
-        let frame = scene.environment.frame();
-        let spread = camera.pixel_angle() * PIXEL_STD;
-        let is_blurred = scene.background == Background::Blurred;
-        self.rays.clear();
-        for &pixel in pixels {
-            let (x, y) = (pixel % camera.width, pixel / camera.width);
-            let ray = camera.ray(x as f32 + 0.5, y as f32 + 0.5);
-            let direction = motion.direction(ray.direction).to_array();
-            let origin = frame.field_from_world(motion.point(ray.origin)).to_array();
-            self.rays.push(if is_blurred {
-                let variance = BLUR_STD * BLUR_STD;
-                FieldRay::of_cone(origin.into(), direction.into(), variance, 0.0)
-            } else {
-                FieldRay::of_pixel(origin, direction, 0.0, spread)
-            });
-        }
-    }
-
-    /// Evaluates the environment along the rays, [`PIECE`] at a time.
-    pub(in crate::render) fn light(&mut self, scene: &Scene) {
-        let environment = &scene.environment;
-        let most = self.most_samples.unwrap_or(usize::MAX);
-        self.radiance.clear();
-        for rays in self.rays.chunks(PIECE) {
-            self.batch.rays.clear();
-            self.batch.rays.extend_from_slice(rays);
-            environment.light_by(most, &mut self.batch, &mut self.light);
-            if let Some(ground) = &scene.ground {
-                ground.apply(&mut self.batch);
-            }
-            if scene.marks_unseen {
-                mark_unseen(environment, &mut self.batch);
-            }
-            self.radiance.extend_from_slice(&self.batch.radiance);
-        }
-    }
-
-    /// [`light_surfaces`] of a path's vertices or others.
-    pub(in crate::render) fn surfaces(
-        &mut self,
-        scene: &Scene,
-        object: &ObjectModel,
-        points: impl Iterator<Item = (Vec3, Vec3)> + Clone,
-        is_seen: impl Fn(usize) -> bool,
-    ) -> &EditedSurfaces {
-        light_surfaces(&mut self.edited, scene, object, points, is_seen);
-        &self.edited
-    }
-
-    /// The surfaces that were last evaluated.
-    pub(in crate::render) fn edited(&mut self) -> &mut EditedSurfaces {
-        &mut self.edited
-    }
-
-    /// Rays to evaluate.
-    pub(in crate::render) fn rays(&mut self) -> &mut Vec<FieldRay> {
-        &mut self.rays
-    }
-
-    /// Linear radiance of each of the rays before the transform's gain, after [`Self::light`].
-    pub(in crate::render) fn radiance(&self) -> &[[f32; 3]] {
-        &self.radiance
-    }
-}
-
-/// Evaluates the edited surfaces at world points with unit normals, their diffuse part in the light of the scene: with
-/// the edges of shadows where the point of that number `is_seen` directly, as far as the probes tell elsewhere.
-pub(super) fn light_surfaces(
-    edited: &mut EditedSurfaces,
-    scene: &Scene,
-    object: &ObjectModel,
-    points: impl Iterator<Item = (Vec3, Vec3)> + Clone,
-    is_seen: impl Fn(usize) -> bool,
-) {
-    edited.evaluate(object, &scene.edit, &scene.regions, points.clone());
-    let gain = scene.transform.environment_from_world().gain;
-    let surfaces = edited.surfaces_mut().iter_mut();
-    for (i, (surface, at)) in surfaces.zip(points).enumerate() {
-        surface.diffuse *= scene.diffuse_response(at, gain, is_seen(i));
-    }
-}
-
-/// Gives the signal colour to light of an evaluated batch that no photo showed.
-fn mark_unseen(environment: &Environment, batch: &mut FieldBatch) {
-    for ray in 0..batch.rays.len() {
-        let share = environment.seen_share(batch, ray);
-        let seen = Vec3::from(batch.radiance[ray]);
-        batch.radiance[ray] = UNSEEN.lerp(seen, share).to_array();
-    }
-}
-
-/// Factor of an exposure of the picture; finite, so that black stays black.
-pub(in crate::render) fn display_gain(ev: f32) -> f32 {
-    ev.clamp(-60.0, 60.0).exp2()
-}
-
 /// Object over background by coverage, in linear light, then the display transform; in `[0, 1]`.
 pub fn compose(
     scene: &Scene,
@@ -551,4 +402,36 @@ pub fn compose(
     let mixed: [f32; 3] =
         std::array::from_fn(|c| object[c] * coverage + behind[c] * (1.0 - coverage));
     scene.shown(layer).values(mixed.map(|v| v.max(0.0)))
+}
+
+/// Shades those of the listed pixels again whose `doubts` say so; leaves the others' values. Returns how many.
+pub(in crate::render) fn shade_doubtful(
+    scene: &Scene,
+    gbuffer: &GBuffer,
+    pixels: &[u32],
+    layer: Layer,
+    (out, doubts): (&mut [[f32; 3]], &[f32]),
+    scratch: &mut ShadeScratch,
+) -> usize {
+    let mut n_shaded = 0;
+    for (n_times, _) in STEPS {
+        let is_chosen = |i: &usize| times(doubts[*i]) == n_times;
+        let chosen: Vec<usize> = (0..pixels.len()).filter(is_chosen).collect();
+        let theirs: Vec<u32> = chosen.iter().map(|&i| pixels[i]).collect();
+        let mut values = vec![[0.0; 3]; theirs.len()];
+        shade_object_once(
+            scene,
+            gbuffer,
+            &theirs,
+            layer,
+            n_times,
+            &mut values,
+            scratch,
+        );
+        for (&i, value) in chosen.iter().zip(&values) {
+            out[i] = *value;
+        }
+        n_shaded += chosen.len();
+    }
+    n_shaded
 }

@@ -3,11 +3,13 @@
 use std::sync::atomic::AtomicBool;
 
 use super::drawn_by::{DrawnBy, GpuChoice};
+
 #[cfg(feature = "gpu")]
 use super::gpu::{GpuError, GpuRenderer, carries};
+use super::progressive::PassOutput;
 #[cfg(feature = "gpu")]
 use super::progressive::Recomputed;
-use super::progressive::{PassOutput, PreviewScene};
+use super::request::PreviewScene;
 #[cfg(feature = "gpu")]
 use super::thread_clock::thread_cpu;
 

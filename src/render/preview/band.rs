@@ -3,14 +3,13 @@
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::progressive::{PreviewScene, Quality};
+use super::request::{PreviewScene, Quality};
 use crate::geometry::Camera;
 use crate::render::highlight::{highlighted, region_share};
 use crate::render::path::gbuffer::{GBuffer, PathOptions};
-use crate::render::path::more_cones::{is_any_doubtful, shade_doubtful};
-use crate::render::path::shade::{
-    ShadeScratch, TILE, compose, shade_background, shade_object_once,
-};
+use crate::render::path::more_cones::is_any_doubtful;
+use crate::render::path::scratch::{ShadeScratch, TILE};
+use crate::render::path::shade::{compose, shade_background, shade_doubtful, shade_object_once};
 
 /// Pixels of a band, about.
 const BAND_PIXELS: u32 = 2048;

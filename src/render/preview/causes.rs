@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::progressive::PreviewScene;
+use super::request::{PreviewScene, same};
 use crate::geometry::{Camera, SurfaceTracer};
 use crate::neif::{Environment, EnvironmentTransform, MaterialEdit, Region, Regions, SurfaceField};
 use crate::render::background::Background;
@@ -98,9 +98,4 @@ impl Causes {
             && (!self.layer.is_lit() && self.layer != Layer::Samples
                 || self.same_light(other) && self.same_diffuse_light(other))
     }
-}
-
-/// Whether both are the same one, or none.
-pub(in crate::render) fn same<T>(a: Option<&Arc<T>>, b: Option<&Arc<T>>) -> bool {
-    a.map(Arc::as_ptr) == b.map(Arc::as_ptr)
 }

@@ -12,6 +12,7 @@ pub mod gpu;
 pub mod inbox;
 pub mod priority;
 pub mod progressive;
+pub mod request;
 pub mod sketch;
 mod thread_clock;
 pub mod worker;

@@ -4,102 +4,16 @@
 //! the object's own light. A changed material leaves the first two, a changed environment the
 //! first; a pass that was interrupted goes on where it stopped.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use rayon::prelude::*;
 
 use super::band::{Band, Versions, Work, band_rows, bands};
-use super::causes::{Causes, same};
+use super::causes::Causes;
+use super::request::{PassKind, PreviewScene, Quality, SCALES};
 use super::thread_clock::thread_cpu;
 use crate::geometry::Camera;
-use crate::neif::{MaterialEdit, Region};
-use crate::render::path::shade::ShadeScratch;
-use crate::render::scene::{Layer, Scene};
-
-/// The resolution divisors of the passes, coarsest first; nothing is ever coarser than a quarter.
-pub const SCALES: [u32; 3] = [4, 2, 1];
-
-/// What the object gets in a pass.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Quality {
-    /// One path a pixel.
-    Plain,
-    /// Several.
-    Fine,
-    /// What [`crate::render::render`] makes: where the cones of lobes disagree, more of them.
-    Settled,
-}
-
-/// How good a pass is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct PassKind {
-    /// Resolution divisor per axis, one of [`SCALES`].
-    pub scale: u32,
-    /// What the object gets.
-    pub quality: Quality,
-}
-
-impl PassKind {
-    /// The last pass but one.
-    pub const FINE: Self = Self {
-        scale: 1,
-        quality: Quality::Fine,
-    };
-    /// The last pass: what [`crate::render::render`] makes.
-    pub const SETTLED: Self = Self {
-        scale: 1,
-        quality: Quality::Settled,
-    };
-
-    /// One path a pixel at the given resolution divisor.
-    pub fn plain(scale: u32) -> Self {
-        Self {
-            scale,
-            quality: Quality::Plain,
-        }
-    }
-}
-
-/// A picture that is wanted.
-#[derive(Clone, Debug)]
-pub struct PreviewScene {
-    /// What to show.
-    pub scene: Scene,
-    /// From where, at full resolution.
-    pub camera: Camera,
-    /// Which part.
-    pub layer: Layer,
-    /// The region whose places are shown in a signal colour.
-    pub highlight: Option<Region>,
-}
-
-impl PreviewScene {
-    /// Whether the picture would be the same.
-    pub fn is_same(&self, other: &Self) -> bool {
-        let object = |scene: &Scene| scene.object.as_ref().map(Arc::as_ptr);
-        // Where a highlighted region lies does not follow from its edit.
-        let place = |region: Region| Region {
-            edit: MaterialEdit::default(),
-            ..region
-        };
-        self.camera == other.camera
-            && self.layer == other.layer
-            && self.highlight.map(place) == other.highlight.map(place)
-            && self.scene.transform == other.scene.transform
-            && self.scene.edit == other.scene.edit
-            && self.scene.regions.effective() == other.scene.regions.effective()
-            && self.scene.background == other.scene.background
-            && self.scene.display_ev == other.scene.display_ev
-            && self.scene.tone_map == other.scene.tone_map
-            && Arc::ptr_eq(&self.scene.environment, &other.scene.environment)
-            && same(
-                self.scene.trained_in.as_ref(),
-                other.scene.trained_in.as_ref(),
-            )
-            && object(&self.scene) == object(&other.scene)
-    }
-}
+use crate::render::path::scratch::ShadeScratch;
 
 /// How many pixels a pass computed anew, by part.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -268,7 +182,11 @@ impl Pass {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
+    use crate::neif::{MaterialEdit, Region};
+    use crate::render::scene::{Layer, Scene};
     use crate::neif::RoughnessEdit;
     use crate::render::background::Background;
     use crate::render::output::picture::render_with;

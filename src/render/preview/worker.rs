@@ -17,7 +17,8 @@ use super::accelerator::{Accelerator, Attempt, CardPass};
 use super::drawn_by::{DrawnBy, GpuChoice};
 use super::inbox::Inbox;
 use super::priority::lower_thread_priority;
-use super::progressive::{PassKind, PassOutput, PreviewScene, Progressive, Recomputed};
+use super::progressive::{PassOutput, Progressive, Recomputed};
+use super::request::{PassKind, PreviewScene};
 use super::sketch::{Purpose, Sketch};
 use crate::render::irradiance::DiffuseLights;
 
@@ -381,7 +382,8 @@ mod tests {
     use std::time::{Duration, Instant};
 
     use super::*;
-    use crate::render::output::picture::{Picture, render};
+    use crate::render::output::picture::render;
+    use crate::render::output::raster::Picture;
     use crate::render::scene::Layer;
     use crate::render::test_scene::{camera, fog, scene};
 

@@ -2,16 +2,15 @@
 //!
 //! The report's field names are a contract with scripts (`neif eval --json`).
 
-use std::{
-    collections::BTreeMap,
-    path::Path,
-    sync::{Arc, atomic::AtomicBool},
-};
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use super::held_out::{PoseFit, fitted};
+use super::held_out::{PoseFit, fitted, truth_and_mask};
 use super::lpips::Lpips;
 use super::metrics::{ImageMetrics, SquaredError, compare, compare_object, mean};
 use crate::color::srgb_from_linear;
@@ -135,16 +134,6 @@ pub fn evaluate_object(
         });
     }
     Some(results)
-}
-
-/// The photo's first `n` pixels, sRGB, and the object's share of each where there is a mask.
-pub(super) fn truth_and_mask(view: &View, n: usize) -> (Vec<[f32; 3]>, Option<Vec<f32>>) {
-    let truth = (0..n).map(|i| view.photo.srgb(i)).collect();
-    let mask = view.mask.as_ref();
-    (
-        truth,
-        mask.map(|mask| (0..n).map(|i| mask.share(i)).collect()),
-    )
 }
 
 /// The mean of the measures over views.

@@ -8,7 +8,6 @@ use std::sync::atomic::AtomicBool;
 
 use glam::Vec3;
 
-use super::eval::truth_and_mask;
 use super::metrics::{ImageMetrics, compare, mean};
 use crate::color::{linear_from_srgb, srgb_from_linear};
 use crate::data::View;
@@ -247,6 +246,16 @@ fn gained(picture: &Picture, gain: [f32; 3]) -> Vec<[f32; 3]> {
 /// The same of one pixel.
 fn exposed(srgb: [f32; 3], gain: [f32; 3]) -> [f32; 3] {
     std::array::from_fn(|c| srgb_from_linear((linear_from_srgb(srgb[c]) * gain[c]).clamp(0.0, 1.0)))
+}
+
+/// The photo's first `n` pixels, sRGB, and the object's share of each where there is a mask.
+pub(super) fn truth_and_mask(view: &View, n: usize) -> (Vec<[f32; 3]>, Option<Vec<f32>>) {
+    let truth = (0..n).map(|i| view.photo.srgb(i)).collect();
+    let mask = view.mask.as_ref();
+    (
+        truth,
+        mask.map(|mask| (0..n).map(|i| mask.share(i)).collect()),
+    )
 }
 
 #[cfg(test)]

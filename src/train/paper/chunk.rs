@@ -15,7 +15,7 @@ use crate::neif::light::light_path::{self, LitVertex, PathVertex};
 use crate::neif::paper::material::PaperMaterialBatch;
 use crate::neif::paper::ray_pass::{PaperPlacement, RayLight};
 use crate::neif::paper::{PaperField, PaperMaterial};
-use crate::neif::surface::material::Surface;
+use crate::neif::surface::values::Surface;
 use crate::train::config::TrainConfig;
 use crate::train::pixels::store::{BackgroundSample, PixelStore};
 use crate::train::random::SlotRandom;

@@ -10,7 +10,6 @@ use glam::Vec3;
 
 use crate::train::config::PhotoFit;
 use crate::train::step::loss::PixelLoss;
-use crate::train::step::trainer::Trainer;
 
 /// Steps before exposures are found. Much later the field would have learned them itself, from where each photo was taken.
 const DELAY: u64 = 50;
@@ -100,7 +99,22 @@ impl Exposures {
         !self.are_known && step >= DELAY && may_differ
     }
 
-    /// Takes up the equations of a step.
+    /// Takes up the equations of step `step`, while they are sought, and corrects all when it is time.
+    pub(in crate::train) fn take_up<'a>(
+        &mut self,
+        step: u64,
+        rows: impl Iterator<Item = &'a ExposureRow>,
+    ) {
+        if !self.are_sought(step) {
+            return;
+        }
+        self.add(rows);
+        if step.is_multiple_of(EVERY) {
+            self.correct();
+        }
+    }
+
+    /// Takes up equations.
     fn add<'a>(&mut self, rows: impl Iterator<Item = &'a ExposureRow>) {
         for row in rows {
             let ratio = row.difference / USUAL_DIFFERENCE;
@@ -168,31 +182,6 @@ impl Exposures {
             .zip(sums.chunks_exact(3));
         pairs.for_each(|(sum, stored)| *sum = Vec3::from_slice(stored));
         self.apply();
-    }
-}
-
-impl Trainer {
-    /// Takes up the step's equations and corrects the exposures when it is time.
-    pub(in crate::train) fn find_exposures(&mut self) {
-        let Some(exposures) = &mut self.exposures else {
-            return;
-        };
-        if !exposures.are_sought(self.step) {
-            return;
-        }
-        exposures.add(
-            self.chunks
-                .iter()
-                .flat_map(|chunk| &chunk.photo_rows.exposures),
-        );
-        if self.step.is_multiple_of(EVERY) {
-            exposures.correct();
-        }
-    }
-
-    /// What each training photo's exposure multiplies radiance by, in the capture's order; `None` where all are alike.
-    pub fn gains(&self) -> Option<&[Vec3]> {
-        self.exposures.as_ref().and_then(Exposures::gains)
     }
 }
 

@@ -15,8 +15,7 @@ use crate::data::files::tensor_file::TensorFile;
 use crate::geometry::Camera;
 use crate::neif::field::contraction::FieldFrame;
 use crate::train::config::PhotoFit;
-use crate::train::preparation::given_cameras;
-use crate::train::step::trainer::Trainer;
+use crate::train::placement::given_cameras;
 
 /// Steps before poses are corrected: until then the surroundings have no features to go by.
 const DELAY: u64 = 300;
@@ -111,7 +110,7 @@ impl Poses {
     }
 
     /// Whether the cameras are used as corrected, not as given.
-    pub(super) fn are_corrected(&self) -> bool {
+    pub(in crate::train) fn are_corrected(&self) -> bool {
         self.are_corrected
     }
 
@@ -151,7 +150,24 @@ impl Poses {
         self.given.iter().zip(corrections).map(moved).collect()
     }
 
-    /// Takes up the equations of a step.
+    /// Takes up the equations of step `step`, while they are sought, and corrects all when it is time; whether it did.
+    pub(in crate::train) fn take_up<'a>(
+        &mut self,
+        step: u64,
+        rows: impl Iterator<Item = &'a PoseRow>,
+    ) -> bool {
+        if !self.are_sought(step) {
+            return false;
+        }
+        self.add(rows);
+        let is_time = step.is_multiple_of(EVERY);
+        if is_time {
+            self.correct();
+        }
+        is_time
+    }
+
+    /// Takes up equations.
     fn add<'a>(&mut self, rows: impl Iterator<Item = &'a PoseRow>) {
         for row in rows {
             self.sums[row.view].add(row);
@@ -263,27 +279,5 @@ impl Poses {
             };
         }
         self.decide();
-    }
-}
-
-impl Trainer {
-    /// Takes up the step's equations and corrects the poses when it is time.
-    pub(in crate::train) fn refine_poses(&mut self) {
-        let Some(poses) = &mut self.poses else {
-            return;
-        };
-        if !poses.are_sought(self.step) {
-            return;
-        }
-        poses.add(self.chunks.iter().flat_map(|chunk| &chunk.photo_rows.poses));
-        if self.step.is_multiple_of(EVERY) {
-            poses.correct();
-            self.pixels.set_cameras(&poses.cameras());
-        }
-    }
-
-    /// The poses of the training photos as they are known by now; `None` where they are taken as given.
-    pub fn poses(&self) -> Option<&Poses> {
-        self.poses.as_ref().filter(|poses| poses.are_corrected())
     }
 }

@@ -8,7 +8,7 @@ use super::pose_step::slope_by_direction;
 use crate::data::Dataset;
 use crate::geometry::{Camera, Distortion};
 use crate::train::config::{PhotoFit, TrainConfig};
-use crate::train::preparation::given_cameras;
+use crate::train::placement::given_cameras;
 use crate::train::random::SlotRandom;
 use crate::train::shape::retracing::RETRACE_AT;
 use crate::train::step::trainer::Trainer;

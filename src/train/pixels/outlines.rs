@@ -3,11 +3,12 @@
 //! Where masks and the mesh agree, the masks say. Where masks wander about the mesh that all of them together gave, a pixel near
 //! the outline of a mask is on the side of the mesh's silhouette that it lies on, and neither as near to that silhouette as it errs.
 
+use std::ops::Range;
+
 use glam::Vec2;
 use rayon::prelude::*;
 
 use super::mask_outline::MaskOutline;
-use super::view_pixels::bands;
 use crate::data::{Dataset, Mask, View};
 use crate::geometry::{Camera, SurfaceTracer};
 use crate::render::GBuffer;
@@ -211,7 +212,7 @@ pub(in crate::train) mod tests {
 
     use super::*;
     use crate::train::photos::picture_shift::known_share;
-    use crate::train::preparation::given_cameras;
+    use crate::train::placement::given_cameras;
     use crate::train::test_scene::sphere_in_a_box;
 
     /// Moves a mask's outline by a smooth noise of that standard deviation, pixels; another for each `seed`.
@@ -295,4 +296,16 @@ pub(in crate::train) mod tests {
         );
         assert!(n_sure > 20 * 90 * 96, "{n_sure} pixels");
     }
+}
+
+/// Pixels traced at once: what is kept of them is smaller than what tracing needs.
+const BAND_PIXELS: usize = 1 << 15;
+
+/// Rows that are traced at once.
+pub(in crate::train) fn bands(camera: &Camera) -> impl Iterator<Item = Range<u32>> {
+    let (width, height) = (camera.width.max(1) as usize, camera.height);
+    let step = (BAND_PIXELS / width).max(1);
+    (0..height)
+        .step_by(step)
+        .map(move |y| y..(y + step as u32).min(height))
 }

@@ -350,7 +350,8 @@ mod tests {
 
     use super::*;
     use crate::data::Photo;
-    use crate::train::preparation::{given_cameras, pixel_options};
+    use crate::train::placement::given_cameras;
+    use crate::train::preparation::pixel_options;
     use crate::train::test_scene::{small_fields, sphere_in_a_box};
 
     #[test]

@@ -1,12 +1,10 @@
 //! The training pixels of a view: which are the object's and which the background's, and what is kept of them.
 
-use std::ops::Range;
-
 use rayon::prelude::*;
 
 use super::block_chroma::{BlockChroma, block_around};
 use super::image_gradient::{slopes, smoothness};
-use super::outlines::Sides;
+use super::outlines::{Sides, bands};
 use super::packed_path::PackedPaths;
 use super::preconvolution::{BlurredImage, blurred_images};
 use super::srgb_codes::SrgbCodes;
@@ -15,9 +13,6 @@ use crate::geometry::{Camera, SurfaceTracer};
 use crate::render::GBuffer;
 use crate::render::path::gbuffer::PathOptions;
 use crate::train::random::SlotRandom;
-
-/// Pixels traced at once: what is kept of them is smaller than what tracing needs.
-const BAND_PIXELS: usize = 1 << 15;
 
 /// How pixels are collected.
 #[derive(Clone, Copy, Debug)]
@@ -175,13 +170,4 @@ impl ViewPixels {
             |level: usize| random[level].uniform() < keep,
         );
     }
-}
-
-/// Rows that are traced at once.
-pub(in crate::train) fn bands(camera: &Camera) -> impl Iterator<Item = Range<u32>> {
-    let (width, height) = (camera.width.max(1) as usize, camera.height);
-    let step = (BAND_PIXELS / width).max(1);
-    (0..height)
-        .step_by(step)
-        .map(move |y| y..(y + step as u32).min(height))
 }

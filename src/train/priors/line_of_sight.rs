@@ -9,8 +9,9 @@ use rayon::prelude::*;
 
 use crate::data::{Dataset, View};
 use crate::geometry::{Projector, SurfaceTracer};
+use crate::neif::field::cells::INNER_SIDE;
 use crate::neif::field::contraction::FieldFrame;
-use crate::neif::field::density_grid::{DensityGrid, INNER_SIDE};
+use crate::neif::field::density_grid::DensityGrid;
 
 /// Most photos that are asked.
 const MOST_PHOTOS: usize = 64;
@@ -155,7 +156,7 @@ fn clear_cells(sights: &[Sight], frame: &FieldFrame, first: usize) -> Vec<usize>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::neif::field::density_grid::cell_index;
+    use crate::neif::field::cells::cell_index;
     use crate::train::placement::field_frame;
     use crate::train::test_scene::sphere_in_a_box;
 

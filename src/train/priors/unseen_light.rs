@@ -14,9 +14,8 @@ use crate::data::Dataset;
 use crate::geometry::{Projector, fibonacci_sphere, orthonormal_basis};
 use crate::neif::field::contraction::FieldFrame;
 use crate::neif::field::radiance_field::{FieldBatch, FieldRay};
-use crate::neif::surface::material::Surface;
+use crate::neif::surface::values::Surface;
 use crate::train::random::SlotRandom;
-use crate::train::step::step_context::StepContext;
 
 /// Directions that are told apart.
 const N_DIRECTIONS: usize = 2048;
@@ -70,16 +69,16 @@ impl UnseenDirections {
         self.0.len() as f32 / N_DIRECTIONS as f32
     }
 
-    /// Adds the rays of pairs number `slots` to the batch: from beside the object, neighbouring and equally wide.
+    /// Adds the rays of pairs number `slots` of a step to the batch: from beside the object, neighbouring and equally wide.
     pub(in crate::train) fn draw(
         &self,
-        context: &StepContext<'_>,
+        (seed, step): (u64, u64),
         slots: Range<usize>,
         batch: &mut FieldBatch,
     ) {
         for slot in slots {
             let slot = FIRST_SLOT + slot as u64;
-            let mut random = SlotRandom::new(context.config.seed, context.step, slot);
+            let mut random = SlotRandom::new(seed, step, slot);
             let middle = self.0[random.index(self.0.len())];
             let origin = AROUND * Vec3::from_array([(); 3].map(|()| 2.0 * random.uniform() - 1.0));
             let width = WIDEST * random.uniform();

@@ -9,8 +9,9 @@ use rayon::prelude::*;
 use super::ground::SeenGround;
 use crate::data::Dataset;
 use crate::geometry::Projector;
+use crate::neif::field::cells::cell_index;
 use crate::neif::field::contraction::FieldFrame;
-use crate::neif::field::density_grid::{DensityGrid, cell_index};
+use crate::neif::field::density_grid::DensityGrid;
 
 /// Photos that must have a place in their frames for something to be there, as far out as cameras stand: no second photo
 /// says what it is, and cameras nearby would stand in it.

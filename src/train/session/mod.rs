@@ -10,6 +10,7 @@ pub mod events;
 pub mod handle;
 pub mod latest;
 mod meter;
+pub mod options;
 pub mod plan;
 mod run;
 pub mod run_folder;

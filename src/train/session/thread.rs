@@ -1,31 +1,21 @@
 //! The training thread: makes its thread pool, reads the capture, prepares the run, hands over.
 
-use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use crossbeam::channel::Receiver;
-use rayon::{ThreadPool, ThreadPoolBuilder};
-
-use super::event_queue::EventQueue;
-use super::events::{Finish, FinishReason, TrainCommand, TrainEvent};
-use super::handle::{SessionError, SessionOptions, Shared, Start};
-use super::run::Run;
+use super::events::{Finish, FinishReason, TrainEvent};
+use super::options::{SessionError, Start};
+use super::run::{LOWEST_PRIORITY, Run, Worker};
 use super::run_folder::RunFolder;
 use crate::data::{Dataset, LoadOptions, Problem, Severity, Splits, background_stands_still};
 use crate::geometry::ScalarGrid;
-use crate::neif::ObjectModel;
 use crate::render::preview::priority::lower_thread_priority;
 use crate::train::TrainError;
 use crate::train::any_trainer::AnyTrainer;
 use crate::train::config::{PhotoFit, TrainConfig};
-use crate::train::measure::validation::Validator;
 use crate::train::shape::refinement;
 use crate::train::shape::stage_one::{self, GrowthPicture, Making, StageOneError, StageOneOptions};
 
-/// Training then takes only time that nothing else wants, and the window stays smooth (measured:
-/// 25 frames per second instead of 13).
-const LOWEST_PRIORITY: i32 = 19;
 /// What the person reads while photos are decoded.
 const READING: &str = "Reading the capture";
 /// What the person reads while a mesh is made of depth maps or masks.
@@ -35,70 +25,7 @@ const GROWTH_PAUSE: Duration = Duration::from_millis(500);
 /// What the person reads while pixels are traced.
 const PREPARING: &str = "Preparing the training pixels";
 
-/// What the thread owns before there is a run, and keeps during it.
-pub(in crate::train) struct Worker {
-    pub(in crate::train) options: SessionOptions,
-    pub(in crate::train) shared: Arc<Shared>,
-    pub(in crate::train) commands: Receiver<TrainCommand>,
-    pub(in crate::train) events: EventQueue,
-    pub(in crate::train) pool: ThreadPool,
-    /// One thread fewer, for steps that leave a core to others.
-    small_pool: ThreadPool,
-}
-
 impl Worker {
-    /// Makes the thread pool; the rest happens on the thread.
-    pub(in crate::train) fn new(
-        options: SessionOptions,
-        shared: Arc<Shared>,
-        commands: Receiver<TrainCommand>,
-        events: EventQueue,
-    ) -> Result<Self, SessionError> {
-        let nice = options.nice;
-        let pool = |n_threads| {
-            ThreadPoolBuilder::new()
-                .num_threads(n_threads)
-                .thread_name(|i| format!("neif-train-{i}"))
-                .start_handler(move |_| {
-                    if nice {
-                        lower_thread_priority(LOWEST_PRIORITY);
-                    }
-                })
-                .build()
-                .map_err(|error| SessionError::Threads(error.to_string()))
-        };
-        let all = pool(options.config.threads)?;
-        let fewer = all.current_num_threads().saturating_sub(1).max(1);
-        Ok(Self {
-            small_pool: pool(fewer)?,
-            options,
-            shared,
-            commands,
-            events,
-            pool: all,
-        })
-    }
-
-    /// The threads for the next step.
-    pub(super) fn step_pool(&self) -> &ThreadPool {
-        if self.shared.spares_core.load(Ordering::Relaxed) {
-            &self.small_pool
-        } else {
-            &self.pool
-        }
-    }
-
-    /// What measures the capture's validation views, traced on the object's mesh.
-    pub(super) fn make_validator(
-        &self,
-        dataset: &Dataset,
-        object: Option<&ObjectModel>,
-    ) -> Validator {
-        let config = &self.options.config;
-        let make = || Validator::new(dataset, object, config.seed, config.validation_pixels());
-        self.pool.install(make)
-    }
-
     /// Prepares and trains; reports how it ended.
     pub(in crate::train) fn run(self) -> Result<(), SessionError> {
         if self.options.nice {

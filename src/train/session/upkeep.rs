@@ -1,10 +1,12 @@
 //! What a run does beside stepping: begins, publishes, reports, validates, saves.
 
-use std::{path::Path, sync::Arc, time::Instant};
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Instant;
 
 use super::events::TrainEvent;
-use super::handle::{SessionError, Start};
 use super::meter::Clock;
+use super::options::{SessionError, Start};
 use super::plan::{Budget, Plan};
 use super::run::Run;
 use super::run_folder::{RunFolder, RunFolderError, RunState};

@@ -15,13 +15,10 @@ use super::normal_offsets::NormalOffsets;
 use super::stage_one::{self, KnownNormals, StageOneError};
 use crate::data::files::tensor_file::TensorFile;
 use crate::data::{Dataset, View};
-use crate::geometry::{Aabb, Mesh, SurfaceTracer};
+use crate::geometry::{Aabb, Camera, Mesh, SurfaceTracer};
 use crate::train::TrainError;
 use crate::train::config::{Normals, TrainConfig};
-use crate::train::preparation::retrace_pixels;
 use crate::train::statistics::middle;
-use crate::train::step::batch_size::BatchSize;
-use crate::train::step::trainer::Trainer;
 
 /// Steps before normals are learned: until then the surroundings have no features to go by.
 pub(in crate::train) const DELAY: u64 = 100;
@@ -126,6 +123,62 @@ impl Refinement {
             settled_at: 0,
         })
     }
+
+    /// The mesh with the normals as they are known at `step`; `None` where it has been made.
+    pub(in crate::train) fn settled(&mut self, step: u64) -> Option<SurfaceTracer> {
+        if self.settled_at >= step {
+            return None;
+        }
+        self.settled_at = step;
+        Some(self.with_normals())
+    }
+
+    fn with_normals(&self) -> SurfaceTracer {
+        SurfaceTracer::new(Arc::new(self.offsets.applied_to(&self.traced)))
+    }
+
+    /// Moves `mesh`, its own with settled normals, to where these want it, on the current thread pool, where it was made of
+    /// outlines; they err by `error_px` pixels for photos taken by `cameras`. `None` where it stays, as when no surface is left.
+    ///
+    /// # Errors
+    /// When cancelled.
+    pub(in crate::train) fn moved(
+        &mut self,
+        mesh: &Mesh,
+        dataset: &Dataset,
+        (cameras, error_px): (&[Camera], f32),
+        cancel: &AtomicBool,
+    ) -> Result<Option<SurfaceTracer>, TrainError> {
+        let Some(evidence) = &mut self.evidence else {
+            return Ok(None);
+        };
+        let at_vertices = |of: fn(&NormalEvidence, Vec3) -> f32| -> Vec<f32> {
+            let vertices = mesh.positions.par_iter();
+            vertices.map(|p| of(evidence, *p)).collect()
+        };
+        let known = KnownNormals {
+            mesh,
+            deviations: &at_vertices(NormalEvidence::deviation),
+            errors: &at_vertices(NormalEvidence::error),
+        };
+        let go_on = || !cancel.load(Ordering::Relaxed);
+        match stage_one::refit(dataset, cameras, known, error_px, &go_on) {
+            Ok(mesh) => {
+                evidence.clear();
+                self.offsets.restart();
+                self.traced = with_detail(Arc::new(mesh), pixel_width(dataset));
+                Ok(Some(self.with_normals()))
+            }
+            Err(StageOneError::Cancelled) => Err(TrainError::Cancelled),
+            Err(_no_surface) => Ok(None),
+        }
+    }
+
+    /// The pixels were traced anew on `mesh`.
+    pub(in crate::train) fn was_traced(&mut self, mesh: &Arc<Mesh>) {
+        self.traced = Arc::clone(mesh);
+        self.offsets.forget_recent();
+    }
 }
 
 /// Names of the arrays of [`NormalEvidence::state`] and of the object's box, its two corners, in a checkpoint.
@@ -168,113 +221,5 @@ impl Refinement {
         if stored.iter().all(is_sound) {
             evidence.set_state(stored);
         }
-    }
-}
-
-impl Trainer {
-    /// Whether the normals of the mesh are refined.
-    pub fn refines_normals(&self) -> bool {
-        self.refinement.is_some()
-    }
-
-    /// Lets snapshots have the normals as they are known by now.
-    pub fn settle_normals(&mut self) {
-        if let Some(refinement) = &mut self.refinement
-            && refinement.settled_at < self.step
-        {
-            refinement.settled_at = self.step;
-            let mesh = refinement.offsets.applied_to(&refinement.traced);
-            self.tracer = Some(Arc::new(SurfaceTracer::new(Arc::new(mesh))));
-        }
-    }
-
-    /// Moves a mesh made of outlines to where its normals want it, on the current thread pool; one for which no surface is
-    /// left stays. The pixels are to be traced anew then.
-    ///
-    /// # Errors
-    /// When cancelled; the mesh then stays.
-    pub fn move_surface(
-        &mut self,
-        dataset: &Dataset,
-        cancel: &AtomicBool,
-    ) -> Result<(), TrainError> {
-        self.settle_normals();
-        let (Some(refinement), Some(tracer)) = (&mut self.refinement, &self.tracer) else {
-            return Ok(());
-        };
-        let Some(evidence) = &mut refinement.evidence else {
-            return Ok(());
-        };
-        let mesh = tracer.mesh();
-        let at_vertices = |of: fn(&NormalEvidence, Vec3) -> f32| -> Vec<f32> {
-            let vertices = mesh.positions.par_iter();
-            vertices.map(|p| of(evidence, *p)).collect()
-        };
-        let known = KnownNormals {
-            mesh,
-            deviations: &at_vertices(NormalEvidence::deviation),
-            errors: &at_vertices(NormalEvidence::error),
-        };
-        let cameras = self.pixels.cameras();
-        let error_px = self.pixels.outline_error_px();
-        let go_on = || !cancel.load(Ordering::Relaxed);
-        match stage_one::refit(dataset, &cameras, known, error_px, &go_on) {
-            Ok(mesh) => {
-                evidence.clear();
-                refinement.offsets.restart();
-                refinement.traced = with_detail(Arc::new(mesh), pixel_width(dataset));
-                let mesh = refinement.offsets.applied_to(&refinement.traced);
-                let tracer = SurfaceTracer::new(Arc::new(mesh));
-                self.tracer = Some(Arc::new(tracer));
-                Ok(())
-            }
-            Err(StageOneError::Cancelled) => Err(TrainError::Cancelled),
-            Err(_no_surface) => Ok(()),
-        }
-    }
-
-    /// Whether the pixels' light paths change while training, as normals or poses are refined.
-    pub fn needs_retracing(&self) -> bool {
-        self.tracer.is_some() && (self.refinement.is_some() || self.poses().is_some())
-    }
-
-    /// Whether the light paths of a restored trainer, from the cameras as given or of a first choice of pixels, are to be
-    /// traced anew.
-    pub fn has_first_paths(&self) -> bool {
-        self.tracer.is_some() && (self.poses().is_some() || !self.pixels.has_all_wanted())
-    }
-
-    /// Object pixels that the steps of the part `[from, to]` of a plan of `n_steps` draw.
-    pub fn draws(&self, n_steps: f64, part: [f32; 2]) -> usize {
-        BatchSize::draws(&self.config, n_steps, part)
-    }
-
-    /// Traces training pixels anew, on the mesh and from the cameras as they are known by now, on the current thread pool;
-    /// nothing where neither is refined. Of the object about `most_objects`, as more will not be drawn. `on_progress` hears
-    /// the share that is done, 0 to 1.
-    ///
-    /// # Errors
-    /// When cancelled; the trainer then goes on with the old paths.
-    pub fn retrace(
-        &mut self,
-        dataset: &Dataset,
-        most_objects: usize,
-        cancel: &AtomicBool,
-        on_progress: &(dyn Fn(f32) + Sync),
-    ) -> Result<(), TrainError> {
-        if !self.needs_retracing() {
-            return Ok(());
-        }
-        self.settle_normals();
-        let tracer = self.tracer.as_ref();
-        let scene = (dataset, tracer.map(|tracer| &**tracer));
-        let chosen = (most_objects, self.step);
-        let (pixels, config) = (&mut self.pixels, &self.config);
-        retrace_pixels(pixels, config, scene, chosen, cancel, on_progress)?;
-        if let (Some(refinement), Some(tracer)) = (&mut self.refinement, tracer) {
-            refinement.traced = Arc::clone(tracer.mesh());
-            refinement.offsets.forget_recent();
-        }
-        Ok(())
     }
 }

@@ -8,8 +8,10 @@ pub(super) mod batch_size;
 pub(super) mod chunk;
 pub(super) mod learned;
 pub(super) mod loss;
+mod photo_model;
 pub mod skips;
 pub(super) mod step_context;
+mod surface;
 pub mod trainer;
 #[cfg(test)]
 mod trainer_tests;

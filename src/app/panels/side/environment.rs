@@ -10,7 +10,7 @@ use crate::app::panels::widgets::{Setting, gain_row, slider_row, vector_row, wea
 use crate::app::state::app_state::{AppState, Look};
 use crate::app::state::command::Command;
 use crate::app::state::sections::Section;
-use crate::app::viewport::canvas::Pictures;
+use crate::app::viewport::overlay::Pictures;
 use crate::neif::light::environment::EnvironmentField;
 use crate::neif::{Environment, EnvironmentTransform};
 

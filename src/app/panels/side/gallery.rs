@@ -3,16 +3,16 @@
 use std::path::Path;
 
 use egui::{
-    Align2, Color32, FontId, Rect, Response, Role, ScrollArea, Sense, Stroke, StrokeKind, Ui,
+    Align2, Color32, FontId, Rect, Response, Role, ScrollArea, Sense, Stroke, StrokeKind,
+    TextureId, Ui, WidgetInfo, pos2, vec2,
 };
-use egui::{TextureId, WidgetInfo, pos2, vec2};
 
 use crate::app::lighting::LightingCommand;
 use crate::app::panels::widgets::tell_place;
 use crate::app::state::app_state::{AppState, EnvironmentContent, EnvironmentEntry, PathPurpose};
 use crate::app::state::command::Command;
 use crate::app::theme;
-use crate::app::viewport::canvas::Pictures;
+use crate::app::viewport::overlay::Pictures;
 
 /// Tiles beside each other.
 const COLUMNS: usize = 3;

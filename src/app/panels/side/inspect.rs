@@ -10,9 +10,9 @@ use crate::app::panels::widgets::weak;
 use crate::app::state::app_state::AppState;
 use crate::app::state::command::Command;
 use crate::app::state::sections::Section;
-use crate::app::viewport::canvas::Pictures;
+use crate::app::viewport::overlay::Pictures;
 use crate::geometry::orthonormal_basis;
-use crate::neif::surface::material::Surface;
+use crate::neif::surface::values::Surface;
 use crate::render::{PanoramaView, PointValues, PointView, lobe_half_width};
 
 /// Corners of the outline of the lobe.

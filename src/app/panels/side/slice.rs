@@ -9,7 +9,7 @@ use crate::app::state::command::Command;
 use crate::app::state::sections::Section;
 use crate::app::state::watch::WatchCommand;
 use crate::app::theme;
-use crate::app::viewport::compare_view::color_bar;
+use crate::app::viewport::overlay::color_bar;
 use crate::color::map::ColorMap;
 use crate::neif::Environment;
 use crate::render::output::slice::{DENSITY_RANGE, SlicePlane};

@@ -13,7 +13,7 @@ mod text;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use super::listing::{Found, Listed};
+use super::found::{Found, Listed};
 use super::photo_folder::photo_folders;
 use crate::data::files::capture_path::path_below;
 use crate::data::problem::first_names;

@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{Affine3A, DMat3, DVec3};
 
-use super::listing::{Found, Listed};
+use super::found::{Found, Listed};
 use crate::data::files::capture_path::{read_text, with_extension};
 use crate::data::frame::{rotation_and_translation, world_from_opencv};
 use crate::data::photos::depth::MILLIMETRE;

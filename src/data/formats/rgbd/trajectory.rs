@@ -7,12 +7,12 @@
 
 use std::path::{Path, PathBuf};
 
-use super::super::listing::{Found, Listed};
 use super::super::photo_folder::list_pictures;
 use super::fault;
 use super::lens::{self, Lens};
 use super::poses::{Poses, records};
 use crate::data::files::capture_path::{path_below, read_text, with_extension};
+use crate::data::formats::found::{Found, Listed};
 use crate::data::{DataError, DepthFile, Frame, Problem, Severity};
 
 /// Where the poses may stand, from the capture's folder.

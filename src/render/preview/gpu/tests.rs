@@ -10,7 +10,8 @@ use crate::neif::field::proposal::ConeRay;
 use crate::neif::field::radiance_field::FieldBatch;
 use crate::neif::light::environment::LightScratch;
 use crate::neif::light::lobe::Lobe;
-use crate::render::output::picture::{Picture, render_with};
+use crate::render::output::picture::render_with;
+use crate::render::output::raster::Picture;
 use crate::render::test_scene::{camera, environment, environment_over_a_floor, object_of, scene};
 use crate::render::{Background, Layer, Scene, ToneMap};
 

@@ -15,12 +15,14 @@ use rayon::prelude::*;
 use self::points::PointCloud;
 use self::surface::{Cover, Surface, SurfaceKey};
 use self::tone::Tone;
-use super::progressive::{PassOutput, PreviewScene, Recomputed, scaled};
+use super::progressive::{PassOutput, Recomputed, scaled};
+use super::request::PreviewScene;
 use super::thread_clock::thread_cpu;
 use crate::geometry::Camera;
 use crate::render::diagnostic::diagnostic_color;
 use crate::render::path::gbuffer::PathOptions;
-use crate::render::path::shade::{MOTION_SAMPLES, SeenLight, ShadeScratch, TILE, see_background};
+use crate::render::path::scratch::{SeenLight, ShadeScratch, TILE};
+use crate::render::path::shade::{MOTION_SAMPLES, see_background};
 
 /// Processor time of a picture in motion that each thread may take, in seconds.
 const MOTION_SECS: f64 = 0.03;

@@ -12,8 +12,8 @@ use crate::neif::light::environment::EnvironmentField;
 use crate::neif::{Environment, EnvironmentTransform};
 use crate::render::background::Background;
 use crate::render::ground::Ground;
-use crate::render::path::shade::SeenLight;
-use crate::render::preview::causes::same;
+use crate::render::path::scratch::SeenLight;
+use crate::render::preview::request::same;
 
 /// No point.
 const NONE: u32 = u32::MAX;

@@ -10,9 +10,10 @@ use crate::geometry::{Camera, SurfaceTracer};
 use crate::neif::light::light_path::PathVertex;
 use crate::neif::light::lobe_cones::PathOfPixel;
 use crate::render::highlight::cover_values;
-use crate::render::path::shade::{PathView, TILE, shade_paths};
+use crate::render::path::scratch::TILE;
+use crate::render::path::shade::{PathView, shade_paths};
 use crate::render::path::trace::{MAX_VERTICES, PathStore, Seen, trace_path, trace_pixel};
-use crate::render::preview::causes::same;
+use crate::render::preview::request::same;
 
 /// Pixels between two samples, per axis.
 const STEP: u32 = 2;

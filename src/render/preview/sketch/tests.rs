@@ -1,12 +1,14 @@
 //! Sketches against full pictures.
 
+use glam::Vec3;
+
 use super::*;
 use crate::geometry::Mesh;
 use crate::render::Scene;
-use crate::render::output::picture::{Picture, render_with};
+use crate::render::output::picture::render_with;
+use crate::render::output::raster::Picture;
 use crate::render::scene::Layer;
 use crate::render::test_scene::{camera, environment, fog, fog_above, object_of, scene};
-use glam::Vec3;
 
 static NEVER: AtomicBool = AtomicBool::new(false);
 

@@ -4,8 +4,9 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{PhotoDepths, SeenDepths};
+use crate::neif::field::cells::{INNER_SIDE, cell_index};
 use crate::neif::field::contraction::FieldFrame;
-use crate::neif::field::density_grid::{DensityGrid, INNER_SIDE, cell_index};
+use crate::neif::field::density_grid::DensityGrid;
 
 /// Photos that must see through a cell, and how many of them for one that sees something there.
 const SEEN_THROUGH_BY: u8 = 3;

@@ -8,9 +8,9 @@ use super::*;
 use crate::color::srgb_from_linear;
 use crate::data::{Mask, Photo};
 use crate::geometry::{Ray, fibonacci_sphere};
-use crate::neif::field::density_grid::{DensityGrid, cell_index};
-use crate::train::placement::field_frame;
-use crate::train::preparation::given_cameras;
+use crate::neif::field::cells::cell_index;
+use crate::neif::field::density_grid::DensityGrid;
+use crate::train::placement::{field_frame, given_cameras};
 use crate::train::test_scene::{sphere_in_a_box, to_the_wall};
 
 /// Side of the photos, pixels.
