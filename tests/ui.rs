@@ -24,10 +24,10 @@ use std::sync::Arc;
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable as _;
 use glam::{Affine3A, Quat, Vec3};
-use neif::app::session::leaving;
+use neif::app::changes::history as app_history;
+use neif::app::changes::leaving;
 use neif::app::state::app_state::{EnvironmentContent, EnvironmentEntry, PathPurpose, Source};
 use neif::app::state::command::Browse;
-use neif::app::state::history as app_history;
 use neif::app::state::training_state::{Level, Phase};
 use neif::app::state::{keys, shortcuts};
 use neif::app::viewport::camera_control::CameraMove;
@@ -220,7 +220,7 @@ fn roughness_changes_between_map_and_one_value_and_resets() {
     click(&mut harness, "Reset material");
     assert_eq!(
         harness.state().state.look,
-        neif::app::state::app_state::Look::default()
+        neif::app::state::look::Look::default()
     );
 }
 

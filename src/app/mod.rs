@@ -4,6 +4,7 @@
 //! rendering and reading run on threads of their own and wake the window when there is news.
 
 pub mod assets;
+pub mod changes;
 mod device_layer;
 pub mod diagnostics;
 pub mod inspect;
@@ -19,13 +20,13 @@ pub mod work;
 
 use std::path::PathBuf;
 
+use self::session::preferences;
 use crate::data::CaptureChoices;
 use crate::render::GpuChoice;
 
-use self::session::preferences;
-
+pub use self::changes::apply::apply;
 pub use self::state::app_state::AppState;
-pub use self::state::command::{Command, Effect, apply};
+pub use self::state::command::{Command, Effect};
 
 /// Smallest size of the window, in points.
 const MIN_SIZE: [f32; 2] = [960.0, 600.0];

@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use neif::geometry::Camera;
 use neif::data::{CaptureChoices, Dataset, Frame, LoadOptions, Splits, View, read_frames};
+use neif::geometry::Camera;
 use neif::neif::{Environment, EnvironmentTransform};
 use neif::render::Scene;
 use neif::train::photos::photo_exposures::PhotoExposures;

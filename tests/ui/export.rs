@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use neif::app::state::export::{ExportEffect, Order, RunningExport, Subject, plan};
+use neif::app::changes::export::plan;
+use neif::app::state::export::{ExportEffect, Order, RunningExport, Subject};
 use neif::render::{Backdrop, Destination, FileKind, Spin};
 use neif::train::Snapshot;
 

@@ -1,6 +1,6 @@
 //! How the surroundings are chosen, seen, grabbed and compared.
 
-use neif::app::state::app_state::Look;
+use neif::app::state::look::Look;
 use neif::neif::field::contraction::FieldFrame;
 use neif::neif::field::density_grid::DensityGrid;
 use neif::neif::field::hash_grid::{GridConfig, LEAST_WEIGHT};

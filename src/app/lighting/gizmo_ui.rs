@@ -6,7 +6,7 @@ use egui::{
 };
 use glam::Vec2;
 
-use super::anchor;
+use super::anchor::anchor;
 use super::gizmo::{Axis, Gizmo, Grab, Handle, place};
 use crate::app::lighting::LightingCommand;
 use crate::app::state::app_state::AppState;

@@ -2,9 +2,9 @@
 
 use egui::{Align2, Color32, FontId, Pos2, Rect, Shape, Stroke, Ui, vec2};
 
-use crate::app::lighting::gizmo_ui::{Screen, axis_color};
-use crate::app::lighting::lines::{LineKind, compass, lines, on_screen};
-use crate::app::lighting::{object_size, shown_transform};
+use super::anchor::{object_size, shown_transform};
+use super::gizmo_ui::{Screen, axis_color};
+use super::lines::{LineKind, compass, lines, on_screen};
 use crate::app::state::app_state::AppState;
 use crate::geometry::Camera;
 

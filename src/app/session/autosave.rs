@@ -10,7 +10,8 @@ use std::path::{Path, PathBuf};
 use directories::ProjectDirs;
 
 use super::session_file::{EXTENSION, SessionFile};
-use crate::app::state::app_state::{AppState, Look, Source};
+use crate::app::state::app_state::{AppState, Source};
+use crate::app::state::look::Look;
 use crate::app::work::keeper::{Keep, Keeper};
 
 /// Time between two looks at whether something has changed, in seconds.

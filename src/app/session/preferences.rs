@@ -8,13 +8,12 @@ use std::path::{Path, PathBuf};
 use directories::ProjectDirs;
 use serde::{Deserialize, Serialize};
 
-use crate::app::state::app_state::AppState;
 use crate::app::state::sections::{Folded, Section};
 
 /// Smallest and largest size of the text, times the system's.
 const ZOOM_RANGE: [f32; 2] = [0.5, 3.0];
 /// Change of that size by one key.
-const ZOOM_STEP: f32 = 0.1;
+pub(in crate::app) const ZOOM_STEP: f32 = 0.1;
 /// Smallest and largest width of a side panel, in points.
 const WIDTH_RANGE: [f32; 2] = [200.0, 600.0];
 /// Smallest and largest side of the window, in points.
@@ -132,38 +131,9 @@ impl Panels {
     }
 }
 
-/// Changes the preferences.
-pub(in crate::app) fn apply(state: &mut AppState, command: PreferencesCommand) {
-    let preferences = &mut state.preferences;
-    match command {
-        PreferencesCommand::Theme(theme) => preferences.theme = theme,
-        PreferencesCommand::Zoom(steps) => {
-            let zoom = preferences.zoom + steps * ZOOM_STEP;
-            preferences.zoom = (zoom * 10.0).round() / 10.0;
-        }
-        PreferencesCommand::ResetZoom => preferences.zoom = 1.0,
-        PreferencesCommand::TogglePanels => {
-            let is_hidden = preferences.panels.is_any_shown();
-            preferences.panels.left.is_hidden = is_hidden;
-            preferences.panels.right.is_hidden = is_hidden;
-        }
-        PreferencesCommand::TogglePanel(side) => {
-            preferences.panels.side(side).is_hidden ^= true;
-        }
-        PreferencesCommand::Resize(side, width) => {
-            preferences.panels.side(side).width = Some(width.round());
-        }
-        PreferencesCommand::Fold(section) => preferences.folded.toggle(section),
-        PreferencesCommand::ResizeWindow(size) => {
-            preferences.window = Some(size.map(f32::round));
-        }
-    }
-    preferences.limit();
-}
-
 impl Preferences {
     /// Brings every number into its range.
-    fn limit(&mut self) {
+    pub(in crate::app) fn limit(&mut self) {
         let [least, most] = ZOOM_RANGE;
         self.zoom = if self.zoom.is_finite() {
             self.zoom.clamp(least, most)
@@ -213,6 +183,8 @@ pub fn load(file: &Path) -> (Preferences, Option<String>) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::app::changes::preferences::apply;
+    use crate::app::state::app_state::AppState;
 
     #[test]
     fn they_come_back_from_their_file_and_stay_in_range() {

@@ -9,10 +9,9 @@ use glam::{Affine3A, Vec3};
 use serde::{Deserialize, Serialize};
 
 use super::preferences::Panels;
-use crate::app::state::app_state::{AppState, Source};
-use crate::app::state::stored_look::StoredLook;
+use crate::app::state::look::StoredLook;
 use crate::app::viewport::camera_control::Viewpoint;
-use crate::data::{KeyView, View};
+use crate::data::KeyView;
 use crate::geometry::{Camera, Distortion};
 use crate::neif::{EnvironmentTransform, MaterialEdit, Regions};
 use crate::render::{Background, Layer, ToneMap};
@@ -20,7 +19,7 @@ use crate::render::{Background, Layer, ToneMap};
 /// The files' extension.
 pub const EXTENSION: &str = "neif-session";
 /// Version of the layout.
-const VERSION: u32 = 1;
+pub(in crate::app) const VERSION: u32 = 1;
 /// Largest width or height of a camera's picture, in pixels.
 const MAX_SIDE: u32 = 1 << 16;
 
@@ -128,15 +127,7 @@ pub struct SessionFile {
 }
 
 impl SavedCamera {
-    fn of(state: &AppState) -> Self {
-        let view = state.view.at_view.and_then(|i| state.view_at(i));
-        Self {
-            view: view.map(View::full_name),
-            ..Self::of_viewpoint(&state.view.viewpoint)
-        }
-    }
-
-    fn of_viewpoint(&Viewpoint { camera, pivot }: &Viewpoint) -> Self {
+    pub(in crate::app) fn of_viewpoint(&Viewpoint { camera, pivot }: &Viewpoint) -> Self {
         let axes = camera.world_from_camera.matrix3;
         let position = camera.world_from_camera.translation;
         Self {
@@ -185,7 +176,7 @@ impl SavedCamera {
 }
 
 impl SavedKey {
-    fn of(key: &KeyView) -> Self {
+    pub(in crate::app) fn of(key: &KeyView) -> Self {
         let viewpoint = Viewpoint {
             camera: key.camera,
             pivot: key.camera.position(),
@@ -206,49 +197,6 @@ impl SavedKey {
 }
 
 impl SessionFile {
-    /// The session as it is; `run` is where its training is saved, if it is.
-    pub fn of(state: &AppState, run: Option<PathBuf>) -> Self {
-        let kind = match state.source {
-            Source::Nothing => None,
-            Source::Demo(_) => Some(SourceKind::Demo),
-            Source::Capture(_) => Some(SourceKind::Capture),
-            Source::Run(_) => Some(SourceKind::Run),
-            Source::Environment(_) => Some(SourceKind::Environment),
-        };
-        let absolute = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-        let environment = state
-            .look
-            .environment
-            .and_then(|i| state.environments.get(i));
-        let removed = state.lighting.removed.iter();
-        let removed = removed.filter_map(|index| state.environments.get(*index));
-        Self {
-            version: VERSION,
-            layer: state.layer,
-            budget_secs: state.budget_secs,
-            wipe: state.compare.wipe,
-            environment: environment.map(|entry| absolute(&entry.path)),
-            source: kind
-                .zip(state.source.path())
-                .map(|(kind, path)| SavedSource {
-                    kind,
-                    path: absolute(path),
-                    run: run.map(|run| absolute(&run)),
-                }),
-            background: state.lighting.background,
-            display_ev: state.lighting.display_ev,
-            tone_map: state.lighting.tone_map,
-            removed: removed.map(|entry| absolute(&entry.path)).collect(),
-            regions: state.look.regions,
-            material: state.look.edit,
-            transform: state.look.transform,
-            camera: state.view.was_moved.then(|| SavedCamera::of(state)),
-            kept: state.lighting.kept.map(|kept| StoredLook::of(state, &kept)),
-            keys: state.export.keys.iter().map(SavedKey::of).collect(),
-            panels: state.preferences.panels,
-        }
-    }
-
     /// As the file holds it.
     pub fn to_text(&self) -> String {
         toml::to_string(self).unwrap_or_default()
@@ -352,6 +300,8 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::app::state::app_state::AppState;
+    use crate::app::state::app_state::Source;
     use crate::neif::RoughnessEdit;
 
     fn session(numbers: [f32; 6]) -> SessionFile {

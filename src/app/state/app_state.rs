@@ -1,5 +1,6 @@
 //! What the window shows: plain values, without threads, files or textures.
 
+use super::look::Look;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -20,7 +21,7 @@ use crate::app::viewport::camera_control::{Viewpoint, nearest_view, point_looked
 use crate::app::work::pace::Pace;
 use crate::data::{Dataset, View};
 use crate::geometry::Aabb;
-use crate::neif::{Environment, EnvironmentTransform, MaterialEdit, Regions};
+use crate::neif::{Environment, Region};
 use crate::render::preview::progressive::Recomputed;
 use crate::render::{DrawnBy, Layer, Scene};
 use crate::train::Snapshot;
@@ -88,19 +89,6 @@ pub fn environment_name(path: &Path) -> String {
         Some(folder) if stem == "environment" => folder.to_string_lossy().into_owned(),
         _ => stem,
     }
-}
-
-/// Everything a person edits about the picture: one value, so that edits can be compared and kept.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Look {
-    /// The material of the whole object.
-    pub edit: MaterialEdit,
-    /// Parts of it that are edited on their own.
-    pub regions: Regions,
-    /// Where the surroundings stand.
-    pub transform: EnvironmentTransform,
-    /// Which surroundings: index into [`AppState::environments`]; none is the capture's own.
-    pub environment: Option<usize>,
 }
 
 /// Surroundings that can be chosen.
@@ -506,6 +494,19 @@ impl AppState {
             up,
             was_moved: false,
         };
+    }
+}
+
+impl AppState {
+    /// The region that the material panel changes; none is the whole object.
+    pub fn scope(&self) -> Option<(usize, &Region)> {
+        let index = self.inspect.scope?;
+        Some((index, self.look.regions.get(index)?))
+    }
+
+    /// The region that is shown in a signal colour.
+    pub fn highlight(&self) -> Option<Region> {
+        self.look.regions.get(self.inspect.hovered?).copied()
     }
 }
 

@@ -3,14 +3,16 @@
 
 use egui::{Key, Modifiers};
 
-use super::app_state::{AppState, Look, PathPurpose, Source};
+use super::app_state::{AppState, PathPurpose, Source};
 use super::binding::{Binding, gesture, key, plain};
 use super::command::{Command, Train};
 use super::export::{ExportCommand, Subject};
-use super::history::{HistoryCommand, can_redo, can_undo};
+use super::history::HistoryCommand;
+use super::look::Look;
 use super::palette::PaletteCommand;
 use super::training_state::Phase;
 use super::watch::{Comparison, WatchCommand};
+use crate::app::changes::history::{can_redo, can_undo};
 use crate::app::lighting::LightingCommand;
 use crate::app::session::leaving::LeavingCommand;
 use crate::app::session::preferences::{PreferencesCommand, Side, ThemeChoice};

@@ -11,7 +11,8 @@ use egui::{Context, TextureHandle, TextureId, TextureOptions};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use super::opener::ScreenPhoto;
-use crate::app::state::app_state::{AppState, Look};
+use crate::app::state::app_state::AppState;
+use crate::app::state::look::Look;
 use crate::app::state::training_state::{Level, Phase};
 use crate::app::state::watch::{Comparison, ErrorKind, MeasuredView};
 use crate::app::viewport::texture;

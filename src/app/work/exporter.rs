@@ -12,10 +12,11 @@ use crossbeam::channel::{Receiver, TryRecvError, bounded};
 use egui::Context;
 
 use super::dialog::FileDialog;
+use crate::app::changes::export::{apply, plan, say_ending};
 use crate::app::state::app_state::AppState;
 use crate::app::state::command::Effect;
 use crate::app::state::export::{
-    ExportCommand, ExportEffect, ExportSettings, Order, RunningExport, apply, plan, say_ending,
+    ExportCommand, ExportEffect, ExportSettings, Order, RunningExport,
 };
 use crate::app::state::training_state::{Level, Phase};
 use crate::data::{Ending, write_key_views};

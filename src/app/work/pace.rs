@@ -1,10 +1,5 @@
 //! How training and the window share the processor.
 
-use egui::Ui;
-
-use crate::app::panels::widgets::weak;
-use crate::app::state::app_state::AppState;
-use crate::app::state::command::{Command, Effect};
 use crate::train::session::handle::Threads;
 
 /// What comes first while training.
@@ -32,7 +27,7 @@ impl Pace {
         }
     }
 
-    fn hint(self) -> &'static str {
+    pub(in crate::app) fn hint(self) -> &'static str {
         match self {
             Self::Responsive => "Training leaves a core to the window",
             Self::Balanced => "Training takes what dragging leaves",
@@ -65,41 +60,9 @@ pub enum PaceCommand {
     Choose(Pace),
 }
 
-/// Changes the pace and tells training.
-pub fn apply(pace: &mut Pace, command: PaceCommand, effects: &mut Vec<Effect>) {
-    let PaceCommand::Choose(chosen) = command;
-    *pace = chosen;
-    effects.push(Effect::UseThreads(chosen.threads()));
-}
-
-/// Draws the choice.
-pub fn pace_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
-    ui.horizontal_wrapped(|ui| {
-        ui.label(weak(ui, "Pace"));
-        for pace in Pace::ALL {
-            let button = ui.selectable_label(state.pace == pace, pace.name());
-            if button.on_hover_text(pace.hint()).clicked() {
-                commands.push(Command::Pace(PaceCommand::Choose(pace)));
-            }
-        }
-    });
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_chosen_pace_is_kept_and_training_hears_of_it() {
-        let (mut pace, mut effects) = (Pace::default(), Vec::new());
-        apply(
-            &mut pace,
-            PaceCommand::Choose(Pace::Responsive),
-            &mut effects,
-        );
-        assert_eq!(pace, Pace::Responsive);
-        assert_eq!(effects, [Effect::UseThreads(Threads::OneFewer)]);
-    }
 
     #[test]
     fn the_nearer_to_training_the_less_for_pictures() {

@@ -13,13 +13,14 @@ use super::exporter::Exporter;
 use super::keeper::Keeper;
 use super::opener::{Opened, Opener, ScreenPhoto};
 use crate::app::assets;
-use crate::app::session::saving::stand_at_wanted_view;
-use crate::app::session::{leaving, recent};
-use crate::app::state::app_state::{
-    AppState, EnvironmentContent, Look, PathPurpose, Source, ViewState,
-};
-use crate::app::state::command::{Browse, Command, Effect, apply};
+use crate::app::changes::apply::apply;
+use crate::app::changes::leaving;
+use crate::app::changes::saving::stand_at_wanted_view;
+use crate::app::session::recent;
+use crate::app::state::app_state::{AppState, EnvironmentContent, PathPurpose, Source, ViewState};
+use crate::app::state::command::{Browse, Command, Effect};
 use crate::app::state::history::History;
+use crate::app::state::look::Look;
 use crate::app::state::training_state::{Level, Phase, TrainingState};
 use crate::data::CaptureChoices;
 use crate::neif::Environment;

@@ -185,12 +185,12 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::neif::{MaterialEdit, Region};
-    use crate::render::scene::{Layer, Scene};
     use crate::neif::RoughnessEdit;
+    use crate::neif::{MaterialEdit, Region};
     use crate::render::background::Background;
     use crate::render::output::picture::render_with;
     use crate::render::path::gbuffer::PathOptions;
+    use crate::render::scene::{Layer, Scene};
     use crate::render::test_scene::{camera, environment, fog, object, scene};
     use glam::Vec3;
 

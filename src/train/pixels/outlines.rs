@@ -206,6 +206,18 @@ pub(in crate::train) fn error_from(off_px: Vec<f32>) -> f32 {
     if error > EXACT_PX { error } else { 0.0 }
 }
 
+/// Pixels traced at once: what is kept of them is smaller than what tracing needs.
+const BAND_PIXELS: usize = 1 << 15;
+
+/// Rows that are traced at once.
+pub(in crate::train) fn bands(camera: &Camera) -> impl Iterator<Item = Range<u32>> {
+    let (width, height) = (camera.width.max(1) as usize, camera.height);
+    let step = (BAND_PIXELS / width).max(1);
+    (0..height)
+        .step_by(step)
+        .map(move |y| y..(y + step as u32).min(height))
+}
+
 #[cfg(test)]
 pub(in crate::train) mod tests {
     use std::sync::Arc;
@@ -296,16 +308,4 @@ pub(in crate::train) mod tests {
         );
         assert!(n_sure > 20 * 90 * 96, "{n_sure} pixels");
     }
-}
-
-/// Pixels traced at once: what is kept of them is smaller than what tracing needs.
-const BAND_PIXELS: usize = 1 << 15;
-
-/// Rows that are traced at once.
-pub(in crate::train) fn bands(camera: &Camera) -> impl Iterator<Item = Range<u32>> {
-    let (width, height) = (camera.width.max(1) as usize, camera.height);
-    let step = (BAND_PIXELS / width).max(1);
-    (0..height)
-        .step_by(step)
-        .map(move |y| y..(y + step as u32).min(height))
 }

@@ -2,10 +2,11 @@
 
 use egui::{Button, Key, Modifiers, ScrollArea, TextEdit, Ui};
 
+use crate::app::changes::palette::found;
 use crate::app::panels::widgets::{describe_number, modal, weak};
 use crate::app::state::app_state::AppState;
 use crate::app::state::command::Command;
-use crate::app::state::palette::{Palette, PaletteCommand, found};
+use crate::app::state::palette::{Palette, PaletteCommand};
 
 /// Width of the field.
 const WIDTH: f32 = 460.0;

@@ -4,12 +4,13 @@ use egui::containers::menu::MenuBar;
 use egui::style::StyleModifier;
 use egui::{Align, Button, Layout, RichText, Role, Ui, WidgetInfo};
 
+use crate::app::changes::history::{can_redo, can_undo};
 use crate::app::panels::menus_ui;
 use crate::app::panels::side::export::running_export_ui;
 use crate::app::panels::widgets::weak;
 use crate::app::state::app_state::{AppState, Source};
 use crate::app::state::command::Command;
-use crate::app::state::history::{HistoryCommand, can_redo, can_undo};
+use crate::app::state::history::HistoryCommand;
 
 /// Draws the bar.
 pub fn top_bar_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {

@@ -2,13 +2,14 @@
 
 use egui::{Button, Checkbox, DragValue, Grid, ProgressBar, RichText, TextEdit, Ui};
 
+use crate::app::changes::export::default_path;
 use crate::app::panels::frame::view_bar::layer_name;
 use crate::app::panels::widgets::{describe_number, duration, weak};
 use crate::app::state::app_state::{AppState, file_name};
 use crate::app::state::command::Command;
 use crate::app::state::export::{
     ExportCommand, ExportSettings, ExportState, MAX_FPS, MAX_FRAMES, MAX_SIDE_PX, Subject,
-    default_path, key_text, n_path_frames,
+    key_text, n_path_frames,
 };
 use crate::app::state::training_state::Level;
 use crate::app::theme;

@@ -2,6 +2,7 @@
 
 use egui::{Button, DragValue, Grid, Ui};
 
+use super::pace::pace_ui;
 use crate::app::panels::frame::status::chip;
 use crate::app::panels::section::section_heading;
 use crate::app::panels::widgets::{count, describe_number, duration, weak};
@@ -11,7 +12,6 @@ use crate::app::state::sections::Section;
 use crate::app::state::training_state::{Phase, headline};
 use crate::app::state::watch::WatchCommand;
 use crate::app::theme;
-use crate::app::work::pace::pace_ui;
 
 /// Draws the panel.
 pub fn training_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {

@@ -4,8 +4,9 @@ use std::path::{Path, PathBuf};
 
 use super::{News, Work};
 use crate::app::assets;
+use crate::app::changes::saving::{bring_back, bring_back_window};
 use crate::app::session::recent;
-use crate::app::session::saving::{Pending, bring_back, bring_back_window};
+use crate::app::session::saving::Pending;
 use crate::app::session::session_file::{SavedSource, SessionFile, SourceKind};
 use crate::app::state::app_state::{AppState, Source};
 use crate::app::state::training_state::Level;

@@ -1,0 +1,232 @@
+//! The way in: [`apply`] changes plain state by a command; what needs threads, files or the system comes back as an
+//! [`Effect`], which the window carries out.
+
+use glam::Vec2;
+
+use super::choose::{choose_environment, go_to_view, set_budget};
+use super::paths::apply_path;
+use super::{export, history, inspect, leaving, lighting, palette, preferences, saving, watch};
+use crate::app::session::leaving::Goal;
+use crate::app::state::app_state::{AppState, Compare, Overlays};
+use crate::app::state::command::{Command, Effect, Train};
+use crate::app::state::look::Look;
+use crate::app::state::training_state::{Level, Phase};
+use crate::app::state::watch::Comparison;
+use crate::app::viewport::camera_control::CameraMove;
+use crate::app::work::pace::PaceCommand;
+use crate::train::session::events::TrainCommand;
+use crate::train::session::plan::Budget;
+
+/// Changes the state by a command; `effects` gets what remains to be done.
+pub fn apply(state: &mut AppState, command: Command, effects: &mut Vec<Effect>) {
+    let before = history::before(state, &command);
+    dispatch(state, command, effects);
+    if state.is_original_shown && state.look == Look::default() {
+        state.is_original_shown = false;
+    }
+    history::after(state, before);
+}
+
+fn dispatch(state: &mut AppState, command: Command, effects: &mut Vec<Effect>) {
+    match command {
+        Command::Open(path) => leaving::go(state, Goal::Open(path), effects),
+        Command::OpenDemo => leaving::go(state, Goal::OpenDemo, effects),
+        Command::AskPath(_)
+        | Command::ClosePathDialog
+        | Command::TypePath(_)
+        | Command::UseTypedPath
+        | Command::Browse(_)
+        | Command::Browsed(_) => apply_path(state, command, effects),
+        Command::Train(train) => apply_train(state, train, effects),
+        Command::Pace(PaceCommand::Choose(pace)) => {
+            state.pace = pace;
+            effects.push(Effect::UseThreads(pace.threads()));
+        }
+        Command::SetBudget(secs) => set_budget(state, secs),
+        Command::SetAutoStart(on) => state.preferences.is_auto_start = on,
+        Command::Edit(edit) => state.look.edit = edit,
+        Command::MoveEnvironment(transform) => state.look.transform = transform,
+        Command::MatchExposure => effects.push(Effect::MatchExposure),
+        Command::ChooseEnvironment(index) => choose_environment(state, index, effects),
+        Command::Lighting(command) => lighting::apply(state, command),
+        Command::ShowOriginal(on) => state.is_original_shown = on,
+        Command::ShowLayer(layer) => state.layer = layer,
+        Command::SetWipe(_) | Command::HoldPhoto(_) => apply_compare(state, &command),
+        Command::Export(command) => export::apply(state, command, effects),
+        Command::ToggleFullScreen => state.is_full_screen ^= true,
+        Command::ToggleHelp => state.overlays.is_help_open ^= true,
+        Command::ToggleLog => state.preferences.is_log_open ^= true,
+        Command::CloseOverlays => close_front(state),
+        Command::Inspect(command) => inspect::apply(state, command),
+        Command::Dismiss(index) => state.messages.dismiss(index),
+        Command::Watch(command) => watch::apply(state, command),
+        Command::Palette(command) => {
+            if let Some(chosen) = palette::apply(state, command) {
+                apply(state, chosen, effects);
+            }
+        }
+        Command::History(command) => history::apply(state, command, effects),
+        Command::Session(command) => saving::apply(state, command, effects),
+        Command::Leaving(command) => leaving::apply(state, command, effects),
+        Command::Preferences(command) => preferences::apply(state, command),
+        Command::MoveCamera(_)
+        | Command::SetUp(_)
+        | Command::PivotAt { .. }
+        | Command::GoToView(_)
+        | Command::StepView(_)
+        | Command::FrameObject
+        | Command::ResetView => apply_view(state, &command),
+    }
+}
+
+/// Closes the windows over the main one; where there is none, forgets the picked point.
+fn close_front(state: &mut AppState) {
+    if state.overlays != Overlays::default() {
+        state.overlays = Overlays::default();
+    } else if state.export.is_open {
+        state.export.is_open = false;
+    } else if state.preferences.is_log_open {
+        state.preferences.is_log_open = false;
+    } else {
+        state.inspect.forget();
+    }
+    state.leaving = None;
+}
+
+fn apply_train(state: &mut AppState, train: Train, effects: &mut Vec<Effect>) {
+    let phase = &state.training.phase;
+    match train {
+        Train::Start => effects.push(Effect::StartTraining),
+        Train::PauseOrResume if *phase == Phase::Paused => {
+            effects.push(Effect::Train(TrainCommand::Resume));
+        }
+        Train::PauseOrResume if *phase == Phase::Training => {
+            effects.push(Effect::Train(TrainCommand::Pause));
+        }
+        Train::Step if matches!(phase, Phase::Training | Phase::Paused) => {
+            effects.push(Effect::Train(TrainCommand::StepOnce));
+        }
+        Train::Extend(secs) if phase.takes_commands() => {
+            effects.push(Effect::Train(TrainCommand::Extend(Budget::Seconds(secs))));
+            if matches!(phase, Phase::Finished(_)) {
+                state.training.phase = Phase::Training;
+            }
+        }
+        Train::Stop if state.training.is_unsaved() && phase.takes_commands() => {
+            state.overlays.is_stop_asked = true;
+        }
+        Train::Stop | Train::StopForSure => {
+            state.overlays.is_stop_asked = false;
+            effects.push(Effect::Train(TrainCommand::Stop));
+        }
+        Train::PauseOrResume | Train::Step | Train::Extend(_) => {}
+    }
+}
+
+fn apply_compare(state: &mut AppState, command: &Command) {
+    let is_wanted = !matches!(command, Command::SetWipe(None) | Command::HoldPhoto(false));
+    if is_wanted && state.view.at_view.is_none() {
+        if let Some(index) = state.nearest_view() {
+            go_to_view(state, index);
+        } else {
+            state
+                .messages
+                .say(Level::Info, "There is no photo to compare with");
+            return;
+        }
+    }
+    match command {
+        Command::SetWipe(at) => {
+            state.compare.wipe = at.map(|at| at.clamp(0.0, 1.0));
+            state.compare.with_photo = Comparison::Off;
+        }
+        Command::HoldPhoto(on) => state.compare.is_photo_held = *on,
+        _ => {}
+    }
+}
+
+fn apply_view(state: &mut AppState, command: &Command) {
+    match command {
+        Command::MoveCamera(movement) => {
+            let up = state.view.up;
+            state.view.viewpoint.apply(*movement, up);
+            leave_view(state);
+        }
+        Command::SetUp(up) => {
+            state.view.up = *up;
+            state.view.viewpoint.apply(CameraMove::Level, *up);
+            leave_view(state);
+        }
+        Command::PivotAt { at, window } => set_pivot(state, *at, *window),
+        Command::GoToView(index) => go_to_view(state, *index),
+        Command::StepView(by) => {
+            let n = state.views().count() as isize;
+            if n > 0 {
+                let from = state
+                    .view
+                    .at_view
+                    .or_else(|| state.nearest_view())
+                    .unwrap_or(0) as isize;
+                // Away from all views, the first press goes to the nearest.
+                let by = if state.view.at_view.is_some() { *by } else { 0 };
+                go_to_view(state, (from + by).rem_euclid(n) as usize);
+            }
+        }
+        Command::FrameObject => {
+            if let Some(bounds) = state.view.bounds {
+                state.view.viewpoint.frame(&bounds);
+                leave_view(state);
+            }
+        }
+        Command::ResetView => {
+            state.view.viewpoint = state.view.home;
+            state.view.was_moved = true;
+            state.view.at_view = state.view_at(0).is_some().then_some(0);
+        }
+        _ => {}
+    }
+}
+
+fn leave_view(state: &mut AppState) {
+    state.view.at_view = None;
+    state.view.was_moved = true;
+    state.compare = Compare::default();
+}
+
+fn set_pivot(state: &mut AppState, at: Vec2, window: (u32, u32)) {
+    let Some(object) = state
+        .snapshot
+        .as_ref()
+        .and_then(|snapshot| snapshot.object.as_ref())
+    else {
+        return;
+    };
+    let ray = state
+        .view
+        .viewpoint
+        .camera_for(window.0, window.1)
+        .ray(at.x, at.y);
+    match object.tracer.intersect(&ray, 0.0, f32::INFINITY) {
+        Some(hit) => state.view.viewpoint.pivot = hit.position,
+        None => state.messages.say(
+            Level::Info,
+            "Double-click the object to turn about that point",
+        ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::app::work::pace::Pace;
+    use crate::train::session::handle::Threads;
+
+    #[test]
+    fn a_chosen_pace_is_kept_and_training_hears_of_it() {
+        let (mut state, mut effects) = (AppState::default(), Vec::new());
+        let chosen = PaceCommand::Choose(Pace::Responsive);
+        apply(&mut state, Command::Pace(chosen), &mut effects);
+        assert_eq!(state.pace, Pace::Responsive);
+        assert_eq!(effects, [Effect::UseThreads(Threads::OneFewer)]);
+    }
+}

@@ -1,0 +1,47 @@
+//! Asking for a path.
+
+use std::path::PathBuf;
+
+use crate::app::session::session_file::EXTENSION;
+use crate::app::state::app_state::{AppState, PathDialog, PathPurpose, Source, file_name};
+
+/// Asks for a path, with what is likely typed already.
+pub(super) fn ask(state: &mut AppState, purpose: PathPurpose) {
+    let typed = match purpose {
+        PathPurpose::Open | PathPurpose::AddEnvironment => String::new(),
+        PathPurpose::Save => state
+            .training
+            .saved
+            .clone()
+            .unwrap_or_else(|| run_folder_for(&state.source))
+            .display()
+            .to_string(),
+        PathPurpose::Log => run_folder_for(&state.source)
+            .with_extension("csv")
+            .display()
+            .to_string(),
+        PathPurpose::SaveSession => state.session.file.as_ref().map_or_else(
+            || format!("{}.{EXTENSION}", run_folder_for(&state.source).display()),
+            |file| file.display().to_string(),
+        ),
+    };
+    state.overlays.path_dialog = Some(PathDialog {
+        purpose,
+        typed,
+        note: None,
+        is_browsing: false,
+    });
+}
+
+/// Where a run is saved unless another folder is typed.
+fn run_folder_for(source: &Source) -> PathBuf {
+    let home = directories::UserDirs::new()
+        .map_or_else(|| PathBuf::from("."), |dirs| dirs.home_dir().to_owned());
+    let name = match source {
+        Source::Demo(_) => "demo".to_owned(),
+        _ => source
+            .path()
+            .map_or_else(|| "run".to_owned(), |path| file_name(path)),
+    };
+    home.join("neif-runs").join(name)
+}

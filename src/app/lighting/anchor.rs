@@ -1,0 +1,29 @@
+//! Where the surroundings are grabbed, and how they stand while they are.
+
+use glam::Vec3;
+
+use crate::app::state::app_state::AppState;
+use crate::neif::EnvironmentTransform;
+
+/// The point of the environment that the gizmo holds, in its own coordinates: where the object stands in its own.
+pub fn anchor(state: &AppState) -> Vec3 {
+    let bounds = state.view.bounds.map(|bounds| bounds.center());
+    bounds.unwrap_or(state.view.home.pivot)
+}
+
+/// Size that steps and axes are measured by, scene units: the object's diagonal, or a quarter of the surroundings'.
+pub fn object_size(state: &AppState) -> f32 {
+    let own = state.snapshot.as_ref();
+    let surroundings = own.map(|own| 0.25 * own.environment.inner_box().diagonal());
+    let object = state.view.bounds.map(|bounds| bounds.diagonal());
+    object.or(surroundings).unwrap_or(1.0).max(1e-6)
+}
+
+/// Where the surroundings stand that the picture shows.
+pub fn shown_transform(state: &AppState) -> EnvironmentTransform {
+    if state.is_original_shown {
+        EnvironmentTransform::default()
+    } else {
+        state.look.transform
+    }
+}
