@@ -1,6 +1,8 @@
 //! The one-way order of the modules: each may use only those before it.
 
-use std::{collections::BTreeMap, fs, path::Path};
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::{Path, PathBuf};
 
 const ORDER: [&str; 7] = [
     "color", "geometry", "data", "neif", "render", "train", "app",
@@ -72,6 +74,137 @@ fn rooms_are_small_enough_to_know() {
     );
     n_in.retain(|_, n| *n > MAX_FILES);
     assert!(n_in.is_empty(), "{n_in:?}");
+}
+
+#[test]
+fn no_files_import_each_other_in_a_circle() {
+    let modules = modules();
+    let mut imports: BTreeMap<&Path, BTreeSet<&Path>> = BTreeMap::new();
+    for (module, text) in &modules {
+        let known = |path: &Path| {
+            let mut above = path.ancestors().filter(|path| *path != Path::new(""));
+            above.find_map(|path| modules.get_key_value(path))
+        };
+        let named = paths_in(text);
+        let found = named
+            .iter()
+            .filter_map(|path| known(&resolved(path, module)));
+        let is_kin = |other: &Path| other.starts_with(module) || module.starts_with(other);
+        let others = found.map(|(other, _)| other.as_path());
+        imports.insert(module, others.filter(|other| !is_kin(other)).collect());
+    }
+    let n_imports: usize = imports.values().map(BTreeSet::len).sum();
+    assert!(n_imports > 500, "the search found only {n_imports} imports");
+    // What imports nothing is in no circle, nor what is left without an import then; the same the other way round.
+    loop {
+        let n = imports.len();
+        let left: BTreeSet<&Path> = imports.keys().copied().collect();
+        for others in imports.values_mut() {
+            others.retain(|other| left.contains(other));
+        }
+        imports.retain(|_, others| !others.is_empty());
+        let wanted: BTreeSet<&Path> = imports.values().flatten().copied().collect();
+        imports.retain(|module, _| wanted.contains(module));
+        if imports.len() == n {
+            break;
+        }
+    }
+    assert!(imports.is_empty(), "circles among {imports:#?}");
+}
+
+/// The modules of the library by their paths below `src`, with their text but for tests.
+fn modules() -> BTreeMap<PathBuf, String> {
+    let mut modules = BTreeMap::new();
+    let mut tests = BTreeSet::new();
+    visit(Path::new("src"), &mut |path, text| {
+        let path = path.strip_prefix("src").expect("below it");
+        let module = if path.ends_with("mod.rs") {
+            path.parent().expect("a folder").to_owned()
+        } else {
+            path.with_extension("")
+        };
+        let lines: Vec<&str> = text.lines().collect();
+        let of_tests = lines.windows(2).filter(|two| two[0] == "#[cfg(test)]");
+        for name in of_tests.filter_map(|two| two[1].split("mod ").nth(1)?.strip_suffix(';')) {
+            tests.insert(module.join(name));
+        }
+        let mut code = String::new();
+        let mut is_test = false;
+        for (i, line) in lines.iter().enumerate() {
+            is_test |=
+                *line == "#[cfg(test)]" && lines.get(i + 1).is_some_and(|l| l.ends_with('{'));
+            if !is_test && !line.trim_start().starts_with("//") {
+                code.push_str(line);
+                code.push('\n');
+            }
+            is_test &= *line != "}";
+        }
+        modules.insert(module, code);
+    });
+    for main in ["main", "lib"] {
+        modules.remove(Path::new(main));
+    }
+    modules.retain(|module, _| !tests.contains(module));
+    modules
+}
+
+/// The paths that a file names: what it imports, and what it calls by a path from `crate`, `super` or `self`.
+fn paths_in(text: &str) -> Vec<String> {
+    let mut paths = Vec::new();
+    for statement in text.split_inclusive(';') {
+        let start = statement.find("use ").filter(|at| {
+            let line = statement[..*at].rsplit('\n').next().unwrap_or_default();
+            line.trim_start().is_empty() || line.trim_start().starts_with("pub")
+        });
+        if let Some(start) = start {
+            let tree: String = statement[start + 4..].split_whitespace().collect();
+            expand("", tree.trim_end_matches(';'), &mut paths);
+        }
+        let words = statement[..start.unwrap_or(statement.len())]
+            .split(|c: char| !(c.is_alphanumeric() || c == '_' || c == ':'));
+        let is_path = |word: &&str| {
+            ["crate::", "super::", "self::"]
+                .iter()
+                .any(|s| word.starts_with(s))
+        };
+        paths.extend(words.filter(is_path).map(str::to_owned));
+    }
+    paths
+}
+
+/// Adds the paths of a tree of imports.
+fn expand(prefix: &str, tree: &str, paths: &mut Vec<String>) {
+    let Some((head, inner)) = tree.split_once('{') else {
+        paths.push(format!("{prefix}{tree}"));
+        return;
+    };
+    let (mut depth, mut from) = (0, 0);
+    let inner = inner.strip_suffix('}').unwrap_or(inner);
+    for (at, c) in inner.char_indices().chain([(inner.len(), ',')]) {
+        match c {
+            '{' => depth += 1,
+            '}' => depth -= 1,
+            ',' if depth == 0 => {
+                expand(&format!("{prefix}{head}"), &inner[from..at], paths);
+                from = at + 1;
+            }
+            _ => (),
+        }
+    }
+}
+
+/// A path as it is meant in a module, below `src`; what is not of this crate leads nowhere.
+fn resolved(path: &str, module: &Path) -> PathBuf {
+    let mut place = module.to_owned();
+    for name in path.split("::") {
+        match name {
+            "crate" => place = PathBuf::new(),
+            "super" => _ = place.pop(),
+            "self" => (),
+            _ => place.push(name),
+        }
+    }
+    place
 }
 
 /// Calls `check` with every Rust file at or below `path`; nothing when there is none.
