@@ -1,0 +1,142 @@
+//! Tests of `environment`.
+
+use super::*;
+use crate::neif::field::hash_grid::{GridConfig, LEAST_WEIGHT};
+
+fn environment() -> Environment {
+    let grid = GridConfig {
+        n_levels: 4,
+        coarsest: 2,
+        finest: 8,
+        log2_table_size: 8,
+        least_weight: LEAST_WEIGHT,
+    };
+    let field = RadianceField::new(
+        FieldConfig {
+            grid,
+            n_hidden: 16,
+            view_dependent: true,
+            integrated: true,
+            is_far: false,
+        },
+        || 0.3,
+    );
+    Environment::new(place(), field, DensityGrid::default())
+}
+
+fn place() -> EnvironmentPlace {
+    let frame = FieldFrame {
+        center: Vec3::new(1.0, 2.0, 3.0),
+        half_side: 4.0,
+    };
+    EnvironmentPlace {
+        name: "room".to_owned(),
+        frame,
+        gamma: 1.0,
+        n_samples: 16,
+        up: Vec3::Z,
+    }
+}
+
+#[test]
+fn a_saved_environment_comes_back_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("environment.safetensors");
+    environment().save(&path, Storage::F32).unwrap();
+    let back = Environment::load(&path).unwrap();
+    assert_eq!(back.place, environment().place);
+    assert_eq!(back.params(), environment().params());
+    assert_eq!(back.floor(), None);
+}
+
+#[test]
+fn a_saved_environment_keeps_its_floor() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("environment.safetensors");
+    let mut over_a_floor = environment();
+    let laid = Floor::new(Vec3::new(0.0, 0.0, -0.3), Vec3::Z);
+    match &mut over_a_floor.field {
+        EnvironmentField::Grid { density, .. } => density.floor = Some(laid),
+        _ => panic!("a grid"),
+    }
+    over_a_floor.save(&path, Storage::F16).unwrap();
+    assert_eq!(Environment::load(&path).unwrap().floor(), Some(laid));
+    let mut file = TensorFile::read(&path).unwrap();
+    file.insert_f32("floor", &[4], vec![0.0; 4]);
+    file.write(&path).unwrap();
+    let error = Environment::load(&path).unwrap_err().to_string();
+    assert!(error.contains("floor"), "{error}");
+}
+
+#[test]
+fn half_precision_makes_a_smaller_file_of_nearly_the_same_field() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    environment().save(&path("single"), Storage::F32).unwrap();
+    environment().save(&path("half"), Storage::F16).unwrap();
+    let size = |name: &str| std::fs::metadata(path(name)).unwrap().len();
+    assert!(size("half") < size("single"), "{}", size("half"));
+    let back = Environment::load(&path("half")).unwrap();
+    assert_eq!(back.params().len(), environment().params().len());
+    for (a, b) in back.params().iter().zip(environment().params()) {
+        assert!((a - b).abs() <= 1e-3 * b.abs(), "{a}, not {b}");
+    }
+}
+
+#[test]
+fn the_paper_s_field_comes_back_as_one() {
+    let config = PaperFieldConfig {
+        depth: 2,
+        width: 16,
+        ..PaperFieldConfig::default()
+    };
+    let paper = Environment::of_paper(place(), PaperField::new(config, || 0.3));
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("environment.safetensors");
+    paper.save(&path, Storage::F32).unwrap();
+    let back = Environment::load(&path).unwrap();
+    assert!(matches!(back.field, EnvironmentField::Paper(_)), "the kind");
+    assert_eq!(back.params(), paper.params());
+}
+
+#[test]
+fn a_file_without_a_kind_holds_a_grid_and_an_unknown_kind_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("environment.safetensors");
+    environment().save(&path, Storage::F32).unwrap();
+    let mut file = TensorFile::read(&path).unwrap();
+    file.metadata.remove(KIND);
+    file.write(&path).unwrap();
+    let old = Environment::load(&path).unwrap();
+    assert_eq!(old.params(), environment().params());
+    file.metadata.insert(KIND.to_owned(), "splats".to_owned());
+    file.write(&path).unwrap();
+    let error = Environment::load(&path).unwrap_err().to_string();
+    assert!(error.contains("splats"), "{error}");
+}
+
+#[test]
+fn damaged_files_are_refused_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("environment.safetensors");
+    environment().save(&path, Storage::F32).unwrap();
+    let bytes = std::fs::read(&path).unwrap();
+    for length in [0, 5, 100, bytes.len() / 2, bytes.len() - 1] {
+        std::fs::write(&path, &bytes[..length]).unwrap();
+        let error = Environment::load(&path).unwrap_err().to_string();
+        assert!(error.contains("environment.safetensors"), "{error}");
+    }
+    let mut broken = environment();
+    let EnvironmentField::Grid { field, .. } = &mut broken.field else {
+        panic!("a grid");
+    };
+    field.params[7] = f32::NAN;
+    broken.save(&path, Storage::F32).unwrap();
+    assert!(
+        Environment::load(&path)
+            .unwrap_err()
+            .to_string()
+            .contains("field.params"),
+        "the tensor must be named"
+    );
+}

@@ -1,0 +1,76 @@
+//! Tests of `run_folder`.
+
+use super::*;
+
+fn config(run: &Path, dataset: &Path) -> RunConfig {
+    let train = TrainConfig::preset("fast").unwrap();
+    RunConfig::new(run, dataset, None, train)
+}
+
+#[test]
+fn settings_survive_the_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = RunFolder::create(&folder.path().join("run")).unwrap();
+    let mut written = config(run.path(), &folder.path().join("capture"));
+    written.budget = Budget::Seconds(300.0);
+    run.save_config(&written).unwrap();
+    let read = RunFolder::open(run.path()).unwrap().config().unwrap();
+    assert_eq!(
+        toml::to_string(&read).unwrap(),
+        toml::to_string(&written).unwrap()
+    );
+}
+
+#[test]
+fn a_run_is_not_overwritten() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run");
+    let run = RunFolder::create(&path).unwrap();
+    assert!(RunFolder::create(&path).is_ok(), "an empty folder is free");
+    run.save_config(&config(&path, &path)).unwrap();
+    let message = RunFolder::create(&path).unwrap_err().to_string();
+    assert!(message.contains("--resume"), "{message}");
+}
+
+#[test]
+fn a_folder_without_a_run_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let message = RunFolder::open(folder.path()).unwrap_err().to_string();
+    assert!(message.contains("config.toml is missing"), "{message}");
+}
+
+#[test]
+fn unknown_and_broken_settings_name_the_field() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = RunFolder::create(folder.path()).unwrap();
+    run.save_config(&config(folder.path(), folder.path()))
+        .unwrap();
+    let good = std::fs::read_to_string(folder.path().join(CONFIG)).unwrap();
+    for (bad, field) in [
+        (format!("surprise = 1\n{good}"), "surprise"),
+        (good.replace("format = 1", "format = 99"), "format"),
+        (good.replace("seed = 0", "seed = \"x\""), "seed"),
+    ] {
+        std::fs::write(folder.path().join(CONFIG), bad).unwrap();
+        let message = run.config().unwrap_err().to_string();
+        assert!(
+            message.contains(field) && message.contains(CONFIG),
+            "{message}"
+        );
+    }
+}
+
+#[test]
+fn a_capture_that_moved_with_its_run_is_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let before = folder.path().join("before");
+    std::fs::create_dir_all(before.join("capture")).unwrap();
+    let run = RunFolder::create(&before.join("runs/one")).unwrap();
+    run.save_config(&config(run.path(), &before.join("capture")))
+        .unwrap();
+    let after = folder.path().join("after");
+    std::fs::rename(&before, &after).unwrap();
+    let moved = RunFolder::open(&after.join("runs/one")).unwrap();
+    let found = moved.dataset_path(&moved.config().unwrap());
+    assert!(found.exists(), "{}", found.display());
+}
