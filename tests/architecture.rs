@@ -9,7 +9,7 @@ const ORDER: [&str; 7] = [
 ];
 
 /// Longest source file that is accepted, in lines.
-const MAX_LINES: usize = 600;
+const MAX_LINES: usize = 500;
 /// Most source files in one folder.
 const MAX_FILES: usize = 15;
 

@@ -13,8 +13,12 @@ mod history;
 mod inspect;
 #[path = "ui/lighting.rs"]
 mod lighting;
+#[path = "ui/photos.rs"]
+mod photos;
 #[path = "ui/pictures.rs"]
 mod pictures;
+#[path = "ui/training.rs"]
+mod training;
 #[path = "ui/watch.rs"]
 mod watch;
 
@@ -26,10 +30,12 @@ use egui_kittest::kittest::Queryable as _;
 use glam::{Affine3A, Quat, Vec3};
 use neif::app::changes::history as app_history;
 use neif::app::changes::leaving;
-use neif::app::state::app_state::{EnvironmentContent, EnvironmentEntry, PathPurpose, Source};
+use neif::app::keys::{shortcuts, table};
+use neif::app::state::app_state::PathPurpose;
 use neif::app::state::command::Browse;
+use neif::app::state::source::Source;
+use neif::app::state::source::{EnvironmentContent, EnvironmentEntry};
 use neif::app::state::training_state::{Level, Phase};
-use neif::app::state::{keys, shortcuts};
 use neif::app::viewport::camera_control::CameraMove;
 use neif::app::viewport::overlay::Pictures;
 use neif::app::work::pace::Pace;
@@ -154,57 +160,6 @@ fn an_empty_window_offers_to_open_something() {
 }
 
 #[test]
-fn training_is_paused_and_resumed_by_button_and_space() {
-    let mut harness = harness(training_state());
-    click(&mut harness, "Pause");
-    assert_eq!(effects(&mut harness), [Effect::Train(TrainCommand::Pause)]);
-    harness.state_mut().state.training.take(TrainEvent::Paused);
-    harness.run_steps(2);
-    click(&mut harness, "Resume");
-    assert_eq!(effects(&mut harness), [Effect::Train(TrainCommand::Resume)]);
-    harness.key_press(egui::Key::Space);
-    harness.run_steps(2);
-    assert_eq!(effects(&mut harness), [Effect::Train(TrainCommand::Resume)]);
-    harness.key_press(egui::Key::Period);
-    harness.run_steps(2);
-    assert_eq!(
-        effects(&mut harness),
-        [Effect::Train(TrainCommand::StepOnce)]
-    );
-}
-
-#[test]
-fn figures_are_shown() {
-    let harness = harness(training_state());
-    harness.get_by_label("step 1234");
-    harness.get_by_label("56 it/s");
-    harness.get_by_label("2 photos, 32 × 24; 1 held out");
-}
-
-#[test]
-fn stopping_asks_before_training_is_lost() {
-    let mut harness = harness(training_state());
-    click(&mut harness, "Stop");
-    assert_eq!(effects(&mut harness), []);
-    click(&mut harness, "Stop without saving");
-    assert_eq!(effects(&mut harness), [Effect::Train(TrainCommand::Stop)]);
-}
-
-#[test]
-fn a_finished_run_can_be_trained_longer() {
-    let mut state = training_state();
-    state.training.phase = Phase::Finished(neif::train::session::events::FinishReason::Budget);
-    let mut harness = harness(state);
-    click(&mut harness, "+1 min");
-    let more = neif::train::session::plan::Budget::Seconds(60.0);
-    assert_eq!(
-        effects(&mut harness),
-        [Effect::Train(TrainCommand::Extend(more))]
-    );
-    assert_eq!(harness.state().state.training.phase, Phase::Training);
-}
-
-#[test]
 fn roughness_changes_between_map_and_one_value_and_resets() {
     let mut harness = harness(training_state());
     click(&mut harness, "One value");
@@ -244,26 +199,6 @@ fn layers_follow_buttons_and_keys() {
     harness.key_press(egui::Key::Num3);
     harness.run_steps(2);
     assert_eq!(harness.state().state.layer, Layer::Specular);
-}
-
-#[test]
-fn photos_are_visited_by_key_list_and_button() {
-    let mut harness = harness(training_state());
-    let at = |harness: &Harness<'_, Shown>| harness.state().state.view.at_view;
-    assert_eq!(at(&harness), Some(0));
-    harness.key_press(egui::Key::OpenBracket);
-    harness.run_steps(2);
-    assert_eq!(at(&harness), Some(2), "the list goes around");
-    click(&mut harness, "train / b");
-    assert_eq!(at(&harness), Some(1));
-    click(&mut harness, "Next");
-    assert_eq!(at(&harness), Some(2));
-    let camera = harness.state().state.view.viewpoint.camera;
-    assert_eq!(
-        camera,
-        dataset().val[0].camera,
-        "exactly where the photo was taken"
-    );
 }
 
 #[test]
@@ -429,64 +364,11 @@ fn a_drag_with_shift_turns_the_environment_only() {
 }
 
 #[test]
-fn the_wipe_is_switched_by_key_and_dragged() {
-    let (mut harness, _) = with_picture();
-    harness.key_press(egui::Key::W);
-    harness.run_steps(2);
-    assert_eq!(harness.state().state.compare.wipe, Some(0.5));
-    let line = harness
-        .get_by_label("Wipe between photo and rendering")
-        .rect()
-        .center();
-    drag(
-        &mut harness,
-        line,
-        egui::vec2(-100.0, 0.0),
-        egui::Modifiers::NONE,
-    );
-    let wipe = harness.state().state.compare.wipe.expect("still on");
-    assert!(wipe < 0.45, "{wipe}");
-    assert_eq!(
-        harness.state().state.view.at_view,
-        Some(0),
-        "the camera stayed"
-    );
-}
-
-#[test]
-fn holding_g_shows_the_photo() {
-    let (mut harness, _) = with_picture();
-    harness.key_down(egui::Key::G);
-    harness.run_steps(2);
-    assert!(harness.state().state.compare.is_photo_held);
-    harness.key_up(egui::Key::G);
-    harness.run_steps(2);
-    assert!(!harness.state().state.compare.is_photo_held);
-}
-
-#[test]
-fn away_from_all_photos_the_wipe_goes_to_the_nearest() {
-    let mut state = training_state();
-    let mut asked = Vec::new();
-    let near_b =
-        Affine3A::from_translation(Vec3::splat(0.01)) * dataset().train[1].camera.world_from_camera;
-    state.view.viewpoint.camera.world_from_camera = near_b;
-    apply(
-        &mut state,
-        Command::MoveCamera(CameraMove::Dolly(1.01)),
-        &mut asked,
-    );
-    assert_eq!(state.view.at_view, None);
-    apply(&mut state, Command::SetWipe(Some(0.5)), &mut asked);
-    assert_eq!(state.view.at_view, Some(1));
-}
-
-#[test]
 fn help_lists_every_binding() {
     let mut harness = harness(training_state());
     harness.key_press(egui::Key::Questionmark);
     harness.run_steps(3);
-    for binding in keys::BINDINGS.iter().filter(|b| !b.keys.is_empty()) {
+    for binding in table::BINDINGS.iter().filter(|b| !b.keys.is_empty()) {
         assert!(
             harness.query_all_by_label(binding.what).next().is_some(),
             "{} is missing",
@@ -568,17 +450,4 @@ fn other_surroundings_tell_where_they_are_and_can_be_matched() {
     );
     click(&mut harness, "Match exposure");
     assert_eq!(effects(&mut harness), [Effect::MatchExposure]);
-}
-
-#[test]
-fn the_pace_of_training_is_chosen_in_the_training_panel() {
-    let mut state = AppState::default();
-    state.training.phase = Phase::Training;
-    let mut harness = harness(state);
-    click(&mut harness, "Fast training");
-    assert_eq!(harness.state().state.pace, Pace::Fast);
-    click(&mut harness, "Responsive");
-    assert_eq!(harness.state().state.pace, Pace::Responsive);
-    let last = harness.state().effects.last();
-    assert_eq!(last, Some(&Effect::UseThreads(Threads::OneFewer)));
 }

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::state::app_state::{EnvironmentContent, EnvironmentEntry};
+use super::state::source::{EnvironmentContent, EnvironmentEntry};
 use crate::data::bundled_assets;
 
 /// The bundled capture.

@@ -8,6 +8,7 @@ pub mod changes;
 mod device_layer;
 pub mod diagnostics;
 pub mod inspect;
+pub mod keys;
 pub mod lighting;
 pub mod panels;
 pub mod session;

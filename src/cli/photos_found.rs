@@ -1,6 +1,6 @@
 //! What a run found out about its photos, in words and for scripts.
 
-use neif::train::session::run_log::RunLog;
+use neif::train::session::saved::run_log::RunLog;
 use serde_json::{Value, json};
 
 /// How the photos' exposures, a gain a colour each, lie about their mean.

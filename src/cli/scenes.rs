@@ -9,7 +9,7 @@ use neif::geometry::Camera;
 use neif::neif::{Environment, EnvironmentTransform};
 use neif::render::Scene;
 use neif::train::photos::photo_exposures::PhotoExposures;
-use neif::train::session::run_folder::{ENVIRONMENT, RunFolder};
+use neif::train::session::saved::run_folder::{ENVIRONMENT, RunFolder};
 
 use super::capture::PhotoArgs;
 use super::failure::{Failure, OrUnusable as _};

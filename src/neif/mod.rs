@@ -5,6 +5,7 @@ pub mod field;
 pub mod kernels;
 pub mod light;
 pub mod neilf;
+pub mod networks;
 pub mod paper;
 #[cfg(test)]
 mod properties;

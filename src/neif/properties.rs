@@ -8,13 +8,13 @@ use proptest::prelude::*;
 
 use super::field::composite::{CompositeBuffers, WIDTH};
 use super::field::contraction::{contract, expand, unit_cube};
-use super::field::hash_grid::{
-    FEATURES, GridConfig, Level, SamplePoints, encode_level, footprint_gradient,
-};
-use super::field::spherical_harmonics::attenuated_sh;
 use super::kernels::math::{sigmoid, softplus};
 use super::light::display::Display;
 use super::light::lobe::{Lobe, kappa_from_roughness, mean_length};
+use super::networks::hash_grid::{
+    FEATURES, GridConfig, Level, SamplePoints, encode_level, footprint_gradient,
+};
+use super::networks::spherical_harmonics::attenuated_sh;
 use super::paper::encoding::{LEVEL_WIDTH, encode};
 use super::surface::edit::EnvironmentTransform;
 

@@ -9,11 +9,11 @@ use crate::geometry::{Camera, Mesh, SurfaceTracer};
 use crate::neif::field::contraction::FieldFrame;
 use crate::neif::field::density_grid::DensityGrid;
 use crate::neif::field::floor::Floor;
-use crate::neif::field::hash_grid::{GridConfig, LEAST_WEIGHT};
 use crate::neif::field::radiance_field::{FieldConfig, RadianceField};
 use crate::neif::field::seen_grid::SeenGrid;
 use crate::neif::kernels::math::bf16_from_f32;
 use crate::neif::light::environment::{Environment, EnvironmentField, EnvironmentPlace};
+use crate::neif::networks::hash_grid::{GridConfig, LEAST_WEIGHT};
 use crate::neif::surface::material::MaterialConfig;
 use crate::neif::{Material, ObjectModel, SurfaceField};
 

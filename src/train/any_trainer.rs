@@ -9,7 +9,7 @@ use super::config::TrainConfig;
 use super::paper::PaperTrainer;
 use super::photos::poses::Poses;
 use super::priors::depth_evidence::SeenDepths;
-use super::session::snapshot::Snapshot;
+use super::session::saved::snapshot::Snapshot;
 use super::step::skips::SkipShares;
 use super::step::trainer::{StepStats, Trainer};
 use crate::data::Dataset;

@@ -4,9 +4,9 @@ use serde::{Deserialize, Serialize};
 
 use super::TrainError;
 use super::paper::PaperConfig;
-use crate::neif::field::hash_grid::{GridConfig, LEAST_WEIGHT};
 use crate::neif::field::radiance_field::{CutOff, FieldConfig};
 use crate::neif::light::environment::PAPER_UNIFORM_SHARE;
+use crate::neif::networks::hash_grid::{GridConfig, LEAST_WEIGHT};
 use crate::neif::surface::material::MaterialConfig;
 use crate::render::path::trace::MAX_VERTICES;
 

@@ -18,7 +18,7 @@ pub mod step;
 #[cfg(test)]
 mod test_scene;
 
-pub use self::session::snapshot::Snapshot;
+pub use self::session::saved::snapshot::Snapshot;
 pub use self::step::trainer::{Stage, StepStats, Trainer};
 pub use any_trainer::AnyTrainer;
 pub use config::TrainConfig;

@@ -9,7 +9,7 @@ use super::config::TrainConfig;
 use crate::color::srgb_from_linear;
 use crate::data::{Dataset, Mask, Photo, Split, View};
 use crate::geometry::{Camera, Mesh, Ray, SurfaceTracer, fibonacci_sphere};
-use crate::neif::field::hash_grid::{GridConfig, LEAST_WEIGHT};
+use crate::neif::networks::hash_grid::{GridConfig, LEAST_WEIGHT};
 
 /// Half side of the box.
 const BOX: f32 = 3.0;

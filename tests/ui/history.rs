@@ -8,7 +8,7 @@ use egui_kittest::kittest::{NodeT as _, Queryable as _};
 use neif::app::session::leaving::{Goal, Leaving};
 use neif::app::session::preferences::ThemeChoice;
 use neif::app::session::session_file::SessionFile;
-use neif::app::state::app_state::Source;
+use neif::app::state::source::Source;
 use neif::app::state::training_state::Level;
 use neif::app::{AppState, Effect};
 use neif::neif::MaterialEdit;

@@ -9,7 +9,7 @@ use glam::{Quat, Vec3};
 use neif::app::AppState;
 use neif::geometry::{Mesh, SurfaceTracer};
 use neif::neif::distant::{DistantConfig, DistantLight};
-use neif::neif::field::hash_grid::{GridConfig, LEAST_WEIGHT};
+use neif::neif::networks::hash_grid::{GridConfig, LEAST_WEIGHT};
 use neif::neif::surface::material::MaterialConfig;
 use neif::neif::{Environment, Extent, Material, MaterialEdit, ObjectModel, SurfaceField};
 use neif::train::Snapshot;

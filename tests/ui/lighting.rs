@@ -3,9 +3,9 @@
 use neif::app::state::look::Look;
 use neif::neif::field::contraction::FieldFrame;
 use neif::neif::field::density_grid::DensityGrid;
-use neif::neif::field::hash_grid::{GridConfig, LEAST_WEIGHT};
 use neif::neif::field::radiance_field::{FieldConfig, RadianceField};
 use neif::neif::light::environment::EnvironmentPlace;
+use neif::neif::networks::hash_grid::{GridConfig, LEAST_WEIGHT};
 use neif::render::Background;
 use neif::train::Snapshot;
 

@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use crate::app::session::session_file::EXTENSION;
-use crate::app::state::app_state::{AppState, PathDialog, PathPurpose, Source, file_name};
+use crate::app::state::app_state::{AppState, PathDialog, PathPurpose};
+use crate::app::state::source::{Source, file_name};
 
 /// Asks for a path, with what is likely typed already.
 pub(super) fn ask(state: &mut AppState, purpose: PathPurpose) {

@@ -1,7 +1,8 @@
 //! What several commands do: choose surroundings, stand at a view.
 
-use crate::app::state::app_state::{AppState, EnvironmentContent};
+use crate::app::state::app_state::AppState;
 use crate::app::state::command::Effect;
+use crate::app::state::source::EnvironmentContent;
 use crate::app::state::training_state::Level;
 use crate::app::viewport::camera_control::Viewpoint;
 

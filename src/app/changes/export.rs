@@ -2,12 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::app::state::app_state::{AppState, Source, file_name};
+use crate::app::state::app_state::AppState;
 use crate::app::state::command::Effect;
 use crate::app::state::export::{
     EXR_LAYERS, ExportCommand, ExportEffect, ExportSettings, ExportState, KEY_STEP_SECS, Order,
     Subject, n_path_frames,
 };
+use crate::app::state::source::{Source, file_name};
 use crate::app::state::training_state::Level;
 use crate::app::viewport::camera_control::Viewpoint;
 use crate::data::{KeyView, MAX_GIF_FPS};

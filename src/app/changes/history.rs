@@ -5,8 +5,7 @@ use crate::app::lighting::LightingCommand;
 use crate::app::state::app_state::{AppState, Compare};
 use crate::app::state::command::{Command, Effect};
 use crate::app::state::history::{HistoryCommand, Moment, Place};
-use crate::app::state::look::Look;
-use crate::app::state::look::StoredLook;
+use crate::app::state::look::{Look, StoredLook};
 use crate::app::viewport::camera_control::CameraMove;
 
 /// What was before a command.
@@ -189,7 +188,7 @@ mod tests {
 
     use super::*;
     use crate::app::changes::apply::apply as apply_command;
-    use crate::app::state::app_state::{EnvironmentContent, EnvironmentEntry};
+    use crate::app::state::source::{EnvironmentContent, EnvironmentEntry};
     use crate::app::viewport::camera_control::CameraMove;
     use crate::geometry::Aabb;
     use crate::neif::{EnvironmentTransform, MaterialEdit};

@@ -2,8 +2,9 @@
 
 use super::ask_path::ask;
 use crate::app::session::leaving::{Goal, Leaving, LeavingCommand};
-use crate::app::state::app_state::{AppState, PathPurpose, Source};
+use crate::app::state::app_state::{AppState, PathPurpose};
 use crate::app::state::command::Effect;
+use crate::app::state::source::Source;
 use crate::neif::distant::is_environment_file;
 use crate::train::session::events::TrainCommand;
 

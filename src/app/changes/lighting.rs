@@ -5,7 +5,8 @@ use glam::Vec2;
 use crate::app::lighting::anchor::{anchor, object_size};
 use crate::app::lighting::gizmo::{Grab, Snap};
 use crate::app::lighting::{LARGEST_DISPLAY_EV, LightingCommand};
-use crate::app::state::app_state::{AppState, Compare, EnvironmentContent};
+use crate::app::state::app_state::{AppState, Compare};
+use crate::app::state::source::EnvironmentContent;
 
 /// Changes the state by a command.
 pub fn apply(state: &mut AppState, command: LightingCommand) {
@@ -96,8 +97,8 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::app::state::app_state::EnvironmentEntry;
     use crate::app::state::look::Look;
+    use crate::app::state::source::EnvironmentEntry;
     use crate::neif::{Environment, MaterialEdit};
     use crate::render::test_scene::{environment, scene};
     use crate::train::Snapshot;

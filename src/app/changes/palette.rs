@@ -1,9 +1,9 @@
 //! The palette of commands: what answers to what is typed.
 
+use crate::app::keys::binding::Binding;
+use crate::app::keys::table::BINDINGS;
 use crate::app::state::app_state::AppState;
-use crate::app::state::binding::Binding;
 use crate::app::state::command::Command;
-use crate::app::state::keys::BINDINGS;
 use crate::app::state::palette::{Palette, PaletteCommand};
 
 /// Changes the state by what happens in the palette; returns the command that was chosen.

@@ -100,8 +100,8 @@ pub(in crate::app) fn stand_at_wanted_view(state: &mut AppState) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::app::state::app_state::Source;
     use crate::app::state::look::Look;
+    use crate::app::state::source::Source;
     use crate::data::KeyView;
     use crate::render::{Background, Layer};
 

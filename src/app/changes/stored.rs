@@ -6,10 +6,10 @@ use super::choose::load_environment;
 use crate::app::session::session_file::{
     SavedCamera, SavedKey, SavedSource, SessionFile, SourceKind, VERSION,
 };
-use crate::app::state::app_state::{AppState, Source};
+use crate::app::state::app_state::AppState;
 use crate::app::state::command::Effect;
-use crate::app::state::look::Look;
-use crate::app::state::look::StoredLook;
+use crate::app::state::look::{Look, StoredLook};
+use crate::app::state::source::Source;
 use crate::data::View;
 
 impl SavedCamera {

@@ -6,7 +6,7 @@ use std::sync::{Arc, Weak};
 
 use egui::{Context, TextureHandle, TextureId, TextureOptions};
 
-use crate::app::lighting::thumbnails::{Subject, Thumbnails, cache_folder};
+use super::thumbnails::{Subject, Thumbnails, cache_folder};
 use crate::app::state::app_state::AppState;
 use crate::app::state::training_state::Phase;
 use crate::app::viewport::texture;
@@ -125,7 +125,7 @@ mod tests {
     use std::time::{Duration, Instant};
 
     use super::*;
-    use crate::app::state::app_state::Source;
+    use crate::app::state::source::Source;
     use crate::render::test_scene;
     use crate::train::session::events::FinishReason;
 

@@ -10,8 +10,9 @@ use std::path::{Path, PathBuf};
 use directories::ProjectDirs;
 
 use super::session_file::{EXTENSION, SessionFile};
-use crate::app::state::app_state::{AppState, Source};
+use crate::app::state::app_state::AppState;
 use crate::app::state::look::Look;
+use crate::app::state::source::Source;
 use crate::app::work::keeper::{Keep, Keeper};
 
 /// Time between two looks at whether something has changed, in seconds.

@@ -301,7 +301,7 @@ mod tests {
 
     use super::*;
     use crate::app::state::app_state::AppState;
-    use crate::app::state::app_state::Source;
+    use crate::app::state::source::Source;
     use crate::neif::RoughnessEdit;
 
     fn session(numbers: [f32; 6]) -> SessionFile {

@@ -1,6 +1,5 @@
 //! What the window shows: plain values, without threads, files or textures.
 
-use super::look::Look;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -8,8 +7,10 @@ use glam::Vec3;
 
 use super::export::ExportState;
 use super::history::History;
+use super::look::Look;
 use super::messages::Messages;
 use super::palette::Palette;
+use super::source::{EnvironmentContent, EnvironmentEntry, Source, environment_name};
 use super::training_state::{Level, TrainingState};
 use super::watch::{Comparison, WatchState};
 use crate::app::inspect::InspectState;
@@ -28,92 +29,6 @@ use crate::train::Snapshot;
 
 /// Training time that is asked for at first, in seconds.
 pub const DEFAULT_BUDGET_SECS: f64 = 300.0;
-
-/// What is open.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub enum Source {
-    /// Nothing yet.
-    #[default]
-    Nothing,
-    /// The capture that comes with the program.
-    Demo(PathBuf),
-    /// A capture.
-    Capture(PathBuf),
-    /// A saved run.
-    Run(PathBuf),
-    /// Surroundings without an object.
-    Environment(PathBuf),
-}
-
-impl Source {
-    /// The file or folder.
-    pub fn path(&self) -> Option<&PathBuf> {
-        match self {
-            Self::Nothing => None,
-            Self::Demo(path) | Self::Capture(path) | Self::Run(path) | Self::Environment(path) => {
-                Some(path)
-            }
-        }
-    }
-
-    /// Whether it can be trained, from the start or further.
-    pub fn is_trainable(&self) -> bool {
-        matches!(self, Self::Demo(_) | Self::Capture(_) | Self::Run(_))
-    }
-
-    /// The last part of the path, for people.
-    pub fn name(&self) -> String {
-        match (self, self.path()) {
-            (Self::Demo(_), _) => "Bundled demo".to_owned(),
-            (_, Some(path)) => file_name(path),
-            _ => "Nothing open".to_owned(),
-        }
-    }
-}
-
-/// The last part of a path, or all of it where there is none.
-pub fn file_name(path: &Path) -> String {
-    path.file_name()
-        .unwrap_or(path.as_os_str())
-        .to_string_lossy()
-        .into_owned()
-}
-
-/// The name of the surroundings in a file. Runs all call theirs the same; the folder's name says more.
-pub fn environment_name(path: &Path) -> String {
-    let stem = path.file_stem().map_or_else(
-        || file_name(path),
-        |stem| stem.to_string_lossy().into_owned(),
-    );
-    match path.parent().and_then(Path::file_name) {
-        Some(folder) if stem == "environment" => folder.to_string_lossy().into_owned(),
-        _ => stem,
-    }
-}
-
-/// Surroundings that can be chosen.
-#[derive(Clone, Debug)]
-pub struct EnvironmentEntry {
-    /// For people.
-    pub name: String,
-    /// The file.
-    pub path: PathBuf,
-    /// What is known of it.
-    pub content: EnvironmentContent,
-}
-
-/// How far an environment file has been read.
-#[derive(Clone, Debug)]
-pub enum EnvironmentContent {
-    /// Only its name is known.
-    NotLoaded,
-    /// A thread reads it.
-    Loading,
-    /// Ready.
-    Ready(Arc<Environment>),
-    /// It cannot be used.
-    Failed(String),
-}
 
 /// The camera and where it came from.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -3,16 +3,14 @@
 //! `app_state` is all of it; every change is a `command`, which `keys` lists with its `binding` and `history` takes back.
 
 pub mod app_state;
-pub mod binding;
 pub mod command;
 pub mod export;
 pub mod history;
-pub mod keys;
 pub mod look;
 pub mod messages;
 pub mod palette;
 pub mod sections;
-pub mod shortcuts;
+pub mod source;
 pub mod training_log;
 pub mod training_state;
 pub mod watch;

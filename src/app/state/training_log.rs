@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use crate::train::session::events::{Progress, Validation};
-use crate::train::session::run_log::{decibels, progress_row, validation_row};
+use crate::train::session::saved::run_log::{decibels, progress_row, validation_row};
 
 /// The columns; an empty cell is a figure that was not measured at that moment.
 const HEADER: &str = "step,elapsed_secs,fraction,loss,steps_per_sec,rays_per_sec,samples_per_ray,\

@@ -13,8 +13,9 @@ use super::overlay::{Pictures, WHOLE, label};
 use crate::app::inspect::marker::{marker_ui, pick_ui};
 use crate::app::lighting::{gizmo_ui, lines_ui, split_ui};
 use crate::app::panels::widgets::{tell_place, weak};
-use crate::app::state::app_state::{AppState, Compare, PathPurpose, Source};
+use crate::app::state::app_state::{AppState, Compare, PathPurpose};
 use crate::app::state::command::Command;
+use crate::app::state::source::Source;
 use crate::app::state::training_state::Phase;
 use crate::neif::distant::is_environment_file;
 
@@ -235,7 +236,7 @@ fn drop_ui(ui: &Ui, rect: Rect) {
     let Some(first) = hovered.first() else { return };
     let name = first.path.as_ref().map_or_else(
         || "this".to_owned(),
-        |path| crate::app::state::app_state::file_name(path),
+        |path| crate::app::state::source::file_name(path),
     );
     let is_environment = first
         .path

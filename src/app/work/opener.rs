@@ -17,7 +17,7 @@ use crate::render::Scene;
 use crate::render::preview::priority::lower_thread_priority;
 use crate::train::Snapshot;
 use crate::train::session::events::TrainEvent;
-use crate::train::session::run_folder::{ENVIRONMENT, RunFolder};
+use crate::train::session::saved::run_folder::{ENVIRONMENT, RunFolder};
 
 /// Results that may wait for the window.
 const QUEUE: usize = 64;

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use neif::data::{Dataset, LoadOptions, check};
 use neif::neif::distant::is_environment_file;
 use neif::neif::{Environment, SurfaceField};
-use neif::train::session::run_folder::RunFolder;
+use neif::train::session::saved::run_folder::RunFolder;
 use serde_json::{Value, json};
 
 use crate::cli::capture::CaptureArgs;

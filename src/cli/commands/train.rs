@@ -10,7 +10,7 @@ use neif::neif::Storage;
 use neif::train::config::{Normals, PhotoFit, TrainConfig};
 use neif::train::session::options::SessionOptions;
 use neif::train::session::plan::Budget;
-use neif::train::session::run_folder::RunFolder;
+use neif::train::session::saved::run_folder::RunFolder;
 
 use crate::cli::capture::CaptureArgs;
 use crate::cli::failure::{Failure, OrUnusable as _};

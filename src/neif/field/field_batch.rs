@@ -6,11 +6,11 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use super::composite::{CompositeBuffers, WIDTH, density};
-use super::mlp::{Mlp, MlpBuffers, keep_rows};
 use super::proposal::{ConeRay, OPAQUE_LENGTH};
 use super::samples::RaySamples;
 use crate::neif::kernels::math::all_finite;
 use crate::neif::light::lobe::mean_length;
+use crate::neif::networks::mlp::{Mlp, MlpBuffers, keep_rows};
 
 /// Share of a ray's light behind which everything is hidden from it: at a half, specks of plain walls count as unseen, as a
 /// surface is a few cells thick.

@@ -7,16 +7,17 @@ use serde::{Deserialize, Serialize};
 
 use super::composite::{WIDTH, density};
 use super::density_grid::DensityGrid;
+
 pub use super::field_batch::{CutOff, FieldBatch, FieldRay};
-use super::hash_grid::{
+use super::proposal::ConeRay;
+use super::samples::SampledRay;
+use crate::neif::kernels::{Baseline, math};
+use crate::neif::networks::hash_grid::{
     FEATURES, FeatureColumns, GridConfig, Level, SamplePoints, encode_level, encode_level_bf16,
     footprint_gradient, scatter_level,
 };
-use super::mlp::{Mlp, Transposed, is_sane_width};
-use super::proposal::ConeRay;
-use super::samples::SampledRay;
-use super::spherical_harmonics::{N_SH, attenuated_sh};
-use crate::neif::kernels::{Baseline, math};
+use crate::neif::networks::mlp::{Mlp, Transposed, is_sane_width};
+use crate::neif::networks::spherical_harmonics::{N_SH, attenuated_sh};
 
 /// Input width of the colour network: 15 features, opacity, 9 harmonics, padding.
 const COLOR_INPUT: usize = 32;

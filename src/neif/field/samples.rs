@@ -3,9 +3,9 @@
 use super::cells::cell_index;
 use super::contraction::{contract, unit_cube};
 use super::density_grid::DensityGrid;
-use super::hash_grid::SamplePoints;
 use super::proposal::{ConeRay, OPAQUE_LENGTH, Placement, place_samples};
 use crate::neif::kernels::{Isa, dispatch};
+use crate::neif::networks::hash_grid::SamplePoints;
 
 /// Samples located together, in loops that vectorise.
 const LANES: usize = 8;

@@ -2,8 +2,8 @@
 
 use super::density_grid::DensityGrid;
 use super::field_batch::FieldBatch;
-use super::hash_grid::Level;
 use super::proposal::steps_of_ray;
+use crate::neif::networks::hash_grid::Level;
 
 /// Every so many rays one is walked for what is empty or hidden on it.
 const RAY_STRIDE: usize = 4;

@@ -8,11 +8,11 @@ use std::ops::Range;
 
 use glam::Vec3;
 
-use crate::neif::field::hash_grid::{
-    FEATURES, FeatureColumns, GridConfig, Level, SamplePoints, encode_level, scatter_level,
-};
 use crate::neif::kernels::matmul::Epilogue;
 use crate::neif::kernels::{Baseline, math};
+use crate::neif::networks::hash_grid::{
+    FEATURES, FeatureColumns, GridConfig, Level, SamplePoints, encode_level, scatter_level,
+};
 use crate::neif::paper::network::{Activation, Dense, Stack, StackBuffers};
 
 /// Width of the padded output: three colours are used.
@@ -364,8 +364,8 @@ fn radiance_of(log_radiance: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::neif::field::hash_grid::LEAST_WEIGHT;
     use crate::neif::neilf::brdf::hemisphere;
+    use crate::neif::networks::hash_grid::LEAST_WEIGHT;
     use crate::neif::paper::network::tests::random;
 
     fn field() -> IncidentLight {

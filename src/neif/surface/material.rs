@@ -6,11 +6,11 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use super::values::Surface;
-use crate::neif::field::hash_grid::{
+use crate::neif::kernels::math::{sigmoid, softplus};
+use crate::neif::networks::hash_grid::{
     FEATURES, FeatureColumns, GridConfig, Level, SamplePoints, encode_level, scatter_level,
 };
-use crate::neif::field::mlp::{Mlp, MlpBuffers, Transposed, is_sane_width};
-use crate::neif::kernels::math::{sigmoid, softplus};
+use crate::neif::networks::mlp::{Mlp, MlpBuffers, Transposed, is_sane_width};
 use crate::neif::paper::material::PaperMaterialBatch;
 
 const N_OUT: usize = 16;

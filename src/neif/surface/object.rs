@@ -184,7 +184,7 @@ fn shape_error(path: &Path, found: usize) -> NeifError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::neif::field::hash_grid::{GridConfig, LEAST_WEIGHT};
+    use crate::neif::networks::hash_grid::{GridConfig, LEAST_WEIGHT};
 
     #[test]
     fn a_saved_material_comes_back_the_same() {

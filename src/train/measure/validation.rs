@@ -19,7 +19,7 @@ use crate::render::{
 use crate::train::random::SlotRandom;
 use crate::train::session::events::{TrainEvent, Validation};
 use crate::train::session::plan::Plan;
-use crate::train::session::snapshot::Snapshot;
+use crate::train::session::saved::snapshot::Snapshot;
 
 /// Plans shorter than this are never ended early, in seconds: there is little to save.
 const MIN_PLAN_SECS: f64 = 120.0;

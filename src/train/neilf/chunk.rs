@@ -6,7 +6,6 @@ use glam::Vec3;
 
 use super::NeilfConfig;
 use crate::geometry::orthonormal_basis;
-use crate::neif::field::mlp::Transposed;
 use crate::neif::kernels::math::all_finite;
 use crate::neif::light::display::Display;
 use crate::neif::light::light_path::PathVertex;
@@ -14,6 +13,7 @@ use crate::neif::light::shading::SurfacePoint;
 use crate::neif::neilf::brdf::{Sum, metallic};
 use crate::neif::neilf::light::LightBatch;
 use crate::neif::neilf::{Brdf, IncidentLight};
+use crate::neif::networks::mlp::Transposed;
 use crate::neif::surface::material::{Material, MaterialBatch};
 use crate::neif::surface::values::Surface;
 use crate::train::config::TrainConfig;

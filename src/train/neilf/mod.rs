@@ -10,8 +10,8 @@ mod trainer;
 
 pub use trainer::NeilfTrainer;
 
-use crate::neif::field::hash_grid::{GridConfig, LEAST_WEIGHT};
 use crate::neif::neilf::{Brdf, IncidentLightConfig};
+use crate::neif::networks::hash_grid::{GridConfig, LEAST_WEIGHT};
 
 /// What only the baselines have. Of the common settings they use the material's grid, the rates, warm-up and decay, the
 /// smoothness and the number of kept pixels.

@@ -4,7 +4,6 @@
 //! `run` takes the steps of the `plan`, `upkeep` does what comes between them by the `meter`. What is left behind is a
 //! `run_folder` with `run_log`, `checkpoint` and `snapshot`.
 
-mod checkpoint;
 mod event_queue;
 pub mod events;
 pub mod handle;
@@ -13,8 +12,6 @@ mod meter;
 pub mod options;
 pub mod plan;
 mod run;
-pub mod run_folder;
-pub mod run_log;
-pub mod snapshot;
+pub mod saved;
 mod thread;
 mod upkeep;

@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use super::latest::Latest;
 use super::plan::Budget;
-use super::run_folder::{RunConfig, RunFolder, RunFolderError};
+use super::saved::run_folder::{RunConfig, RunFolder, RunFolderError};
 use crate::data::{CaptureChoices, DataError, Dataset, MeshPlacement};
 use crate::neif::Storage;
 use crate::train::config::TrainConfig;

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use super::events::{Finish, FinishReason, TrainEvent};
 use super::options::{SessionError, Start};
 use super::run::{LOWEST_PRIORITY, Run, Worker};
-use super::run_folder::RunFolder;
+use super::saved::run_folder::RunFolder;
 use crate::data::{Dataset, LoadOptions, Problem, Severity, Splits, background_stands_still};
 use crate::geometry::ScalarGrid;
 use crate::render::preview::priority::lower_thread_priority;

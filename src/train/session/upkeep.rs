@@ -9,7 +9,7 @@ use super::meter::Clock;
 use super::options::{SessionError, Start};
 use super::plan::{Budget, Plan};
 use super::run::Run;
-use super::run_folder::{RunFolder, RunFolderError, RunState};
+use super::saved::run_folder::{RunFolder, RunFolderError, RunState};
 use crate::train::TrainError;
 use crate::train::shape::retracing::{Retracings, are_all_shown, part_from};
 

@@ -8,10 +8,10 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::geometry::{Aabb, Mesh};
-use crate::neif::field::hash_grid::{
+use crate::neif::kernels::math::all_finite;
+use crate::neif::networks::hash_grid::{
     FEATURES, FeatureColumns, GridConfig, Level, SamplePoints, encode_level, scatter_level,
 };
-use crate::neif::kernels::math::all_finite;
 use crate::train::photos::picture_shift::SAMPLING_PX;
 use crate::train::statistics::share_beyond;
 

@@ -20,10 +20,7 @@ use crate::neif::surface::values::Surface;
 use crate::train::photos::photo_rows::PhotoRows;
 use crate::train::pixels::store::{BackgroundSample, ObjectPixel, ToldChroma};
 use crate::train::priors::agreement;
-use crate::train::priors::depth_evidence::{fading, misplacement};
-use crate::train::priors::distortion::distortion;
 use crate::train::priors::unseen::{self, Triple};
-use crate::train::priors::unseen_light::{trust_in_evenness, unevenness};
 use crate::train::random::SlotRandom;
 use crate::train::shape::normal_offsets::OffsetBatch;
 use crate::train::shape::tilted_rays::{PixelError, TiltedRays};
@@ -36,8 +33,6 @@ pub(in crate::train) const SMOOTHNESS_STEP: f32 = 0.004;
 /// Chunks a step is cut into.
 pub(in crate::train) const N_CHUNKS: usize = 16;
 
-/// Mean reflectance up to which a surface may be a dielectric.
-const DIELECTRIC: f32 = 0.08;
 /// Roughness while it is not yet learned, and how strongly it is held there. Coming from sharp lobes, surroundings and
 /// roughness settle on sharper ones than coming from blurred lobes: 0.2 dB more of the object than from 0.3.
 const INITIAL_ROUGHNESS: f32 = 0.1;
@@ -56,28 +51,28 @@ pub(in crate::train) struct ChunkLoss {
 
 /// A drawn object pixel on its way through the step.
 #[derive(Clone, Debug)]
-struct ObjectSlot {
-    pixel: ObjectPixel,
-    told: ToldChroma,
+pub(super) struct ObjectSlot {
+    pub(super) pixel: ObjectPixel,
+    pub(super) told: ToldChroma,
     /// Its paths, among the chunk's.
-    paths: Range<usize>,
+    pub(super) paths: Range<usize>,
 }
 
 /// A light path of an object pixel.
 #[derive(Clone, Debug)]
-struct SlotPath {
+pub(super) struct SlotPath {
     /// Material points of its vertices.
-    points: Range<usize>,
+    pub(super) points: Range<usize>,
     /// Its lit vertices.
-    lit: Range<usize>,
+    pub(super) lit: Range<usize>,
 }
 
 /// Two material points of the smoothness term, and its weight.
 #[derive(Clone, Copy, Debug)]
-struct SmoothPair {
-    at: usize,
-    beside: usize,
-    weight: f32,
+pub(super) struct SmoothPair {
+    pub(super) at: usize,
+    pub(super) beside: usize,
+    pub(super) weight: f32,
 }
 
 /// Working memory and gradients of one chunk.
@@ -86,19 +81,19 @@ pub(in crate::train) struct Chunk {
     index: usize,
     /// First slot of the random numbers of sample placement.
     jitter_slot: u64,
-    slots: Vec<ObjectSlot>,
-    paths: Vec<SlotPath>,
+    pub(super) slots: Vec<ObjectSlot>,
+    pub(super) paths: Vec<SlotPath>,
     vertices: Vec<PathVertex>,
     lit: Vec<LitVertex>,
-    backgrounds: Vec<BackgroundSample>,
+    pub(super) backgrounds: Vec<BackgroundSample>,
     /// Ray of the first background pixel; the others follow.
-    first_background_ray: usize,
-    triples: Vec<Triple>,
+    pub(super) first_background_ray: usize,
+    pub(super) triples: Vec<Triple>,
     /// The first ray of the groups of cones that should agree, and their number.
-    agreement: (usize, usize),
+    pub(super) agreement: (usize, usize),
     /// The same of the pairs of rays that should bring the same light.
-    unseen: (usize, usize),
-    pairs: Vec<SmoothPair>,
+    pub(super) unseen: (usize, usize),
+    pub(super) pairs: Vec<SmoothPair>,
     errors: Vec<PixelError>,
     pub(in crate::train) tilted: TiltedRays,
     /// Corrections of the vertices' normals, and their gradients.
@@ -385,60 +380,6 @@ impl Chunk {
         }
     }
 
-    /// Walls and floors are made of planes, from everywhere.
-    fn planarity_losses(&mut self, context: &StepContext<'_>) {
-        let config = context.config;
-        let scale = config.background_weight * config.planarity_weight
-            / config.unseen_triples_alone.max(1) as f32;
-        self.batch.d_weights.clear();
-        if self.triples.is_empty() {
-            return;
-        }
-        let bend = unseen::bend(&self.triples, scale, &mut self.batch);
-        self.loss.priors += f64::from(scale) * bend;
-    }
-
-    /// Haze before the cameras is no surroundings.
-    fn distortion_losses(&mut self, context: &StepContext<'_>) {
-        let config = context.config;
-        if context.material.is_none() || config.distortion_weight == 0.0 {
-            return;
-        }
-        let scale = config.background_weight * config.distortion_weight
-            / context.batch_size.backgrounds.max(1) as f32;
-        let first = self.first_background_ray;
-        let rays = first..first + self.backgrounds.len();
-        self.loss.priors += f64::from(scale) * distortion(rays, scale, &mut self.batch);
-    }
-
-    /// What neighbouring photos place is where they place it.
-    fn depth_losses(&mut self, context: &StepContext<'_>) {
-        let config = context.config;
-        let weight = config.background_weight * config.depth_weight * fading(context.step);
-        let scale = weight / context.batch_size.backgrounds.max(1) as f32;
-        let rays = (self.first_background_ray..).zip(&self.backgrounds);
-        let half_side = context.frame.half_side;
-        let placed = rays.filter_map(|(ray, sample)| Some((ray, sample.nearness? * half_side)));
-        self.loss.priors += f64::from(scale) * misplacement(placed, scale, &mut self.batch);
-    }
-
-    /// What narrow cones see, wide ones should.
-    fn agreement_losses(&mut self, context: &StepContext<'_>) {
-        let n_groups = context.config.agreement_groups_alone.max(1);
-        let scale = context.config.agreement_weight / n_groups as f32;
-        let sum = agreement::disagreement(self.agreement, scale, &mut self.batch);
-        self.loss.priors += f64::from(scale) * sum;
-    }
-
-    /// What no photo shows is as even as the object allows.
-    fn evenness_losses(&mut self, context: &StepContext<'_>) {
-        let config = context.config;
-        let weight = config.evenness_weight * trust_in_evenness(&self.material.surfaces);
-        let scale = weight * context.unseen.share() / config.unseen_pairs.max(1) as f32;
-        let sum = unevenness(self.unseen, scale, &mut self.batch);
-        self.loss.priors += f64::from(scale) * sum;
-    }
-
     /// Eq. 7 and its way back for all object pixels.
     fn object_losses(&mut self, context: &StepContext<'_>) {
         let losses = (0..self.slots.len()).map(|index| self.object_loss(context, index));
@@ -528,44 +469,6 @@ impl Chunk {
                 &self.batch.d_lobe_variance,
                 &mut self.material.d_surfaces,
             );
-        }
-    }
-
-    /// Eq. 8 by finite differences: `|Δ roughness| + |Δ tint|` over the step, where the image is smooth.
-    fn smoothness_losses(&mut self, context: &StepContext<'_>) {
-        let weight = context.config.smoothness_weight
-            / (SMOOTHNESS_STEP * self.pairs.len().max(1) as f32 * N_CHUNKS as f32);
-        for pair in &self.pairs {
-            let weight = weight * pair.weight;
-            let (a, b) = (
-                self.material.surfaces[pair.at],
-                self.material.surfaces[pair.beside],
-            );
-            let (d_roughness, d_tint) = (a.roughness - b.roughness, a.tint - b.tint);
-            self.loss.smoothness +=
-                f64::from(weight * (d_roughness.abs() + d_tint.abs().element_sum()));
-            // `signum` of zero is one; equal neighbours should feel nothing.
-            let sign = |v: f32| if v == 0.0 { 0.0 } else { v.signum() * weight };
-            let tint = Vec3::new(sign(d_tint.x), sign(d_tint.y), sign(d_tint.z));
-            for (at, factor) in [(pair.at, 1.0), (pair.beside, -1.0)] {
-                let d = &mut self.material.d_surfaces[at];
-                d.roughness += factor * sign(d_roughness);
-                d.tint += factor * tint;
-            }
-        }
-    }
-
-    /// What reflects like a metal is not diffuse.
-    fn metal_gradients(&mut self, context: &StepContext<'_>) {
-        let weight = context.config.metal_weight / context.batch_size.objects as f32;
-        for slot in &self.slots {
-            let share = weight / slot.paths.len() as f32;
-            for path in &self.paths[slot.paths.clone()] {
-                let tint = self.material.surfaces[path.points.start].tint;
-                let metal = (tint.element_sum() / 3.0 - DIELECTRIC).max(0.0);
-                let d = &mut self.material.d_surfaces[path.points.start];
-                d.diffuse += Vec3::splat(share * metal);
-            }
         }
     }
 

@@ -6,6 +6,7 @@
 pub(super) mod adam;
 pub(super) mod batch_size;
 pub(super) mod chunk;
+mod chunk_priors;
 pub(super) mod learned;
 pub(super) mod loss;
 mod photo_model;
@@ -15,3 +16,4 @@ mod surface;
 pub mod trainer;
 #[cfg(test)]
 mod trainer_tests;
+mod update;

@@ -2,11 +2,11 @@
 
 use egui::{RichText, ScrollArea, Ui};
 
+use crate::app::keys::binding::Binding;
+use crate::app::keys::table::BINDINGS;
 use crate::app::panels::widgets::{modal, weak};
 use crate::app::state::app_state::AppState;
-use crate::app::state::binding::Binding;
 use crate::app::state::command::Command;
-use crate::app::state::keys::BINDINGS;
 
 /// Groups of each column.
 const COLUMNS: [&[&str]; 3] = [

@@ -2,11 +2,11 @@
 
 use egui::{Button, Ui};
 
+use crate::app::keys::binding::Binding;
+use crate::app::keys::table::{BINDINGS, MENUS};
 use crate::app::panels::widgets::describe_number;
 use crate::app::state::app_state::AppState;
-use crate::app::state::binding::Binding;
 use crate::app::state::command::Command;
-use crate::app::state::keys::{BINDINGS, MENUS};
 
 /// Draws the menus' names in a row; what they hold opens below them.
 pub fn menus_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {

@@ -3,8 +3,9 @@
 use egui::{Button, RichText, TextEdit, Ui};
 
 use crate::app::panels::widgets::{modal, weak};
-use crate::app::state::app_state::{AppState, PathDialog, PathPurpose, file_name};
+use crate::app::state::app_state::{AppState, PathDialog, PathPurpose};
 use crate::app::state::command::{Browse, Command};
+use crate::app::state::source::file_name;
 use crate::app::state::training_state::Level;
 use crate::app::theme;
 

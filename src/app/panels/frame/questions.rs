@@ -5,8 +5,9 @@ use egui::{Align2, Area, Frame, Ui, vec2};
 use crate::app::panels::widgets::{modal, tell_place};
 use crate::app::session::leaving::{Goal, LeavingCommand};
 use crate::app::session::saving::SessionCommand;
-use crate::app::state::app_state::{AppState, PathPurpose, file_name};
+use crate::app::state::app_state::{AppState, PathPurpose};
 use crate::app::state::command::{Command, Train};
+use crate::app::state::source::file_name;
 
 /// Asks before training that was never saved is ended.
 pub fn stop_question_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {

@@ -8,9 +8,10 @@ use crate::app::changes::history::{can_redo, can_undo};
 use crate::app::panels::menus_ui;
 use crate::app::panels::side::export::running_export_ui;
 use crate::app::panels::widgets::weak;
-use crate::app::state::app_state::{AppState, Source};
+use crate::app::state::app_state::AppState;
 use crate::app::state::command::Command;
 use crate::app::state::history::HistoryCommand;
+use crate::app::state::source::Source;
 
 /// Draws the bar.
 pub fn top_bar_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {

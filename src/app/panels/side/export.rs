@@ -5,12 +5,13 @@ use egui::{Button, Checkbox, DragValue, Grid, ProgressBar, RichText, TextEdit, U
 use crate::app::changes::export::default_path;
 use crate::app::panels::frame::view_bar::layer_name;
 use crate::app::panels::widgets::{describe_number, duration, weak};
-use crate::app::state::app_state::{AppState, file_name};
+use crate::app::state::app_state::AppState;
 use crate::app::state::command::Command;
 use crate::app::state::export::{
     ExportCommand, ExportSettings, ExportState, MAX_FPS, MAX_FRAMES, MAX_SIDE_PX, Subject,
     key_text, n_path_frames,
 };
+use crate::app::state::source::file_name;
 use crate::app::state::training_state::Level;
 use crate::app::theme;
 use crate::render::{Backdrop, FileKind, Spin};

@@ -9,8 +9,9 @@ use egui::{
 
 use crate::app::lighting::LightingCommand;
 use crate::app::panels::widgets::tell_place;
-use crate::app::state::app_state::{AppState, EnvironmentContent, EnvironmentEntry, PathPurpose};
+use crate::app::state::app_state::{AppState, PathPurpose};
 use crate::app::state::command::Command;
+use crate::app::state::source::{EnvironmentContent, EnvironmentEntry};
 use crate::app::theme;
 use crate::app::viewport::overlay::Pictures;
 

@@ -17,7 +17,7 @@ use neif::train::session::events::{TrainCommand, TrainEvent};
 use neif::train::session::handle::Session;
 use neif::train::session::options::SessionOptions;
 use neif::train::session::plan::Budget;
-use neif::train::session::run_folder::RunFolder;
+use neif::train::session::saved::run_folder::RunFolder;
 use serde_json::json;
 
 use super::desk::{Desk, Seen};

@@ -5,11 +5,11 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use neif::data::{Dataset, Splits};
-use neif::neif::field::hash_grid::{
+use neif::neif::kernels::peak;
+use neif::neif::networks::hash_grid::{
     FEATURES, FeatureColumns, SamplePoints, encode_level, scatter_level,
 };
-use neif::neif::field::mlp::{Mlp, MlpBuffers, Transposed};
-use neif::neif::kernels::peak;
+use neif::neif::networks::mlp::{Mlp, MlpBuffers, Transposed};
 use neif::train::config::TrainConfig;
 use neif::train::{Stage, Trainer};
 use serde_json::json;

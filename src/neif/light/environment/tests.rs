@@ -1,7 +1,7 @@
 //! Tests of `environment`.
 
 use super::*;
-use crate::neif::field::hash_grid::{GridConfig, LEAST_WEIGHT};
+use crate::neif::networks::hash_grid::{GridConfig, LEAST_WEIGHT};
 
 fn environment() -> Environment {
     let grid = GridConfig {

@@ -33,8 +33,7 @@ fn a_photo_s_exposure_is_a_gain_of_all_light() {
             ..scene()
         };
         let of = |scene: &Scene| {
-            render_parts(scene, &camera(40, 30), &options, &cancel, &|_| {})
-                .expect("not cancelled")
+            render_parts(scene, &camera(40, 30), &options, &cancel, &|_| {}).expect("not cancelled")
         };
         let (before, after) = (of(&plain), of(&plain.exposed(gain)));
         assert_eq!(before.objects[1], after.objects[1], "roughness is no light");

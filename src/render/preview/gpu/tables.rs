@@ -8,9 +8,9 @@ use wgpu::{Buffer, BufferDescriptor, BufferUsages};
 use super::device::{Gpu, GpuError};
 use crate::geometry::SurfaceTracer;
 use crate::neif::field::density_grid::DensityGrid;
-use crate::neif::field::hash_grid::{FEATURES, Level};
-use crate::neif::field::mlp::Mlp;
 use crate::neif::field::radiance_field::RadianceField;
+use crate::neif::networks::hash_grid::{FEATURES, Level};
+use crate::neif::networks::mlp::Mlp;
 use crate::neif::surface::material::Material;
 
 /// Cells per axis, first row, mask of the hash (0: dense), unused.

@@ -1,6 +1,7 @@
 //! Tests of `keys`.
 
 use super::*;
+use crate::app::state::app_state::AppState;
 
 #[test]
 fn every_layer_has_its_key_in_order() {
@@ -26,10 +27,10 @@ fn every_command_has_a_menu_and_a_name_of_its_own() {
     }
 }
 
-/// The README's section between the two marks is this table and nothing else.
+/// The section of `docs/window.md` between the two marks is this table and nothing else.
 #[test]
-fn the_readme_lists_these_keys() {
-    let readme = include_str!("../../../../README.md").replace("\r\n", "\n");
+fn the_manual_lists_these_keys() {
+    let manual = include_str!("../../../../docs/window.md").replace("\r\n", "\n");
     let mut table = String::from("| | keys and mouse | |\n|---|---|---|\n");
     for binding in BINDINGS.iter().filter(|binding| !binding.keys.is_empty()) {
         let Binding {
@@ -37,11 +38,11 @@ fn the_readme_lists_these_keys() {
         } = binding;
         table.extend(["| ", group, " | ", keys, " | ", what, " |\n"]);
     }
-    let listed = readme
+    let listed = manual
         .split_once("<!-- keys -->\n")
         .and_then(|(_, rest)| rest.split_once("<!-- /keys -->"));
     assert!(
         listed.is_some_and(|(listed, _)| listed == table),
-        "put this into README.md between <!-- keys --> and <!-- /keys -->:\n{table}"
+        "put this into docs/window.md between <!-- keys --> and <!-- /keys -->:\n{table}"
     );
 }

@@ -2,12 +2,22 @@
 
 use egui::{Key, KeyboardShortcut, Modifiers};
 
-use super::app_state::AppState;
-use super::command::Command;
+use crate::app::state::app_state::AppState;
+use crate::app::state::command::Command;
+
+pub(super) const FILE: &str = "File";
+pub(super) const EDIT: &str = "Edit";
+pub(super) const CAMERA: &str = "Camera";
+pub(super) const LIGHT: &str = "Environment";
+pub(super) const OBJECT: &str = "Object";
+pub(super) const COMPARE: &str = "Photos";
+pub(super) const LAYERS: &str = "Layers";
+pub(super) const TRAINING: &str = "Training";
+pub(super) const WINDOW: &str = "Window";
 
 /// A command with its name and keys, or a gesture, which has no command.
 ///
-/// Keys, menus, palette, help and the README's table are all made of these.
+/// Keys, menus, palette, help and the manual's table are all made of these.
 #[derive(Clone, Copy)]
 pub struct Binding {
     /// The heading it stands under.

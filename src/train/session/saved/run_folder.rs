@@ -5,15 +5,12 @@
 //! `log.jsonl` tell how it went. Each file is written whole or not at all, so a full disk or a
 //! power cut leaves the previous state.
 
-use std::{
-    io::{self, Write as _},
-    path::{Component, Path, PathBuf},
-    sync::Arc,
-};
+use std::io::{self, Write as _};
+use std::path::{Component, Path, PathBuf};
+use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::plan::Budget;
 use super::run_log::{RunLog, Trained};
 use crate::data::files::tensor_file::{TensorFile, TensorFileError};
 use crate::data::{
@@ -26,6 +23,7 @@ use crate::train::Snapshot;
 use crate::train::config::TrainConfig;
 use crate::train::measure::held_out::PoseFit;
 use crate::train::photos::photo_exposures::PhotoExposures;
+use crate::train::session::plan::Budget;
 
 const CONFIG: &str = "config.toml";
 const CHECKPOINT: &str = "checkpoint.safetensors";
@@ -331,7 +329,7 @@ impl RunFolder {
     }
 
     /// Whether the run has a mesh, sound or damaged.
-    pub(super) fn has_mesh(&self) -> bool {
+    pub(in crate::train::session) fn has_mesh(&self) -> bool {
         self.file(MESH).exists()
     }
 

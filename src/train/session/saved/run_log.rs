@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 
 use serde_json::Value;
 
-use super::events::{Progress, TrainEvent, Validation};
+use crate::train::session::events::{Progress, TrainEvent, Validation};
 
 /// Columns of `metrics.csv`; an empty cell is a figure that was not measured at that moment.
 const CSV_HEADER: &str = "step,elapsed_secs,fraction,loss,steps_per_sec,rays_per_sec,\

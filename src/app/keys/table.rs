@@ -1,35 +1,30 @@
-//! The table of commands, keys and gestures: shortcuts, menus, palette, help and the README's list
+//! The table of commands, keys and gestures: shortcuts, menus, palette, help and the manual's list
 //! of keys are all made from it.
 
 use egui::{Key, Modifiers};
 
-use super::app_state::{AppState, PathPurpose, Source};
-use super::binding::{Binding, gesture, key, plain};
-use super::command::{Command, Train};
-use super::export::{ExportCommand, Subject};
-use super::history::HistoryCommand;
-use super::look::Look;
-use super::palette::PaletteCommand;
-use super::training_state::Phase;
-use super::watch::{Comparison, WatchCommand};
+use super::binding::{
+    Binding, CAMERA, COMPARE, EDIT, FILE, LAYERS, LIGHT, OBJECT, TRAINING, WINDOW, gesture, key,
+    plain,
+};
+use super::conditions::{
+    can_start, compare, expose, from, has_photos, is_running, is_something_open, layer,
+};
 use crate::app::changes::history::{can_redo, can_undo};
 use crate::app::lighting::LightingCommand;
 use crate::app::session::leaving::LeavingCommand;
 use crate::app::session::preferences::{PreferencesCommand, Side, ThemeChoice};
 use crate::app::session::saving::SessionCommand;
+use crate::app::state::app_state::PathPurpose;
+use crate::app::state::command::{Command, Train};
+use crate::app::state::export::{ExportCommand, Subject};
+use crate::app::state::history::HistoryCommand;
+use crate::app::state::look::Look;
+use crate::app::state::palette::PaletteCommand;
+use crate::app::state::watch::{Comparison, WatchCommand};
 use crate::app::viewport::camera_control::{CameraMove, front, right_side};
 use crate::neif::{EnvironmentTransform, MaterialEdit};
 use crate::render::Layer;
-
-const FILE: &str = "File";
-const EDIT: &str = "Edit";
-const CAMERA: &str = "Camera";
-const LIGHT: &str = "Environment";
-const OBJECT: &str = "Object";
-const COMPARE: &str = "Photos";
-const LAYERS: &str = "Layers";
-const TRAINING: &str = "Training";
-const WINDOW: &str = "Window";
 
 /// The menus and the groups in each; groups without commands are left out.
 pub const MENUS: &[(&str, &[&str])] = &[
@@ -41,57 +36,6 @@ pub const MENUS: &[(&str, &[&str])] = &[
     ("Training", &[TRAINING]),
     ("Window", &[WINDOW]),
 ];
-
-const fn layer(
-    keys: &'static str,
-    number: Key,
-    what: &'static str,
-    command: fn(&AppState) -> Command,
-) -> Binding {
-    key(LAYERS, (keys, Modifiers::NONE, number), what, command)
-}
-
-const fn from(
-    (keys, number): (&'static str, Key),
-    what: &'static str,
-    command: fn(&AppState) -> Command,
-) -> Binding {
-    key(CAMERA, (keys, Modifiers::COMMAND, number), what, command)
-}
-
-/// Switches a comparison on, or off where it is on.
-fn compare(state: &AppState, with: Comparison) -> Command {
-    let is_on = state.compare.with_photo == with;
-    Command::Watch(WatchCommand::Compare(if is_on {
-        Comparison::Off
-    } else {
-        with
-    }))
-}
-
-fn has_photos(state: &AppState) -> bool {
-    state.view_at(0).is_some()
-}
-
-fn is_something_open(state: &AppState) -> bool {
-    state.source != Source::Nothing
-}
-
-fn is_running(state: &AppState) -> bool {
-    matches!(state.training.phase, Phase::Training | Phase::Paused)
-}
-
-fn can_start(state: &AppState) -> bool {
-    let phase = &state.training.phase;
-    let is_idle = matches!(phase, Phase::Idle | Phase::Finished(_) | Phase::Failed(_));
-    is_idle && !phase.takes_commands() && state.source.is_trainable()
-}
-
-/// The picture brighter by so many stops, its light as it is.
-fn expose(state: &AppState, by_ev: f32) -> Command {
-    let ev = state.lighting.display_ev + by_ev;
-    Command::Lighting(LightingCommand::SetDisplayEv(ev))
-}
 
 /// All of them, by group.
 pub const BINDINGS: &[Binding] = &[

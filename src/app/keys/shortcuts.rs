@@ -2,10 +2,10 @@
 
 use egui::{FocusDirection, Key, KeyboardShortcut, Modifiers};
 
-use super::app_state::AppState;
 use super::binding::Binding;
-use super::command::Command;
-use super::keys::BINDINGS;
+use super::table::BINDINGS;
+use crate::app::state::app_state::AppState;
+use crate::app::state::command::Command;
 use crate::app::viewport::fly;
 
 /// What the keys pressed in this frame cause; nothing while text is typed.
