@@ -9,6 +9,8 @@ mod capture;
 mod mesh;
 #[path = "cli/program.rs"]
 mod program;
+#[path = "cli/readme.rs"]
+mod readme;
 #[path = "cli/takeaway.rs"]
 mod takeaway;
 

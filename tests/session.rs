@@ -11,7 +11,7 @@ use neif::train::session::events::{FinishReason, TrainCommand, TrainEvent};
 use neif::train::session::handle::Session;
 use neif::train::session::options::SessionOptions;
 use neif::train::session::plan::Budget;
-use neif::train::session::run_folder::RunFolder;
+use neif::train::session::saved::run_folder::RunFolder;
 
 /// Longer than anything here takes, even on a busy machine.
 const PATIENCE: Duration = Duration::from_mins(1);
