@@ -15,7 +15,7 @@ pub struct Look {
     pub regions: Regions,
     /// Where the surroundings stand.
     pub transform: EnvironmentTransform,
-    /// Which surroundings: index into [`AppState::environments`]; none is the capture's own.
+    /// Which surroundings: index into [`super::app_state::AppState::environments`]; none is the capture's own.
     pub environment: Option<usize>,
 }
 

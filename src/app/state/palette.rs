@@ -5,7 +5,7 @@
 pub struct Palette {
     /// Words, or letters in order.
     pub typed: String,
-    /// Index among [`found`].
+    /// Index among [`crate::app::changes::palette::found`].
     pub chosen: usize,
 }
 

@@ -110,7 +110,7 @@ impl ErrorKind {
 /// Figures of one view, and what they are of.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeasuredView {
-    /// Index among [`AppState::views`].
+    /// Index among [`super::app_state::AppState::views`].
     pub view: usize,
     /// The training step.
     pub step: u64,

@@ -31,7 +31,7 @@ pub(in crate::neif) fn cell_of(unit: [f32; 3], side: usize) -> u32 {
     x + (y + z * side as u32) * side as u32
 }
 
-/// [`contract`] without the scale, which costs a cube root.
+/// [`super::contraction::contract`] without the scale, which costs a cube root.
 #[inline(always)]
 pub(super) fn contract_point(x: [f32; 3]) -> [f32; 3] {
     let m = x[0].abs().max(x[1].abs()).max(x[2].abs()).max(1.0);

@@ -80,7 +80,7 @@ pub struct CutOff {
 pub struct FieldBatch {
     /// The rays; `clear` and push.
     pub rays: Vec<FieldRay>,
-    /// The samples on them, written by [`RadianceField::place`].
+    /// The samples on them, written by [`super::radiance_field::RadianceField::place`].
     pub(in crate::neif) samples: RaySamples,
     /// Samples that take part in the backward pass, and where they are.
     pub(super) active: Vec<u32>,
@@ -92,9 +92,9 @@ pub struct FieldBatch {
     pub(in crate::neif) composite: CompositeBuffers,
     pub(super) color_input: Vec<f32>,
     pub(in crate::neif) color: MlpBuffers,
-    /// `[n_rays]`: the result of [`RadianceField::forward`].
+    /// `[n_rays]`: the result of [`super::radiance_field::RadianceField::forward`].
     pub radiance: Vec<[f32; 3]>,
-    /// `[n_rays]`: written by the caller before [`RadianceField::backward`].
+    /// `[n_rays]`: written by the caller before [`super::radiance_field::RadianceField::backward`].
     pub d_radiance: Vec<[f32; 3]>,
     /// `[n_rays * n_samples]`, or empty: what the loss wants of the compositing weights themselves.
     pub d_weights: Vec<f32>,

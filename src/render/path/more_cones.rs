@@ -21,7 +21,7 @@ pub(in crate::render) fn times(doubt: f32) -> u32 {
     passed.map_or(1, |(times, _)| *times)
 }
 
-/// Whether pixels of these standard errors are worth [`shade_doubtful`].
+/// Whether pixels of these standard errors are worth [`super::shade::shade_doubtful`].
 pub(in crate::render) fn is_any_doubtful(doubts: &[f32]) -> bool {
     doubts.iter().any(|&doubt| times(doubt) > 1)
 }

@@ -46,7 +46,7 @@ pub(in crate::train) struct ViewPixels {
     pub(in crate::train) camera: Camera,
     /// As it was when the object's light paths were traced.
     pub(in crate::train) traced: Camera,
-    /// Light paths, targets, `exp(-|image gradient|)` in 255ths and slopes in [`SLOPE_CODES`] of its object pixels.
+    /// Light paths, targets, `exp(-|image gradient|)` in 255ths and slopes in [`super::image_gradient::SLOPE_CODES`] of its object pixels.
     pub(in crate::train) paths: PackedPaths,
     pub(in crate::train) targets: SrgbCodes,
     pub(in crate::train) smoothness: Vec<u8>,

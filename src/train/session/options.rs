@@ -51,7 +51,7 @@ pub struct SessionOptions {
     pub storage: Storage,
     /// When the budget began to count.
     pub started: Instant,
-    /// Make pictures of the object's surface while stage one shapes it ([`Session::growth`]).
+    /// Make pictures of the object's surface while stage one shapes it ([`super::handle::Session::growth`]).
     pub shows_growth: bool,
     /// Give way to other threads of the machine, such as the window's.
     pub nice: bool,
