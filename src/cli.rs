@@ -21,7 +21,7 @@ use self::commands::{bench, env, env_import, eval, export, info, mesh, render, t
 use self::failure::Failure;
 
 /// Relight photographed objects: train a neural illumination field on posed photos, edit the
-/// object's material and its surroundings, and render the result.
+/// object's material and its environment, and render the result.
 ///
 /// Without a command: the window, or where there is no display the demo without one.
 #[derive(Debug, Parser)]
@@ -45,12 +45,12 @@ enum Command {
     Render(render::RenderArgs),
     /// Make a mesh of the object from the masks of a capture
     Mesh(mesh::MeshArgs),
-    /// Write the object with baked textures for other programs (glTF), and its surroundings
+    /// Write the object with baked textures for other programs (glTF), and its environment
     Export(export::ExportArgs),
     /// Measure this program on this machine
     #[command(subcommand)]
     Bench(bench::BenchCommand),
-    /// Surroundings alone: train them, import them, look at them
+    /// An environment alone: train it, import it, look at it
     #[command(subcommand)]
     Env(env::EnvCommand),
 }

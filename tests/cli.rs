@@ -312,7 +312,7 @@ fn rendered_pictures_change_as_the_edit_says() {
     render("own", &["--env", &run]);
     assert!(
         same_picture(&plain, &picture("own/t_000.png")),
-        "its own surroundings change nothing"
+        "its own environment changes nothing"
     );
     let flags = [
         "--turntable",

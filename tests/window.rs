@@ -37,7 +37,7 @@ fn a_person_trains_edits_undoes_takes_a_picture_and_leaves() {
     let trained = settled(&display, &window, mark);
     assert!(trained.n_colors() > 100, "the viewport is empty");
     let own = display.shot(within_picture(window.place("As captured")));
-    assert!(own.n_colors() > 40, "its surroundings have no picture");
+    assert!(own.n_colors() > 40, "its environment has no picture");
 
     // That of roughness; there is more than one named “Scale”.
     let slider = window.place("Offset");
@@ -56,7 +56,7 @@ fn a_person_trains_edits_undoes_takes_a_picture_and_leaves() {
     let swapped = after(&display, &window, "ChooseEnvironment(", || {
         display.click(tile.at(0.5, 0.3));
     });
-    changed("other surroundings", &turned, &swapped);
+    changed("another environment", &turned, &swapped);
 
     let undone = after(&display, &window, "History(Undo)", || display.key("ctrl+z"));
     let left = undone.difference(&turned);

@@ -1,4 +1,4 @@
-//! Flags that change the material or move the surroundings.
+//! Flags that change the material or move the environment.
 
 use std::path::{Path, PathBuf};
 
@@ -11,20 +11,20 @@ use neif::render::Scene;
 use super::failure::Failure;
 use super::values;
 
-/// Moves the surroundings: scale, then rotation, then translation, in world axes about the origin.
+/// Moves the environment: scale, then rotation, then translation, in world axes about the origin.
 #[derive(Debug, clap::Args)]
 #[expect(clippy::struct_field_names, reason = "the flags are named so")]
 pub(crate) struct EnvironmentFlags {
-    /// Rotate the surroundings about the world's x, then y, then z axis, in degrees
+    /// Rotate the environment about the world's x, then y, then z axis, in degrees
     #[arg(long, value_name = "X,Y,Z", value_parser = values::vector, allow_hyphen_values = true)]
     env_rotate: Option<Vec3>,
-    /// Move the surroundings, in scene units
+    /// Move the environment, in scene units
     #[arg(long, value_name = "X,Y,Z", value_parser = values::vector, allow_hyphen_values = true)]
     env_translate: Option<Vec3>,
-    /// Scale the surroundings
+    /// Scale the environment
     #[arg(long, value_name = "S", value_parser = values::positive)]
     env_scale: Option<f32>,
-    /// Brighten the surroundings, in photographic stops
+    /// Brighten the environment, in photographic stops
     #[arg(long, value_name = "EV", value_parser = values::finite, allow_hyphen_values = true)]
     env_exposure: Option<f32>,
 }

@@ -101,14 +101,14 @@ impl Split {
     }
 }
 
-/// Opens surroundings: an environment file, the run folder or other folder that holds one, or a panorama (.hdr, .exr).
+/// Opens an environment: an environment file, the run folder or other folder that holds one, or a panorama (.hdr, .exr).
 pub(crate) fn open_environment(path: &Path) -> Result<Arc<Environment>, Failure> {
     let inside = path.join(ENVIRONMENT);
     let file = if path.is_dir() { &inside } else { path };
     Ok(Arc::new(Environment::open(file).or_unusable()?))
 }
 
-/// Opens surroundings with the object whose traces are in them, where they are a run's.
+/// Opens an environment with the object whose traces are in it, where it is a run's.
 pub(crate) fn open_surroundings(path: &Path) -> Result<Scene, Failure> {
     if path.is_dir()
         && let Ok(scene) = RunFolder::open(path).and_then(|folder| folder.scene())
@@ -118,12 +118,12 @@ pub(crate) fn open_surroundings(path: &Path) -> Result<Scene, Failure> {
     Ok(Scene::new(None, open_environment(path)?))
 }
 
-/// The scene's transform with its surroundings made as bright as `own`; the exposure that it has comes on top.
+/// The scene's transform with its environment made as bright as `own`; the exposure that it has comes on top.
 pub(crate) fn matched(scene: &Scene, own: &Environment) -> Result<EnvironmentTransform, Failure> {
     let matched = scene.matched_to(own).ok_or_else(|| {
         let name = scene.environment.name();
         Failure::unusable(anyhow::anyhow!(
-            "--env-match: the surroundings `{name}` or the object's own are black"
+            "--env-match: the environment `{name}` or the object's own is black"
         ))
     })?;
     Ok(EnvironmentTransform {

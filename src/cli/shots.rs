@@ -52,12 +52,12 @@ pub(crate) struct CameraFlags {
 enum SpinFlag {
     /// The camera, around the object
     Camera,
-    /// The surroundings, around the object and the camera
+    /// The environment, around the object and the camera
     Environment,
 }
 
 impl CameraFlags {
-    /// The pictures to take of a run in surroundings that stand at `transform`, and what to call a film of them.
+    /// The pictures to take of a run in an environment that stands at `transform`, and what to call a film of them.
     pub(crate) fn shots(
         &self,
         run: &OpenRun,

@@ -125,9 +125,9 @@ impl Watcher {
                 found,
             } => {
                 let kind = if *has_object {
-                    "an object and its surroundings"
+                    "an object and its environment"
                 } else {
-                    "surroundings only"
+                    "environment only"
                 };
                 self.display.say(&format!(
                     "{n_train} training and {n_val} validation views of {width} x {height}: {kind}"

@@ -229,7 +229,7 @@ mod tests {
         assert_eq!(n_calls.into_inner(), 16, "progress");
         assert!(
             dataset.mesh.is_some() && dataset.surroundings_visible,
-            "mesh, surroundings"
+            "mesh, environment"
         );
         assert!(dataset.problems.is_empty(), "{:?}", dataset.problems);
         assert!(
@@ -418,7 +418,7 @@ mod tests {
             });
         }
         let dataset = load(&capture).unwrap();
-        assert!(!dataset.surroundings_visible, "surroundings");
+        assert!(!dataset.surroundings_visible, "environment");
         let mask = dataset.train[0].mask.as_ref().unwrap();
         assert!(
             mask.is_object(1) && !mask.is_object(SIDE as usize),

@@ -88,7 +88,7 @@ pub struct Dataset {
     pub first_box: Option<Aabb>,
     /// Where the mesh was read from.
     pub mesh_path: Option<PathBuf>,
-    /// Whether the photos show the surroundings; false for cut-out objects (transparent PNG).
+    /// Whether the photos show the environment; false for cut-out objects (transparent PNG).
     pub surroundings_visible: bool,
     /// What was wrong or assumed, worst first.
     pub problems: Vec<Problem>,
@@ -113,7 +113,7 @@ impl Dataset {
         }
     }
 
-    /// The box in which a run's material is, and around which its surroundings are: that of the mesh that it began with.
+    /// The box in which a run's material is, and around which its environment is: that of the mesh that it began with.
     pub fn object_box(&self) -> Option<Aabb> {
         let mesh = self.mesh.as_ref()?;
         Some(self.first_box.unwrap_or_else(|| mesh.bounds()))

@@ -15,7 +15,7 @@ use super::{CaptureChoices, DataError, Dataset, Problem, Split, View, read_frame
 /// The largest `edit.json` read.
 const MAX_BYTES: u64 = 128 << 20;
 
-/// A rigid move of the surroundings in world axes about the world's origin, rotation first.
+/// A rigid move of the environment in world axes about the world's origin, rotation first.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
 #[serde(default)]
 pub struct EnvironmentMove {
@@ -29,13 +29,13 @@ pub struct EnvironmentMove {
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(default)]
 pub struct RelightApply {
-    /// How the surroundings were moved.
+    /// How the environment was moved.
     pub environment_transform: Option<EnvironmentMove>,
     /// The perceptual roughness that replaced the object's everywhere.
     pub roughness: Option<f32>,
     /// The factor on the specular lobe.
     pub specular_scale: Option<f32>,
-    /// The capture (a sibling folder's name) whose surroundings replaced this one's.
+    /// The capture (a sibling folder's name) whose environment replaced this one's.
     pub environment_of: Option<String>,
     /// Anything else that the file asks for and this program does not know.
     #[serde(flatten)]

@@ -7,16 +7,16 @@ use serde::{Deserialize, Serialize};
 
 use super::named::by_name;
 
-/// How the surroundings are seen directly; their reflections and their light stay.
+/// How the environment is seen directly; its reflections and its light stay.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Background {
-    /// As sharp as they are.
+    /// As sharp as it is.
     #[default]
     Shown,
     /// Through the field with a wide cone, [`BLUR_STD`].
     Blurred,
-    /// Black, as behind the layers without surroundings.
+    /// Black, as behind the layers without an environment.
     Hidden,
 }
 
@@ -80,7 +80,7 @@ mod tests {
         render(&scene, &camera(40, 30), layer, &never, &|_| {}).expect("not cancelled")
     }
 
-    /// Mean square difference between neighbours in a row of the surroundings.
+    /// Mean square difference between neighbours in a row of the environment.
     fn roughness_of(picture: &Picture) -> f32 {
         let pairs = picture.pixels.windows(2);
         pairs.map(|pair| (pair[0][1] - pair[1][1]).powi(2)).sum()
@@ -94,13 +94,13 @@ mod tests {
         let n_same = (shown.pixels.iter().zip(&hidden.pixels))
             .filter(|(shown, hidden)| shown == hidden)
             .count();
-        assert!(n_black > 400, "{n_black} pixels of surroundings");
+        assert!(n_black > 400, "{n_black} pixels of the environment");
         assert!(n_same > 100, "{n_same} pixels of the object");
         let alone = |background| picture(background, 0.0, Layer::Environment);
         assert_eq!(
             alone(Background::Hidden),
             alone(Background::Shown),
-            "the surroundings alone are never hidden"
+            "the environment alone is never hidden"
         );
     }
 

@@ -112,7 +112,7 @@ mod tests {
             pixels(&learned, Layer::Samples),
             pixels(&edited, Layer::Samples),
         );
-        assert_eq!(before[0], after[0], "the surroundings cost the same");
+        assert_eq!(before[0], after[0], "the environment costs the same");
         assert_ne!(before, after, "wide lobes take several cones");
     }
 

@@ -1,7 +1,7 @@
 //! Pictures of a [`NeilfModel`]: the object alone.
 //!
-//! The model does not explain the surroundings, so they are black, and a pixel on the silhouette shows the object's part
-//! of it alone, as `NeILF` does: blended with black it would be worse than the model is.
+//! The model does not explain the environment, which is therefore black, and a pixel on the silhouette shows
+//! the object's part of it alone, as `NeILF` does: blended with black it would be worse than the model is.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 

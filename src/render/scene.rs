@@ -35,7 +35,7 @@ pub struct Scene {
     pub edit: MaterialEdit,
     /// What is changed in parts of it, on top of that.
     pub regions: Regions,
-    /// How the surroundings are seen directly.
+    /// How the environment is seen directly.
     pub background: Background,
     /// Exposure of the picture, stops: brightens what is shown of any light, and changes none of it.
     pub display_ev: f32,
@@ -43,7 +43,7 @@ pub struct Scene {
     pub tone_map: ToneMap,
     /// Whether light that no photo showed has a signal colour: [`Layer::Seen`].
     pub marks_unseen: bool,
-    /// The surroundings that the object was trained in: its diffuse part follows the light. `None` leaves it as it was
+    /// The environment that the object was trained in: its diffuse part follows the light. `None` leaves it as it was
     /// learned, whatever the light, as the paper does.
     pub trained_in: Option<Arc<Environment>>,
     /// What is done to the surfaces around the object; made by [`Self::lit`].
@@ -123,7 +123,7 @@ impl Scene {
         }
     }
 
-    /// The surroundings alone, without the traces that the object left in its own; `None` when cancelled.
+    /// The environment alone, without the traces that the object left in its own; `None` when cancelled.
     pub fn emptied(&self, cancel: &AtomicBool) -> Option<Self> {
         let has_ground = self.object.is_some() && self.has_own_light() && self.trained_in.is_some();
         let baked = if has_ground {
@@ -187,7 +187,7 @@ impl Scene {
         self.diffuse_light.as_ref()?.light.highlights()
     }
 
-    /// Puts the object under other surroundings. Its own, read from a file again, stay its own: what was learned of them holds.
+    /// Puts the object in another environment. Its own, read from a file again, stays its own: what was learned of it holds.
     pub fn swap_environment(&mut self, environment: Arc<Environment>) {
         let own = self.trained_in.as_ref();
         self.environment = match own.filter(|own| own.is_same_light(&environment)) {
@@ -196,19 +196,19 @@ impl Scene {
         };
     }
 
-    /// Whether the surroundings are part of a layer's picture: alone they are never hidden.
+    /// Whether the environment is part of a layer's picture: alone it is never hidden.
     pub fn shows_background(&self, layer: Layer) -> bool {
         let is_hidden = self.background == Background::Hidden && layer != Layer::Environment;
         layer.shows_background() && !is_hidden
     }
 
-    /// Whether the surroundings are those that the object was trained in; they may be moved. Unknown ones count as such.
+    /// Whether the environment is the one that the object was trained in; it may be moved. An unknown one counts as such.
     pub fn has_own_light(&self) -> bool {
         let own = self.trained_in.as_ref();
         own.is_none_or(|own| Arc::ptr_eq(own, &self.environment))
     }
 
-    /// The transform with exposure and white balance such that the surroundings light the object as much as `own` does
+    /// The transform with exposure and white balance such that the environment lights the object as much as `own` does
     /// where it was captured; `None` where one of them is black.
     pub fn matched_to(&self, own: &Environment) -> Option<EnvironmentTransform> {
         let object = self.object.as_ref();
@@ -240,7 +240,7 @@ impl Shown {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Layer {
-    /// The lit object in its surroundings.
+    /// The lit object in its environment.
     #[default]
     Final,
     /// The object's diffuse part.
@@ -253,7 +253,7 @@ pub enum Layer {
     Tint,
     /// Unit normal, `0.5 n + 0.5`.
     Normal,
-    /// The surroundings without the object.
+    /// The environment without the object.
     Environment,
     /// Distance of the object from the eye, near ones light ([`super::diagnostic::depth_range`]).
     Depth,
@@ -306,7 +306,7 @@ impl Layer {
         }
     }
 
-    /// Whether the surroundings are part of the picture.
+    /// Whether the environment is part of the picture.
     pub fn shows_background(self) -> bool {
         matches!(self, Self::Final | Self::Environment | Self::Seen)
     }

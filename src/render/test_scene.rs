@@ -37,7 +37,7 @@ fn uniform(seed: u32) -> impl FnMut() -> f32 {
     }
 }
 
-/// Random surroundings.
+/// A random environment.
 pub(crate) fn environment(seed: u32) -> Arc<Environment> {
     let mut field = RadianceField::new(
         FieldConfig {
@@ -173,12 +173,12 @@ pub(crate) fn object_of(mesh: Mesh, seed: u32) -> Arc<ObjectModel> {
     })
 }
 
-/// The tetrahedron in random surroundings.
+/// The tetrahedron in a random environment.
 pub(crate) fn scene() -> Scene {
     Scene::new(Some(object(1)), environment(2))
 }
 
-/// Sees the tetrahedron and some surroundings.
+/// Sees the tetrahedron and some of the environment.
 pub(crate) fn camera(width: u32, height: u32) -> Camera {
     Camera::look_at(
         Vec3::new(4.0, 1.0, 1.5),

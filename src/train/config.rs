@@ -111,7 +111,7 @@ pub struct TrainConfig {
     /// Whether object pixels whose chroma their photo's file has in common are compared by each one's luma and the mean of their
     /// chroma, drawn together.
     pub shared_chroma: bool,
-    /// Whether the surroundings are learned from the background of the photos, not from reflections alone. `Auto`: where
+    /// Whether the environment is learned from the background of the photos, not from reflections alone. `Auto`: where
     /// there is no object, or the background does not stand still in the picture as on a turntable.
     pub background: PhotoFit,
     /// Whether the mesh's normals are refined.

@@ -36,7 +36,7 @@ pub(super) fn field_frame(dataset: &Dataset, scale: f32) -> FieldFrame {
 /// the cameras that see it.
 ///
 /// A mesh of outlines fills hollows. What the photos show in them is no mirror image of anything that the filled surface
-/// sees, and the surroundings would put a ghost right before it that is.
+/// sees, and the environment would put a ghost right before it that is.
 pub(super) fn clear_density(
     dataset: &Dataset,
     tracer: Option<&SurfaceTracer>,

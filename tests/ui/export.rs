@@ -9,7 +9,7 @@ use neif::train::Snapshot;
 
 use super::*;
 
-/// Surroundings without an object, which are there at once.
+/// An environment without an object, which is there at once.
 fn state() -> AppState {
     let config = DistantConfig {
         width: 16,
@@ -69,7 +69,7 @@ fn a_turntable_of_the_surroundings_is_ordered_in_the_window() {
     let spin = harness.get_all_by_label("Environment").last();
     spin.expect("a choice").click();
     harness.run_steps(2);
-    click(&mut harness, "Surroundings");
+    click(&mut harness, "With the environment");
     click(&mut harness, "PNG");
     click(&mut harness, "Start export");
     let order = order(&mut harness);

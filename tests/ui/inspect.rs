@@ -98,8 +98,8 @@ fn a_click_picks_and_escape_forgets() {
     assert!(pick.normal.x.abs() > 0.999, "its normal: {pick:?}");
     harness.get_by_label("Picked point");
     harness.get_by_label("Viewing angle");
-    harness.get_by_label("Surroundings as the point sees them");
-    click(&mut harness, "Sharp surroundings");
+    harness.get_by_label("Environment as the point sees it");
+    click(&mut harness, "Sharp environment");
     assert!(state(&harness).inspect.is_sharp);
     harness.key_press(egui::Key::Escape);
     harness.run_steps(2);

@@ -1,4 +1,4 @@
-//! How the surroundings are chosen, seen, grabbed and compared.
+//! How the environment is chosen, seen, grabbed and compared.
 
 use neif::app::state::look::Look;
 use neif::neif::field::contraction::FieldFrame;
@@ -11,7 +11,7 @@ use neif::train::Snapshot;
 
 use super::*;
 
-/// Surroundings that are near.
+/// An environment that is near.
 fn room() -> Arc<Environment> {
     let grid = GridConfig {
         n_levels: 2,

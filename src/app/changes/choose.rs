@@ -1,4 +1,4 @@
-//! What several commands do: choose surroundings, stand at a view.
+//! What several commands do: choose an environment, stand at a view.
 
 use crate::app::state::app_state::AppState;
 use crate::app::state::command::Effect;
@@ -6,7 +6,7 @@ use crate::app::state::source::EnvironmentContent;
 use crate::app::state::training_state::Level;
 use crate::app::viewport::camera_control::Viewpoint;
 
-/// Chooses surroundings; those that cannot be used are said and not chosen.
+/// Chooses an environment; one that cannot be used is said and not chosen.
 pub(in crate::app) fn choose_environment(
     state: &mut AppState,
     index: Option<usize>,
@@ -26,7 +26,7 @@ pub(in crate::app) fn choose_environment(
     }
 }
 
-/// Has surroundings of the list read, unless they are or will be.
+/// Has an environment of the list read, unless it is or will be.
 pub(in crate::app) fn load_environment(
     state: &mut AppState,
     index: usize,

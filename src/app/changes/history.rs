@@ -131,7 +131,7 @@ pub(in crate::app) fn apply(
         if moment(state) == wanted {
             return;
         }
-        // Its surroundings cannot be read any more: on to the next.
+        // Its environment cannot be read any more: on to the next.
         now = wanted;
     }
 }

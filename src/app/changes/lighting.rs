@@ -1,4 +1,4 @@
-//! What seeing, grabbing and comparing the surroundings do.
+//! What seeing, grabbing and comparing the environment do.
 
 use glam::Vec2;
 

@@ -79,7 +79,7 @@ impl StoredLook {
         }
     }
 
-    /// The look, its surroundings put on the list and read where they are not.
+    /// The look, its environment put on the list and read where it is not.
     pub fn to_look(&self, state: &mut AppState, effects: &mut Vec<Effect>) -> Look {
         let path = self.environment.as_ref();
         let environment = path.map(|path| state.environment_of_file(path));

@@ -24,7 +24,7 @@ pub struct Wanted {
     pub pick: Pick,
     /// As the camera sees it.
     pub view: PointView,
-    /// Object, surroundings and edits.
+    /// Object, environment and edits.
     pub scene: Scene,
     /// The world's up axis.
     pub up: Vec3,
@@ -157,7 +157,7 @@ impl InspectDriver {
     }
 }
 
-/// Whether the person left edits and surroundings alone.
+/// Whether the person left edits and environment alone.
 fn same_look(a: &Wanted, b: &Wanted) -> bool {
     let (x, y) = (&a.scene, &b.scene);
     x.edit == y.edit && x.regions == y.regions && same_light(a, b)

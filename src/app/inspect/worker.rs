@@ -35,7 +35,7 @@ pub struct PanoramaWish {
 /// What is wanted.
 #[derive(Clone, Debug)]
 pub struct PointRequest {
-    /// Object, surroundings and edits.
+    /// Object, environment and edits.
     pub scene: Scene,
     /// The point.
     pub view: PointView,
@@ -187,7 +187,7 @@ impl Shared {
     }
 }
 
-/// The panorama as the viewport shows surroundings.
+/// The panorama as the viewport shows an environment.
 fn shown(scene: &Scene, picture: &Picture) -> Vec<[u8; 4]> {
     let pixels = picture.pixels.iter().map(|&radiance| {
         let color = compose(scene, Layer::Environment, 0.0, [0.0; 3], radiance);

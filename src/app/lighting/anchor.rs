@@ -1,4 +1,4 @@
-//! Where the surroundings are grabbed, and how they stand while they are.
+//! Where the environment is grabbed, and how it stands while it is.
 
 use glam::Vec3;
 
@@ -11,15 +11,15 @@ pub fn anchor(state: &AppState) -> Vec3 {
     bounds.unwrap_or(state.view.home.pivot)
 }
 
-/// Size that steps and axes are measured by, scene units: the object's diagonal, or a quarter of the surroundings'.
+/// Size that steps and axes are measured by, scene units: the object's diagonal, or a quarter of the environment's.
 pub fn object_size(state: &AppState) -> f32 {
     let own = state.snapshot.as_ref();
-    let surroundings = own.map(|own| 0.25 * own.environment.inner_box().diagonal());
+    let room = own.map(|own| 0.25 * own.environment.inner_box().diagonal());
     let object = state.view.bounds.map(|bounds| bounds.diagonal());
-    object.or(surroundings).unwrap_or(1.0).max(1e-6)
+    object.or(room).unwrap_or(1.0).max(1e-6)
 }
 
-/// Where the surroundings stand that the picture shows.
+/// Where the environment stands that the picture shows.
 pub fn shown_transform(state: &AppState) -> EnvironmentTransform {
     if state.is_original_shown {
         EnvironmentTransform::default()

@@ -1,4 +1,4 @@
-//! The pictures in the gallery: of the files on the list, and of the surroundings that were opened or are being trained,
+//! The pictures in the gallery: of the files on the list, and of the environment that was opened or is being trained,
 //! which follow training.
 
 use std::path::Path;
@@ -13,14 +13,14 @@ use crate::app::viewport::texture;
 use crate::neif::Environment;
 use crate::train::Snapshot;
 
-/// While training runs, its surroundings are pictured again after so many times the steps: a picture takes about 0.2 s of
+/// While training runs, its environment is pictured again after so many times the steps: a picture takes about 0.2 s of
 /// one core, and some seven of them follow a run of 10,000 steps.
 const STEPS_FACTOR: u64 = 4;
 
-/// The surroundings of a snapshot that were asked for.
+/// The environment of a snapshot that was asked for.
 #[derive(Debug)]
 struct Asked {
-    /// Tells them from later ones, and keeps nothing of them.
+    /// Tells it from later ones, and keeps nothing of it.
     environment: Weak<Environment>,
     step: u64,
     is_done: bool,
@@ -54,7 +54,7 @@ impl GalleryPictures {
             .collect()
     }
 
-    /// That of the surroundings that were opened or are being trained.
+    /// That of the environment that was opened or is being trained.
     pub(in crate::app) fn own(&self) -> Option<TextureId> {
         self.own.as_ref().map(TextureHandle::id)
     }
@@ -109,7 +109,7 @@ impl Asked {
     }
 }
 
-/// Whether the snapshot's surroundings are worth another picture: one at a time, the last one of a run always, and
+/// Whether the snapshot's environment is worth another picture: one at a time, the last one of a run always, and
 /// while steps are taken one now and then.
 fn is_due(asked: Option<&Asked>, snapshot: &Snapshot, is_training: bool) -> bool {
     let Some(asked) = asked else { return true };

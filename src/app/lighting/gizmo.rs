@@ -1,4 +1,4 @@
-//! The gizmo that moves, turns and scales the surroundings: its shape in the picture, and what a drag of it means.
+//! The gizmo that moves, turns and scales the environment: its shape in the picture, and what a drag of it means.
 //!
 //! A drag is measured from where it began, so that steps do not add up errors. All points of the picture are in
 //! pixels of the window. Turning and scaling keep the anchor, the point that the gizmo stands at, where it is.
@@ -263,7 +263,7 @@ impl Gizmo {
 pub struct Grab {
     /// Which.
     pub handle: Handle,
-    /// Where the surroundings stood.
+    /// Where the environment stood.
     pub start: EnvironmentTransform,
     /// The point that the gizmo holds, in the environment's coordinates.
     pub anchor: Vec3,
@@ -276,7 +276,7 @@ pub struct Grab {
 }
 
 impl Grab {
-    /// Where the surroundings stand when the handle is pulled to a pixel; none where that points nowhere.
+    /// Where the environment stands when the handle is pulled to a pixel; none where that points nowhere.
     pub fn dragged_to(&self, at: Vec2, snap: Option<Snap>) -> Option<EnvironmentTransform> {
         let start = &self.start;
         let gizmo = Gizmo::new(&self.camera, place(start, self.anchor), self.arrow_px)?;

@@ -90,7 +90,7 @@ pub fn gizmo_ui(
     }
 }
 
-/// The chosen surroundings, or the capture's own.
+/// The chosen environment, or the capture's own.
 fn shown_environment(state: &AppState) -> Option<&Environment> {
     let own = state.snapshot.as_ref().map(|own| &own.environment);
     Some(state.chosen_environment().or(own)?)

@@ -1,4 +1,4 @@
-//! Lines in the world: the bounds and the axes of the surroundings, and the world's own axes.
+//! Lines in the world: the bounds and the axes of the environment, and the world's own axes.
 
 use glam::{Vec2, Vec3};
 
@@ -14,9 +14,9 @@ const FAR_OUT: f32 = 20.0;
 /// What a line is of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LineKind {
-    /// The inner box of the surroundings.
+    /// The inner box of the environment.
     Bounds,
-    /// An axis of the surroundings, through the middle of their inner box.
+    /// An axis of the environment, through the middle of its inner box.
     Environment(Axis),
     /// An axis of the world, through the origin.
     World(Axis),
@@ -31,7 +31,7 @@ pub struct Line {
     pub ends: [Vec3; 2],
 }
 
-/// All lines of surroundings that stand as `transform` says; what is infinitely far has no bounds, only directions.
+/// All lines of an environment that stands as `transform` says; what is infinitely far has no bounds, only directions.
 /// The world's axes are `size` long.
 pub fn lines(environment: &Environment, transform: &EnvironmentTransform, size: f32) -> Vec<Line> {
     let motion = transform.environment_from_world();

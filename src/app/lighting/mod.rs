@@ -1,4 +1,4 @@
-//! How the surroundings are seen, grabbed and compared: the part of the window's state beside the edits themselves.
+//! How the environment is seen, grabbed and compared: the part of the window's state beside the edits themselves.
 
 pub mod anchor;
 pub mod gallery_pictures;
@@ -30,7 +30,7 @@ pub struct LightingState {
     pub display_ev: f32,
     /// How light brighter than white is shown.
     pub tone_map: ToneMap,
-    /// Whether the surroundings can be grabbed in the picture.
+    /// Whether the environment can be grabbed in the picture.
     pub is_gizmo_shown: bool,
     /// The handle that is held.
     pub grab: Option<Grab>,

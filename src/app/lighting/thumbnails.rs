@@ -1,4 +1,4 @@
-//! Small panoramas of surroundings: made one after the other on a thread of their own. Those of files are kept between
+//! Small panoramas of environments: made one after the other on a thread of their own. Those of files are kept between
 //! sessions in the user's cache folder by path, size and time of change.
 
 use std::collections::HashSet;
@@ -169,7 +169,7 @@ fn keep(file: &Path, photo: &ScreenPhoto) -> std::io::Result<()> {
     })
 }
 
-/// What the middle of the surroundings sees all around, their up axis upwards.
+/// What the middle of the environment sees all around, its up axis upwards.
 fn picture_of(environment: Arc<Environment>) -> ScreenPhoto {
     let view = PanoramaView {
         at: environment.inner_box().center(),
@@ -207,7 +207,7 @@ fn gain(pixels: &[[f32; 3]]) -> f32 {
     let mut light: Vec<f32> = pixels.iter().map(|p| luminance(Vec3::from(*p))).collect();
     light.sort_by(f32::total_cmp);
     let median = light.get(light.len() / 2).copied().unwrap_or(MEDIAN);
-    // Black surroundings stay black.
+    // A black environment stays black.
     (MEDIAN / median.max(1e-9)).clamp(1.0 / MOST_GAIN, MOST_GAIN)
 }
 

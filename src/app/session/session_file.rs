@@ -33,7 +33,7 @@ pub enum SourceKind {
     Capture,
     /// A saved run.
     Run,
-    /// Surroundings alone.
+    /// An environment alone.
     Environment,
 }
 
@@ -89,7 +89,7 @@ pub struct SessionFile {
     pub budget_secs: f64,
     /// The wipe's place, 0 to 1, while it was on.
     pub wipe: Option<f32>,
-    /// The chosen surroundings; none is the capture's own.
+    /// The chosen environment; none is the capture's own.
     pub environment: Option<PathBuf>,
     /// What stood behind the object.
     #[serde(default)]
@@ -100,7 +100,7 @@ pub struct SessionFile {
     /// How light brighter than white was shown.
     #[serde(default)]
     pub tone_map: ToneMap,
-    /// Files taken off the list of surroundings.
+    /// Files taken off the list of environments.
     #[serde(default)]
     pub removed: Vec<PathBuf>,
     /// Parts of the object that are edited on their own.
@@ -111,7 +111,7 @@ pub struct SessionFile {
     /// The material's edits.
     #[serde(default)]
     pub material: MaterialEdit,
-    /// Where the surroundings stood.
+    /// Where the environment stood.
     #[serde(default)]
     pub transform: EnvironmentTransform,
     /// The camera.

@@ -170,9 +170,9 @@ pub struct AppState {
     pub is_original_shown: bool,
     /// Which part of the picture is shown.
     pub layer: Layer,
-    /// How the surroundings are seen, grabbed and compared.
+    /// How the environment is seen, grabbed and compared.
     pub lighting: LightingState,
-    /// Surroundings to choose from beside the capture's own.
+    /// Environments to choose from beside the capture's own.
     pub environments: Vec<EnvironmentEntry>,
     /// The camera.
     pub view: ViewState,
@@ -309,7 +309,7 @@ impl AppState {
         dataset.views().nth(index)
     }
 
-    /// The index of the surroundings in a file; added to the list, not read yet, where they are not in it.
+    /// The index of the environment in a file; added to the list, not read yet, where it is not in it.
     pub fn environment_of_file(&mut self, path: &Path) -> usize {
         let known = self
             .environments
@@ -325,7 +325,7 @@ impl AppState {
         })
     }
 
-    /// The chosen surroundings, unless they are the capture's own or not read yet.
+    /// The chosen environment, unless it is the capture's own or not read yet.
     pub fn chosen_environment(&self) -> Option<&Arc<Environment>> {
         self.environment_of(&self.look)
     }

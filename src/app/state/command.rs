@@ -79,13 +79,13 @@ pub enum Command {
     SetAutoStart(bool),
     /// Edit the material.
     Edit(MaterialEdit),
-    /// Move the surroundings.
+    /// Move the environment.
     MoveEnvironment(EnvironmentTransform),
-    /// Make the chosen surroundings as bright as the capture's own.
+    /// Make the chosen environment as bright as the capture's own.
     MatchExposure,
-    /// Choose surroundings; none is the capture's own.
+    /// Choose an environment; none is the capture's own.
     ChooseEnvironment(Option<usize>),
-    /// See, grab or compare the surroundings.
+    /// See, grab or compare the environment.
     Lighting(LightingCommand),
     /// Hide the edits, or show them.
     ShowOriginal(bool),
@@ -155,11 +155,11 @@ pub enum Effect {
     Train(TrainCommand),
     /// Train on so many threads.
     UseThreads(Threads),
-    /// Read surroundings from a file or a run folder, put them on the list and choose them.
+    /// Read an environment from a file or a run folder, put it on the list and choose it.
     AddEnvironment(PathBuf),
     /// Read the environment with this index.
     LoadEnvironment(usize),
-    /// Find the exposure and white balance of the chosen surroundings.
+    /// Find the exposure and white balance of the chosen environment.
     MatchExposure,
     /// Show the system's dialog.
     Browse(Browse, PathPurpose),

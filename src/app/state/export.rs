@@ -57,7 +57,7 @@ pub struct ExportSettings {
     pub subject: Subject,
     /// Width and height in pixels; none is the window's.
     pub size: Option<(u32, u32)>,
-    /// Whether the surroundings are in it.
+    /// Whether the environment is in it.
     pub backdrop: Backdrop,
     /// File of a single picture.
     pub still_kind: FileKind,

@@ -1,4 +1,4 @@
-//! Undo and redo of edits, of the surroundings and how they are shown, of what is compared, and of the camera's jumps.
+//! Undo and redo of edits, of the environment and how it is shown, of what is compared, and of the camera's jumps.
 //!
 //! What is kept is a plain value without indices, compared before and after every command and once a
 //! frame. Changes that follow each other at once, as while a slider is dragged, are one step. The
@@ -36,7 +36,7 @@ pub(in crate::app) struct Moment {
     pub(in crate::app) background: Background,
     pub(in crate::app) display_ev: f32,
     pub(in crate::app) tone_map: ToneMap,
-    /// Files taken off the list of surroundings.
+    /// Files taken off the list of environments.
     pub(in crate::app) removed: Vec<PathBuf>,
     /// Jumps of the camera so far.
     pub(in crate::app) n_jumps: usize,

@@ -13,22 +13,22 @@ pub struct Look {
     pub edit: MaterialEdit,
     /// Parts of it that are edited on their own.
     pub regions: Regions,
-    /// Where the surroundings stand.
+    /// Where the environment stands.
     pub transform: EnvironmentTransform,
-    /// Which surroundings: index into [`super::app_state::AppState::environments`]; none is the capture's own.
+    /// Which environment: index into [`super::app_state::AppState::environments`]; none is the capture's own.
     pub environment: Option<usize>,
 }
 
-/// The same for undo and for files: surroundings by their file, as an index would mean others once the list changes.
+/// The same for undo and for files: the environment by its file, as an index would mean another once the list changes.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct StoredLook {
-    /// The chosen surroundings; none is the capture's own.
+    /// The chosen environment; none is the capture's own.
     pub environment: Option<PathBuf>,
     /// Parts of the object that are edited on their own.
     pub regions: Regions,
     /// The material's edits.
     pub material: MaterialEdit,
-    /// Where the surroundings stand.
+    /// Where the environment stands.
     pub transform: EnvironmentTransform,
 }

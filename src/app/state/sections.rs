@@ -20,7 +20,7 @@ pub enum Section {
     Material,
     /// What is known of the picked point.
     Point,
-    /// Which surroundings, and where they stand.
+    /// Which environment, and where it stands.
     Environment,
     /// How the scene is shown.
     Picture,

@@ -17,7 +17,7 @@ pub enum Source {
     Capture(PathBuf),
     /// A saved run.
     Run(PathBuf),
-    /// Surroundings without an object.
+    /// An environment without an object.
     Environment(PathBuf),
 }
 
@@ -55,7 +55,7 @@ pub fn file_name(path: &Path) -> String {
         .into_owned()
 }
 
-/// The name of the surroundings in a file. Runs all call theirs the same; the folder's name says more.
+/// The name of the environment in a file. Runs all call theirs the same; the folder's name says more.
 pub fn environment_name(path: &Path) -> String {
     let stem = path.file_stem().map_or_else(
         || file_name(path),
@@ -67,7 +67,7 @@ pub fn environment_name(path: &Path) -> String {
     }
 }
 
-/// Surroundings that can be chosen.
+/// An environment that can be chosen.
 #[derive(Clone, Debug)]
 pub struct EnvironmentEntry {
     /// For people.

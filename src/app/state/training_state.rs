@@ -61,7 +61,7 @@ pub struct CaptureInfo {
     pub n_val: usize,
     /// Size of the first photo in pixels.
     pub size: (u32, u32),
-    /// False when only the surroundings are trained.
+    /// False when only the environment is trained.
     pub has_object: bool,
 }
 

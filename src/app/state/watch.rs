@@ -114,7 +114,7 @@ pub struct MeasuredView {
     pub view: usize,
     /// The training step.
     pub step: u64,
-    /// Whether material or surroundings were edited.
+    /// Whether the material or the environment was edited.
     pub is_edited: bool,
     /// The figures.
     pub figures: ViewFigures,
@@ -139,7 +139,7 @@ pub struct WatchState {
     pub extend_secs: f64,
     /// Whether the capture's cameras are drawn.
     pub are_cameras_shown: bool,
-    /// Whether the slice through the surroundings is shown.
+    /// Whether the slice through the environment is shown.
     pub is_slice_shown: bool,
     /// Where it is.
     pub slice: SlicePlane,
@@ -185,7 +185,7 @@ pub enum WatchCommand {
     Compare(Comparison),
     /// Show or hide the capture's cameras.
     ShowCameras(bool),
-    /// Show or hide the slice through the surroundings.
+    /// Show or hide the slice through the environment.
     ShowSlice(bool),
     /// Move it.
     MoveSlice(SlicePlane),

@@ -33,7 +33,7 @@ pub fn takes_keys(ctx: &Context) -> bool {
     ctx.input(|input| input.pointer.secondary_down())
 }
 
-/// The camera's movement by the right button over the viewport; with Shift alone the surroundings turn.
+/// The camera's movement by the right button over the viewport; with Shift alone the environment turns.
 pub(super) fn fly_ui(ui: &Ui, response: &Response, state: &AppState, commands: &mut Vec<Command>) {
     if !(response.is_pointer_button_down_on() && takes_keys(ui.ctx())) {
         return;

@@ -22,15 +22,15 @@ pub struct Pictures {
     pub photo: Option<TextureId>,
     /// The error map that is asked for.
     pub error: Option<TextureId>,
-    /// The slice through the surroundings.
+    /// The slice through the environment.
     pub slice: Option<TextureId>,
     /// A photo of a capture that is being read, or the object's surface as it grows; its size in pixels, and what is said of it.
     pub first: Option<(TextureId, [usize; 2], &'static str)>,
-    /// The surroundings as the picked point sees them.
+    /// The environment as the picked point sees it.
     pub panorama: Option<TextureId>,
     /// Small pictures of environments, with their files.
     pub thumbnails: Vec<(Arc<Path>, TextureId)>,
-    /// The same of the surroundings that were opened or trained.
+    /// The same of the environment that was opened or trained.
     pub own_thumbnail: Option<TextureId>,
 }
 

@@ -83,7 +83,7 @@ fn ask(kind: Browse, purpose: PathPurpose) -> Option<PathBuf> {
             .set_file_name("metrics.csv")
             .save_file(),
         (PathPurpose::AddEnvironment, Browse::Folder) => dialog
-            .set_title("Light the object with a run's surroundings")
+            .set_title("Light the object with a run's environment")
             .pick_folder(),
         (PathPurpose::AddEnvironment, Browse::File) => dialog
             .set_title("Light the object with an environment")

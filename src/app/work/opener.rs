@@ -64,11 +64,11 @@ pub enum Opened {
         /// The capture.
         dataset: Arc<Dataset>,
     },
-    /// Surroundings.
+    /// An environment.
     Environment {
         /// The file.
         path: PathBuf,
-        /// Their content, or why they cannot be used.
+        /// Its content, or why it cannot be used.
         result: Result<Arc<Environment>, String>,
     },
     /// A session.
@@ -94,11 +94,11 @@ pub enum Opened {
         /// The photo.
         photo: ScreenPhoto,
     },
-    /// How the surroundings are as bright as the capture's own.
+    /// How the environment is as bright as the capture's own.
     Matched {
-        /// Which surroundings.
+        /// Which environment.
         environment: usize,
-        /// Their transform; none where there is no light to compare.
+        /// Its transform; none where there is no light to compare.
         transform: Option<EnvironmentTransform>,
     },
     /// A file was written.
@@ -161,7 +161,7 @@ impl Opener {
         });
     }
 
-    /// Reads surroundings from their file, or from the folder of a run.
+    /// Reads an environment from its file, or from the folder of a run.
     pub fn load_environment(&self, path: &Path) {
         let path = if path.is_dir() {
             path.join(ENVIRONMENT)
@@ -171,7 +171,7 @@ impl Opener {
         self.spawn(move |send| send(load_environment(path)));
     }
 
-    /// Compares the scene's surroundings, those with index `environment`, with the capture's own.
+    /// Compares the scene's environment, the one with index `environment`, with the capture's own.
     pub fn match_exposure(&self, scene: Scene, own: Arc<Environment>, environment: usize) {
         self.spawn(move |send| {
             let transform = scene.matched_to(&own);

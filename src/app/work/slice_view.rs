@@ -85,7 +85,7 @@ impl SliceView {
                 begun_secs: now,
             };
             if let Err(error) = self.start(ctx, cut) {
-                let words = format!("cannot cut the surroundings: {error}");
+                let words = format!("cannot cut the environment: {error}");
                 state.messages.say(Level::Error, words);
             }
         }

@@ -153,7 +153,7 @@ impl Work {
         let (Some((index, environment)), Some(snapshot)) = (chosen, &state.snapshot) else {
             state
                 .messages
-                .say(Level::Info, "Choose other surroundings to match first");
+                .say(Level::Info, "Choose another environment to match first");
             return;
         };
         let mut scene = Scene {

@@ -171,7 +171,7 @@ impl Gallery {
         let picture = self.render(&turned, view, Layer::Final)?;
         self.save(
             "relit_rotated.png",
-            "surroundings turned by 90 degrees",
+            "environment turned by 90 degrees",
             &picture,
         )?;
         let other = assets.join("environments/gallery.safetensors");
@@ -183,7 +183,7 @@ impl Gallery {
             let picture = self.render(&relit, view, Layer::Final)?;
             self.save(
                 "relit_gallery.png",
-                "in other surroundings, trained elsewhere",
+                "in another environment, trained elsewhere",
                 &picture,
             )?;
         }
@@ -211,7 +211,7 @@ impl Gallery {
         let empty = scene.emptied(self.cancel).ok_or(Failure::Interrupted)?;
         let picture = panorama(&empty, bounds.center(), 0.0, PANORAMA_WIDTH, self.cancel)
             .ok_or(Failure::Interrupted)?;
-        let about = "the surroundings as the object's middle sees them, without its shadow";
+        let about = "the environment as the object's middle sees it, without the object's shadow";
         for (name, kind) in [
             ("panorama.png", PanoramaFile::Png),
             ("panorama.exr", PanoramaFile::Exr),

@@ -1,4 +1,4 @@
-//! `neif env`: surroundings on their own.
+//! `neif env`: an environment on its own.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -16,14 +16,14 @@ use crate::cli::capture::CaptureArgs;
 use crate::cli::failure::{Failure, OrUnusable as _};
 use crate::cli::{interrupt, output, scenes, training, values};
 
-/// What can be done with surroundings.
+/// What can be done with an environment.
 #[derive(Debug, clap::Subcommand)]
 pub(crate) enum EnvCommand {
-    /// Train surroundings from posed photos, without an object
+    /// Train an environment from posed photos, without an object
     Train(EnvTrainArgs),
-    /// Make surroundings of a panorama: an HDRI (.hdr, .exr), or a picture (.png, .jpg)
+    /// Make an environment of a panorama: an HDRI (.hdr, .exr), or a picture (.png, .jpg)
     Import(EnvImportArgs),
-    /// Render what a point of the surroundings sees all around
+    /// Render what a point of the environment sees all around
     Panorama(PanoramaArgs),
 }
 

@@ -1,4 +1,4 @@
-//! `neif env import`: surroundings from an equirectangular picture.
+//! `neif env import`: an environment from an equirectangular picture.
 
 use std::path::PathBuf;
 

@@ -52,10 +52,10 @@ pub(crate) struct EvalArgs {
     /// Leave the diffuse part as it was learned when the light changes, as the paper does
     #[arg(long)]
     baked_diffuse: bool,
-    /// Surroundings trained on another capture, under its name, for relightings that use them
+    /// An environment trained on another capture, under that capture's name, for relightings that use it
     #[arg(long, value_name = "NAME=FILE", value_parser = values::named_path)]
     env: Vec<NamedPath>,
-    /// Make other surroundings as bright, and of the same white, as the object's own; not so in the ground truth of
+    /// Make another environment as bright, and of the same white, as the object's own; not so in the ground truth of
     /// captures that share one exposure
     #[arg(long)]
     env_match: bool,

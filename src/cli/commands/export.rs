@@ -1,4 +1,4 @@
-//! `neif export`: the object for other programs, with baked textures, and its surroundings beside it.
+//! `neif export`: the object for other programs, with baked textures, and its environment beside it.
 
 use std::path::{Path, PathBuf};
 
@@ -34,7 +34,7 @@ pub(crate) struct ExportArgs {
     #[arg(long, value_name = "N", default_value_t = 2048,
           value_parser = clap::value_parser!(u32).range(16..=8192))]
     texture_size: u32,
-    /// Leave out the panorama of the surroundings (`FILE_environment.exr`)
+    /// Leave out the panorama of the environment (`FILE_environment.exr`)
     #[arg(long)]
     no_environment: bool,
     /// Width of that panorama in pixels; the height is half of it
@@ -57,7 +57,7 @@ pub(crate) fn run(args: &ExportArgs) -> Result<(), Failure> {
     let run = scenes::open_run(&args.run, None)?;
     let object = run.scene.object.as_ref().ok_or_else(|| {
         Failure::unusable(anyhow::anyhow!(
-            "{}: a run of surroundings alone has no object to export",
+            "{}: a run of an environment alone has no object to export",
             args.run.display()
         ))
     })?;

@@ -16,7 +16,7 @@ use crate::cli::photos_found::PhotosFound;
 /// Arguments of `neif info`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct InfoArgs {
-    /// A capture, a run folder, a file of surroundings or of a trained object, or a panorama (.hdr, .exr)
+    /// A capture, a run folder, the file of an environment or of a trained object, or a panorama (.hdr, .exr)
     #[arg(value_name = "PATH")]
     path: PathBuf,
     #[command(flatten)]
@@ -86,13 +86,13 @@ fn about_run(path: &Path) -> Result<Value, Failure> {
     }))
 }
 
-/// A file of tensors: surroundings, else an object. Or a panorama.
+/// A file of tensors: an environment, else an object. Or a panorama.
 fn about_tensors(path: &Path) -> Result<Value, Failure> {
     let mut found = match Environment::open(path) {
         Ok(environment) => about_environment(&environment),
         Err(error) => {
             let material = SurfaceField::load(path);
-            // Neither: the first error says more, since files alone are mostly surroundings.
+            // Neither: the first error says more, since files alone are mostly environments.
             let material = material.map_err(|_ignored| Failure::unusable(error))?;
             json!({"kind": "object", "parameters": material.params().len()})
         }

@@ -24,10 +24,10 @@ pub(crate) struct RenderArgs {
     run: PathBuf,
     #[command(flatten)]
     cameras: CameraFlags,
-    /// Other surroundings: an environment file, a run folder, or `own`
+    /// Another environment: an environment file, a run folder, or `own`
     #[arg(long, value_name = "ENV", default_value = "own")]
     env: PathBuf,
-    /// Make other surroundings as bright, and of the same white, as the object's own; `--env-exposure` comes on top
+    /// Make another environment as bright, and of the same white, as the object's own; `--env-exposure` comes on top
     #[arg(long)]
     env_match: bool,
     #[command(flatten)]
@@ -37,7 +37,7 @@ pub(crate) struct RenderArgs {
     baked_diffuse: bool,
     #[command(flatten)]
     material: MaterialFlags,
-    /// The surroundings behind the object: shown, blurred or hidden; its light stays
+    /// The environment behind the object: shown, blurred or hidden; its light stays
     #[arg(long, value_name = "HOW", default_value_t)]
     background: Background,
     /// Brighten the picture, in photographic stops; --env-exposure brightens the light instead
@@ -53,7 +53,7 @@ pub(crate) struct RenderArgs {
     /// Pictures a second of a gif or mp4
     #[arg(long, value_name = "N", value_parser = values::positive, default_value = "24")]
     fps: f32,
-    /// Leave the surroundings out of the picture: transparent around the object, where --background hidden is black
+    /// Leave the environment out of the picture: transparent around the object, where --background hidden is black
     #[arg(long)]
     no_background: bool,
     /// What to render: final, diffuse, specular, roughness, tint, normal, environment, depth, visibility, samples, albedo, irradiance

@@ -84,7 +84,7 @@ pub(crate) struct TrainArgs {
     #[arg(long, value_name = "on|off", conflicts_with = "resume")]
     #[arg(num_args = 0..=1, require_equals = true, default_missing_value = "on")]
     refine_poses: Option<Fit>,
-    /// Whether the surroundings are learned from the background of the photos [default: unless it stands still in the
+    /// Whether the environment is learned from the background of the photos [default: unless that stands still in the
     /// picture, as on a turntable; light is then learned from reflections alone]
     #[arg(long, value_name = "on|off", conflicts_with = "resume")]
     #[arg(num_args = 0..=1, require_equals = true, default_missing_value = "on")]

@@ -1,6 +1,6 @@
 //! Does the background stand still in the picture while the camera goes around the object?
 //!
-//! Light is learned from surroundings that stay where they are while the camera moves. On a turntable, or before a
+//! Light is learned from an environment that stays where it is while the camera moves. On a turntable, or before a
 //! backdrop that is carried along, the background stays where it is in the picture instead. Two photos from clearly
 //! different sides tell: their backgrounds are alike in place, and less alike when one is shifted.
 //!
@@ -30,7 +30,7 @@ const SHIFT: f32 = 0.15;
 const SAME_SHARE: f32 = 0.2;
 /// Standard deviation of a background, encoded, beside what lenses make of any, below which nothing is to be seen in it.
 const PLAIN: f32 = 0.02;
-/// Share of photos with such a background from which the surroundings count as plain.
+/// Share of photos with such a background from which the environment counts as plain.
 const PLAIN_SHARE: f32 = 0.5;
 /// Contrast, encoded, from which things count as much as stronger ones: one code, several times the noise that is left in
 /// a small picture.
@@ -99,7 +99,7 @@ impl Backdrop {
                 "the background is plain in {} of {} photos",
                 self.n_plain, self.n_photos
             );
-            let advice = "light is learned from surroundings that can be seen: photograph without a backdrop";
+            let advice = "light is learned from an environment that can be seen: photograph without a backdrop";
             Problem::new(Severity::Warning, what, advice)
         })
     }

@@ -10,7 +10,7 @@ use super::*;
 use crate::data::formats::test_formats::{SIZE, cameras, folder, write_llff};
 use crate::data::photos::exif::tests::exif_of;
 
-/// A capture from all around in textured surroundings, whose views see `shade` of a pixel's world and camera direction.
+/// A capture from all around in a textured environment, whose views see `shade` of a pixel's world and camera direction.
 fn captured(shade: &dyn Fn(usize, Vec3, Vec3) -> f32) -> Dataset {
     let capture = TestCapture::new(100);
     let mut dataset = Dataset::load(capture.root(), &LoadOptions::default()).unwrap();

@@ -1,6 +1,6 @@
 //! Was the exposure the same in all photos? Told from what the camera noted, else from the pictures.
 //!
-//! Photos that look in nearly the same direction show nearly the same surroundings: where one is brighter than all of
+//! Photos that look in nearly the same direction show nearly the same background: where one is brighter than all of
 //! its neighbours, it is exposure; parallax goes either way.
 
 use glam::Vec3;
@@ -12,7 +12,7 @@ use crate::data::{Dataset, Problem, Severity};
 
 /// Cosine of the largest angle between neighbours, 25 degrees.
 const NEIGHBOUR_COSINE: f32 = 0.906;
-/// Fewest pixels that both photos must show of the surroundings.
+/// Fewest pixels that both photos must show of the background.
 const MIN_SHARED: usize = 100;
 /// Fewest neighbours that a photo is compared with.
 const MIN_NEIGHBOURS: usize = 3;
@@ -67,7 +67,7 @@ impl Exposures {
     }
 }
 
-/// Two photos of the same surroundings and by how many stops the first is brighter.
+/// Two photos of the same background and by how many stops the first is brighter.
 #[derive(Clone, Copy, Debug)]
 struct Pair {
     first: usize,
@@ -131,7 +131,7 @@ fn difference(first: &Thumb, second: &Thumb) -> Option<f32> {
 /// a normal distribution. `None` where most photos have no neighbour.
 ///
 /// A photo that is brighter than those on all sides of it was exposed longer. Exposure that drifts evenly along the way
-/// cannot be told from surroundings that come nearer.
+/// cannot be told from a background that comes nearer.
 fn jitter(n: usize, pairs: &[Pair]) -> Option<f32> {
     const DEVIATION_OF_MEDIAN: f32 = 1.48;
     let mut around: Vec<Vec<f32>> = vec![Vec::new(); n];

@@ -41,7 +41,7 @@ pub struct DatasetReport {
     pub resolutions: Vec<Resolution>,
     /// Whether photos are linear and unclipped (EXR, HDR).
     pub hdr: bool,
-    /// Whether photos show the surroundings.
+    /// Whether photos show the environment.
     pub surroundings_visible: bool,
     /// The lenses.
     pub lens: LensSummary,

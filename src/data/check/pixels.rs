@@ -35,10 +35,10 @@ fn find_mask_faults(dataset: &Dataset, problems: &mut Vec<Problem>) {
         let advice = if dataset.mesh.is_some() {
             "the mesh's silhouette is used"
         } else if dataset.origin.points.is_some() {
-            "without masks and mesh the object cannot be told from its surroundings; `neif mesh` makes a coarse mesh of \
+            "without masks and mesh the object cannot be told from the background; `neif mesh` makes a coarse mesh of \
              the points around the place that the cameras look at"
         } else {
-            "without masks and mesh the object cannot be told from its surroundings"
+            "without masks and mesh the object cannot be told from the background"
         };
         problems.push(Problem::new(Severity::Note, "no view has a mask", advice));
     } else {
@@ -68,7 +68,7 @@ fn find_mask_faults(dataset: &Dataset, problems: &mut Vec<Problem>) {
         advice,
     );
     let white = views_whose_mask(&|mask| mask.coverage.iter().all(|c| *c == 255));
-    let advice = "no surroundings are seen there; check the mask files";
+    let advice = "no background is seen there; check the mask files";
     add(
         problems,
         Severity::Warning,

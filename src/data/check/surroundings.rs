@@ -43,7 +43,7 @@ pub(super) fn directions_seen(dataset: &Dataset, problems: &mut Vec<Problem>) ->
     share
 }
 
-/// Whether most training photos look at `center`: photos of the surroundings alone look anywhere.
+/// Whether most training photos look at `center`: photos of the environment alone look anywhere.
 pub(super) fn shows_object(dataset: &Dataset, center: Vec3) -> bool {
     let views = dataset.train.iter();
     let n_looking = views.filter(|view| looks_at(&view.camera, center)).count();

@@ -11,7 +11,7 @@ const SIDE: u32 = 40;
 /// Coverage up to which a pixel counts as background.
 const MAX_COVERAGE: f32 = 0.02;
 
-/// A small picture of the surroundings.
+/// A small picture of the background.
 pub(super) struct Thumb {
     /// The camera for this size.
     pub(super) camera: Camera,

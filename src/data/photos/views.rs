@@ -36,7 +36,7 @@ pub(in crate::data) struct Findings {
 }
 
 impl Findings {
-    /// Whether most views are cut-outs; a few among full photos do not make the surroundings
+    /// Whether most views are cut-outs; a few among full photos do not make the environment
     /// unknown.
     pub(in crate::data) fn are_cut_out(&self) -> bool {
         2 * self.cut_out.len() > self.n_views
@@ -93,7 +93,7 @@ impl Findings {
             add(
                 Severity::Note,
                 &self.cut_out,
-                "the surroundings are not visible: the photos are cut out along the object",
+                "the environment is not visible: the photos are cut out along the object",
                 "light is learned from reflections alone",
             );
         }
@@ -170,7 +170,7 @@ pub(in crate::data) fn load_views(
 }
 
 /// Inverts masks from files when they are white all around and less so inside: photos of an object
-/// show the surroundings along their borders. Says whether it did.
+/// show the background along their borders. Says whether it did.
 fn invert_masks_if_meant(views: &mut [Option<View>], frames: &[Frame]) -> bool {
     /// Mean coverage of the border from which masks count as inverted, and by how much that of the
     /// whole picture must be lower.

@@ -36,7 +36,7 @@ impl UpAxis {
     }
 }
 
-/// How a picture becomes surroundings.
+/// How a picture becomes an environment.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ImportOptions {
     /// The world's up axis.
@@ -52,7 +52,7 @@ pub struct ImportOptions {
 /// What came of a picture.
 #[derive(Clone, Debug)]
 pub struct Imported {
-    /// The surroundings.
+    /// The environment.
     pub environment: Environment,
     /// What was changed or is lacking, in words.
     pub notices: Vec<String>,
@@ -63,7 +63,7 @@ pub fn is_panorama_file(path: &Path) -> bool {
     matches!(extension(path).as_str(), "hdr" | "exr")
 }
 
-/// Whether a file's name is that of surroundings: trained or imported ones, or a panorama.
+/// Whether a file's name is that of an environment: a trained or imported one, or a panorama.
 pub fn is_environment_file(path: &Path) -> bool {
     extension(path) == "safetensors" || is_panorama_file(path)
 }
@@ -73,7 +73,7 @@ fn extension(path: &Path) -> String {
     extension.to_string_lossy().to_ascii_lowercase()
 }
 
-/// Reads an equirectangular picture as infinitely far surroundings of gamma 1.
+/// Reads an equirectangular picture as an infinitely far environment of gamma 1.
 ///
 /// Pictures wider than 1024 pixels are reduced to that, each pixel the mean over its solid angle. Negative values become
 /// 0, with a notice.
@@ -183,7 +183,7 @@ fn file_stem(path: &Path) -> String {
 }
 
 impl Environment {
-    /// Reads an environment file, or a panorama (`.hdr`, `.exr`) as infinitely far surroundings with z up.
+    /// Reads an environment file, or a panorama (`.hdr`, `.exr`) as an infinitely far environment with z up.
     ///
     /// # Errors
     /// As [`Self::load`] and [`import_environment`].

@@ -1,4 +1,4 @@
-//! The radiance that a cone gathers from infinitely far surroundings.
+//! The radiance that a cone gathers from an infinitely far environment.
 
 use glam::{Mat3, Quat, Vec3};
 use serde::{Deserialize, Serialize};
@@ -185,7 +185,7 @@ mod tests {
         sum.map(|v| v / whole)
     }
 
-    /// Lamps of two degrees, one near the zenith, one near the seam, in dim surroundings.
+    /// Lamps of two degrees, one near the zenith, one near the seam, in a dim environment.
     fn lamps() -> (DistantLight, [Vec3; 2]) {
         let axes =
             [Vec3::new(0.05, -0.08, 1.0), Vec3::new(-1.0, 0.01, 0.2)].map(Vec3::normalize_or_zero);

@@ -1,4 +1,4 @@
-//! Surroundings that are infinitely far: an equirectangular picture of linear radiance, such as an HDRI.
+//! An environment that is infinitely far: an equirectangular picture of linear radiance, such as an HDRI.
 //!
 //! The picture is convolved once with lobes of growing width ([`pyramid`]), so that a cone of any width is a few
 //! look-ups ([`light`]); [`import`] makes one from a picture file.

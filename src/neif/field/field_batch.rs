@@ -65,7 +65,7 @@ impl FieldRay {
 /// Share of the greatest gradient on a ray below which a sample is left out of the backward pass; 0 keeps all.
 ///
 /// Adam makes steps of the same length from small gradients as from large ones, so that the many samples that hardly
-/// matter pull as hard as the few that do: without them training is faster and, for the surroundings, better.
+/// matter pull as hard as the few that do: without them training is faster and, for the environment, better.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CutOff {

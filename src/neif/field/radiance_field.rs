@@ -1,4 +1,4 @@
-//! The radiance field of the surroundings, the lamp: cones in, linear radiance out, and back.
+//! The radiance field of the environment, the lamp: cones in, linear radiance out, and back.
 //!
 //! Hash grid with footprint weights → density network (log density + 15 features) → composited along the ray →
 //! one colour network a ray (deferred colour). The paper's ambient network R of Eq. 3, in the fast form.
@@ -39,7 +39,7 @@ pub struct FieldConfig {
     /// Whether lobes are encoded with their width (ILE, Eq. 6); without it they are lines.
     #[serde(default = "yes")]
     pub integrated: bool,
-    /// Whether the surroundings are infinitely far: every ray starts at the centre.
+    /// Whether the environment is infinitely far: every ray starts at the centre.
     #[serde(default)]
     pub is_far: bool,
 }

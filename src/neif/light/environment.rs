@@ -62,7 +62,7 @@ pub enum EnvironmentField {
     },
     /// The paper's network, sampled in two passes.
     Paper(PaperField),
-    /// A picture of infinitely far surroundings.
+    /// A picture of an infinitely far environment.
     Distant(DistantLight),
 }
 
@@ -108,7 +108,7 @@ impl Environment {
         Self { place, field }
     }
 
-    /// Surroundings that are infinitely far; their inner box is one for the camera to start in.
+    /// An environment that is infinitely far; its inner box is one for the camera to start in.
     pub fn of_distant(name: String, up: Vec3, light: DistantLight) -> Self {
         let place = EnvironmentPlace {
             name,
@@ -167,7 +167,7 @@ impl Environment {
         }
     }
 
-    /// Whether the surroundings are infinitely far: then moving or scaling them changes nothing.
+    /// Whether the environment is infinitely far: then moving or scaling it changes nothing.
     pub fn is_far(&self) -> bool {
         match &self.field {
             EnvironmentField::Grid { field, .. } => field.config().is_far,

@@ -1,4 +1,4 @@
-//! Exposure and white balance that make other surroundings as bright as an object's own.
+//! Exposure and white balance that make another environment as bright as an object's own.
 //!
 //! The mean irradiance over all normals is the mean radiance over the sphere times pi, so the latter is compared. Only
 //! on demand: how much brighter one place is than another is part of what a relighting shows.

@@ -1,4 +1,4 @@
-//! A lobe as several cones: for surfaces and surroundings other than those that were trained together.
+//! A lobe as several cones: for surfaces and environments other than those that were trained together.
 //!
 //! Photos teach the field only the cones that the object's own roughness asks for, from where it stands. A mirror made
 //! rough, or another lamp, asks for wide ones that nothing has taught; narrow ones are as good as the field is sharp. The

@@ -12,7 +12,7 @@ use crate::neif::light::display::Display;
 use crate::neif::light::shading::SurfacePoint;
 use crate::neif::surface::material::{Material, MaterialBatch};
 
-/// Everything a picture needs; it knows nothing of the surroundings but what falls onto the surface.
+/// Everything a picture needs; it knows nothing of the environment but what falls onto the surface.
 #[derive(Clone, Debug)]
 pub struct NeilfModel {
     /// The surface.

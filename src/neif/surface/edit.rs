@@ -1,4 +1,4 @@
-//! What a person changes after training: the material, and where the surroundings stand.
+//! What a person changes after training: the material, and where the environment stands.
 
 use glam::{EulerRot, Quat, Vec3};
 use serde::{Deserialize, Serialize};

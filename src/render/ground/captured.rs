@@ -16,7 +16,7 @@ use crate::neif::{Environment, EnvironmentTransform, ObjectModel};
 use crate::render::irradiance::Probes;
 use crate::render::lamps::Lamps;
 
-/// What an object does to the surroundings that it was captured in.
+/// What an object does to the environment that it was captured in.
 #[derive(Debug)]
 pub(crate) struct Captured {
     /// The surfaces around it, where there are any.
@@ -26,7 +26,7 @@ pub(crate) struct Captured {
 }
 
 impl Captured {
-    /// Looks at the surroundings with the object, by `probes` on it.
+    /// Looks at the environment with the object, by `probes` on it.
     pub(crate) fn new(
         object: &ObjectModel,
         (own, lamps): (&Environment, &Lamps),
@@ -48,7 +48,7 @@ impl Captured {
     }
 }
 
-/// The surroundings without the shadow and the hidden part of the object that was captured in them.
+/// The environment without the shadow and the hidden part of the object that was captured in it.
 #[derive(Clone, Debug)]
 pub struct BakedGround {
     /// Share of the light that the object left.

@@ -1,7 +1,7 @@
 //! Light both ways between an object and the surfaces around it: its shadow and what it sends them.
 //!
-//! Photos show the surroundings with the object in them. Where they are moved, swapped or looked at alone, the radiance
-//! of the surfaces near it is divided by the share of their light that it left them where it was captured,
+//! Photos show the environment with the object in it. Where the environment is moved, swapped or looked at alone, the
+//! radiance of the surfaces near the object is divided by the share of their light that it left them where it was captured,
 //! [`BakedGround`], and multiplied by the share that it leaves them now, [`Shadow`]. Both shares come from the same
 //! formula, so that nothing changes where nothing moved. What no photo can have seen of the plane that it stood on is
 //! filled from around it.

@@ -1,5 +1,5 @@
-//! The shadow of the object, and its light, on surroundings that are not those it was captured in, or not where they
-//! were.
+//! The shadow of the object, and its light, on an environment that is not the one it was captured in, or not where
+//! it was.
 
 use std::sync::atomic::AtomicBool;
 
@@ -23,8 +23,8 @@ pub struct Shadow {
 }
 
 impl Shadow {
-    /// The shadow in surroundings at `transform` of an object with probes, which was `captured` in others or elsewhere;
-    /// `baked`: what is known of them without it. `None` when there is nothing near the object.
+    /// The shadow in an environment at `transform` of an object with probes, which was `captured` in another or elsewhere;
+    /// `baked`: what is known of that environment without the object. `None` when there is nothing near the object.
     pub(crate) fn new(
         object: &ObjectModel,
         (environment, lamps): (&Environment, &Lamps),

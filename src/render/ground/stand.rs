@@ -1,10 +1,10 @@
-//! An object as it stands in surroundings.
+//! An object as it stands in an environment.
 
 use crate::neif::surface::edit::EnvironmentFromWorld;
 use crate::neif::{Environment, ObjectModel};
 use crate::render::lamps::Lamps;
 
-/// An object in surroundings.
+/// An object in an environment.
 pub(super) struct Stand<'a> {
     pub(super) object: &'a ObjectModel,
     pub(super) environment: &'a Environment,

@@ -1,4 +1,4 @@
-//! The surfaces of the surroundings near an object: where looks from its middle end, a patch in each cell of a cube.
+//! The surfaces of the environment near an object: where looks from its middle end, a patch in each cell of a cube.
 //!
 //! What gets an object's shadow or its light sees the object, so that the object sees it. Neighbouring looks span
 //! triangles; the sum of their area vectors over a neighbourhood depends on its rim alone, which takes the noise of the

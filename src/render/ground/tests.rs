@@ -1,4 +1,4 @@
-//! What is done to floors and walls, in surroundings of one brightness.
+//! What is done to floors and walls, in an environment of one brightness.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -142,7 +142,7 @@ fn a_shadow_is_taken_away_and_put_where_the_object_went() {
         (back / seen - 1.0).abs().max_element() < 0.02,
         "{back} for {seen}"
     );
-    // Surroundings that went to -x have the object at +x.
+    // An environment that went to -x has the object at +x.
     let new_place = beside + Vec3::new(0.8, 0.0, 0.0);
     let new_shadow = look(Some(&moved), eye, new_place);
     assert!(

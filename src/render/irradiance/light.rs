@@ -1,4 +1,4 @@
-//! The light at the probes: what the trained surroundings sent there, what the present ones send, and their ratio.
+//! The light at the probes: what the trained environment sent there, what the present one sends, and their ratio.
 
 use std::f32::consts::PI;
 use std::sync::Arc;
@@ -32,7 +32,7 @@ const BOUNCES: usize = 3;
 struct Beam {
     /// Direction from the probe, times solid angle.
     toward: Vec3,
-    /// Asks the surroundings: along the cone, or mirrored where it meets the object.
+    /// Asks the environment: along the cone, or mirrored where it meets the object.
     ray: Option<WorldCone>,
     /// Share of that light that arrives.
     gain: Vec3,
@@ -99,7 +99,7 @@ impl TrainedWork {
         }
     }
 
-    /// Gathers the light of the surroundings where they were trained, whose lamps are `known` or are looked for; `None` when
+    /// Gathers the light of the environment where it was trained, whose lamps are `known` or are looked for; `None` when
     /// cancelled, to be taken up again.
     pub(super) fn run(
         &mut self,
@@ -185,7 +185,7 @@ impl TrainedWork {
 }
 
 impl TrainedLight {
-    /// What is done to the surfaces around the object in the surroundings of `key`; `None` when cancelled.
+    /// What is done to the surfaces around the object in the environment of `key`; `None` when cancelled.
     fn ground_in(&self, key: &LightKey, lamps: &Lamps, cancel: &AtomicBool) -> Option<Arc<Ground>> {
         let is_own = Arc::ptr_eq(&key.trained_in, &key.environment);
         if is_own && self.captured.ground.is_none() {
@@ -230,7 +230,7 @@ impl TrainedLight {
         self.captured.ground.as_ref()
     }
 
-    /// Number of rays that the surroundings are asked with.
+    /// Number of rays that the environment is asked with.
     pub fn n_rays(&self) -> usize {
         let beams = self.beams.iter().flatten();
         beams.filter(|beam| beam.ray.is_some()).count()
@@ -247,7 +247,7 @@ pub struct DiffuseLight {
 }
 
 impl DiffuseLight {
-    /// Gathers the light of moved or other surroundings, or takes that of the captured ones as it was, but not their gain:
+    /// Gathers the light of a moved or another environment, or takes that of the captured one as it was, but not its gain:
     /// the ratio is proportional to that. `None` when cancelled; `gathered` then keeps what was done, for the same arguments.
     pub(super) fn gather(
         trained: &Arc<TrainedLight>,

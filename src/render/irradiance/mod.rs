@@ -1,8 +1,8 @@
-//! Diffuse light: what the surroundings shed on the object, compared with the light that it was trained in.
+//! Diffuse light: what the environment sheds on the object, compared with the light that it was trained in.
 //!
 //! The learned diffuse part `C_d` is radiance in the trained light. Elsewhere the surface shows
 //! `C_d · E_now(x, n) / E_trained(x, n)` per colour: with the same estimate in both, errors of the estimate cancel and
-//! unmoved surroundings change nothing. `E` is gathered at [`Probes`] by cones through the radiance field; where a cone
+//! an unmoved environment changes nothing. `E` is gathered at [`Probes`] by cones through the radiance field; where a cone
 //! meets the object, what the object sends on takes its place. Edits of the material are not followed: they were no
 //! part of the light that was baked.
 

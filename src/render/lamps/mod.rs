@@ -1,4 +1,4 @@
-//! Lamps: small parts of the surroundings that are much brighter than the rest, as points that shadow rays reach.
+//! Lamps: small parts of the environment that are much brighter than the rest, as points that shadow rays reach.
 //!
 //! A few dozen wide cones do not find a small lamp, and what they find of it casts no shadow with an edge. The light
 //! above [`Lamps::white`] is therefore left out of the cones and sent from points instead, one for each equal share of

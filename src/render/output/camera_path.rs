@@ -103,7 +103,7 @@ impl CameraPath {
             .collect()
     }
 
-    /// `n` pictures at equal times, the surroundings standing at `transform`.
+    /// `n` pictures at equal times, the environment standing at `transform`.
     pub fn shots(&self, transform: &EnvironmentTransform, n: u32) -> Vec<Shot> {
         let shot = |(i, camera)| Shot {
             name: format!("path_{i:04}"),

@@ -1,4 +1,4 @@
-//! Taking pictures away as files: stills with or without surroundings, series of them, and films. The window and the
+//! Taking pictures away as files: stills with or without the environment, series of them, and films. The window and the
 //! command line write through this; what is cancelled leaves nothing behind.
 
 use std::ffi::OsStr;
@@ -74,7 +74,7 @@ pub struct Shot {
     pub name: String,
     /// From where.
     pub camera: Camera,
-    /// Where the surroundings stand.
+    /// Where the environment stands.
     pub transform: EnvironmentTransform,
 }
 
@@ -87,7 +87,7 @@ pub struct Film {
     pub shots: Vec<Shot>,
     /// What is shown of the scene.
     pub layers: Vec<Layer>,
-    /// Whether the surroundings are in the pictures.
+    /// Whether the environment is in the pictures.
     pub backdrop: Backdrop,
     /// What kind of file.
     pub kind: FileKind,
@@ -207,9 +207,9 @@ impl Film {
             FileKind::Gif if self.fps > MAX_GIF_FPS => {
                 refuse("a GIF has at most 50 pictures a second")
             }
-            FileKind::Mp4 if self.backdrop == Backdrop::Transparent => refuse(
-                "an MP4 knows no transparency; take png or gif, or leave the surroundings in",
-            ),
+            FileKind::Mp4 if self.backdrop == Backdrop::Transparent => {
+                refuse("an MP4 knows no transparency; take png or gif, or leave the environment in")
+            }
             FileKind::Gif => self.check_sizes().map(|()| camera),
             FileKind::Mp4 => {
                 self.check_sizes()?;
@@ -248,7 +248,7 @@ fn ffmpeg() -> Result<PathBuf, FilmError> {
 /// Renders one shot after the other.
 struct Renderer<'a> {
     film: &'a Film,
-    /// What the light of one place of the surroundings has in common with that of the next.
+    /// What the light of one place of the environment has in common with that of the next.
     lights: DiffuseLights,
     done: usize,
     cancel: &'a AtomicBool,
@@ -342,7 +342,7 @@ mod tests {
 
     const SIZE: (u32, u32) = (24, 16);
 
-    /// The surroundings turn in `n` steps.
+    /// The environment turns in `n` steps.
     fn film(kind: FileKind, n: u32) -> Film {
         let scene = scene();
         let first = EnvironmentTransform::default();

@@ -49,7 +49,7 @@ impl PanoramaView {
     }
 }
 
-/// Linear radiance of a scene's surroundings around the world point `at`, z up, the centre looking along +x:
+/// Linear radiance of a scene's environment around the world point `at`, z up, the centre looking along +x:
 /// [`panorama_of`] with `width` x `width / 2` pixels; `None` when cancelled.
 pub fn panorama(
     scene: &Scene,
@@ -67,7 +67,7 @@ pub fn panorama(
     panorama_of(scene, &view, cancel)
 }
 
-/// Linear radiance of a scene's surroundings as `view` says, each pixel's middle by [`PanoramaView::direction`]; `None`
+/// Linear radiance of a scene's environment as `view` says, each pixel's middle by [`PanoramaView::direction`]; `None`
 /// when cancelled.
 pub fn panorama_of(scene: &Scene, view: &PanoramaView, cancel: &AtomicBool) -> Option<Picture> {
     let width = view.width.max(1);
@@ -174,7 +174,7 @@ mod tests {
         let environment = Arc::new(imported.environment);
         let cancel = AtomicBool::new(false);
         let still = EnvironmentTransform::default();
-        // Moved and scaled: far surroundings do not care.
+        // Moved and scaled: a far environment does not care.
         let moved = EnvironmentTransform {
             translate: Vec3::new(1.0, -2.0, 0.5),
             scale: 3.0,

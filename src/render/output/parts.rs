@@ -1,6 +1,6 @@
 //! Pictures taken apart: what the object sends, what is behind it and how much of a pixel it covers, in linear light.
 //!
-//! Everything that becomes a file is made of these: pictures over their surroundings or over nothing, and layers.
+//! Everything that becomes a file is made of these: pictures over their environment or over nothing, and layers.
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
@@ -20,10 +20,10 @@ const BAND: u32 = 4;
 /// Depth where there is no object, as Blender writes it: infinity breaks many programs.
 const FAR: f32 = 1e10;
 
-/// Whether the surroundings are in a picture.
+/// Whether the environment is in a picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Backdrop {
-    /// They are.
+    /// It is.
     #[default]
     Shown,
     /// The object stands over nothing, with its coverage as alpha.
@@ -33,9 +33,9 @@ pub enum Backdrop {
 /// What to render, and how.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PartsOptions<'a> {
-    /// What is shown of the object; [`Layer::Environment`] wants the surroundings behind it too.
+    /// What is shown of the object; [`Layer::Environment`] wants the environment behind it too.
     pub layers: &'a [Layer],
-    /// Whether layers that show the surroundings get them.
+    /// Whether layers that show the environment get it.
     pub backdrop: Backdrop,
     /// How many paths a pixel takes.
     pub paths: PathOptions,
@@ -46,7 +46,7 @@ pub struct PartsOptions<'a> {
 }
 
 impl<'a> PartsOptions<'a> {
-    /// These layers over the surroundings, as pictures that stay are rendered.
+    /// These layers over the environment, as pictures that stay are rendered.
     pub fn new(layers: &'a [Layer]) -> Self {
         Self {
             layers,
@@ -65,23 +65,23 @@ pub struct Parts {
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// Whether the surroundings are in it.
+    /// Whether the environment is in it.
     pub backdrop: Backdrop,
     /// Share of each pixel that the object covers, `[0, 1]`.
     pub coverage: Vec<f32>,
     /// Distance along the camera's axis to the nearest point of the object, scene units; 1e10 where there is none.
     pub depth: Vec<f32>,
-    /// Linear radiance of the surroundings; black where they are hidden or not shown.
+    /// Linear radiance of the environment; black where it is hidden or not shown.
     pub background: Vec<[f32; 3]>,
     /// Each layer's value over the covered share of a pixel.
     pub objects: Vec<(Layer, Vec<[f32; 3]>)>,
-    /// The surroundings of [`Layer::Seen`] where it was rendered along with others: marked, theirs are not.
+    /// The environment of [`Layer::Seen`] where that was rendered along with others: marked, theirs is not.
     marked: Option<Vec<[f32; 3]>>,
 }
 
 /// Renders a picture in parts; `None` when cancelled. `on_progress` gets 0..1.
 ///
-/// The light at the surface of moved surroundings is made first; for several pictures, do it once with [`Scene::lit`].
+/// The light at the surface of a moved environment is made first; for several pictures, do it once with [`Scene::lit`].
 pub fn render_parts(
     scene: &Scene,
     camera: &Camera,
@@ -246,7 +246,7 @@ impl Parts {
         }
     }
 
-    /// A rendered layer as shown on a screen, `[0, 1]`, over the surroundings where it has them. Panics if it was not
+    /// A rendered layer as shown on a screen, `[0, 1]`, over the environment where it has one. Panics if it was not
     /// rendered.
     pub fn composed(&self, scene: &Scene, layer: Layer) -> impl Iterator<Item = [f32; 3]> {
         let (object, behind) = (self.object(layer), self.background_of(layer));

@@ -16,7 +16,7 @@ use crate::render::scene::{Layer, Scene};
 
 /// The display-referred picture (sRGB, `[0, 1]`) of a scene; `None` when cancelled. `on_progress` gets 0..1.
 ///
-/// The light at the surface of moved surroundings is made first; for several pictures, do it once with [`Scene::lit`].
+/// The light at the surface in a moved environment is made first; for several pictures, do it once with [`Scene::lit`].
 pub fn render(
     scene: &Scene,
     camera: &Camera,
@@ -42,7 +42,7 @@ pub fn render_reference(
     composed(scene, camera, &options, cancel, on_progress)
 }
 
-/// What a pixel shows of the surroundings.
+/// What a pixel shows of the environment.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SeenThere {
     /// Display-referred colour (sRGB, `[0, 1]`).
@@ -51,7 +51,7 @@ pub struct SeenThere {
     pub distance: f32,
 }
 
-/// The surroundings through each listed pixel (`y * width + x` of `camera`), whether or not the object hides them.
+/// The environment through each listed pixel (`y * width + x` of `camera`), whether or not the object hides them.
 pub fn see_surroundings(scene: &Scene, camera: &Camera, pixels: &[u32]) -> Vec<SeenThere> {
     let eye = camera.position();
     let gain = scene.transform.environment_from_world().gain;

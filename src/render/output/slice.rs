@@ -1,4 +1,4 @@
-//! A plane cut through the surroundings: how dense the field is there.
+//! A plane cut through the environment: how dense the field is there.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -50,8 +50,8 @@ pub struct DensitySlice {
     pub densities: Vec<f32>,
 }
 
-/// The density of the surroundings on a plane of `side` by `side` points; `None` when cancelled, and for surroundings
-/// without a density: the paper's own, and infinitely far ones.
+/// The density of the environment on a plane of `side` by `side` points; `None` when cancelled, and for an environment
+/// without a density: the paper's own, and an infinitely far one.
 pub fn density_slice(
     environment: &Environment,
     plane: SlicePlane,

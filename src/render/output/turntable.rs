@@ -1,4 +1,4 @@
-//! Turntables: the camera around the object, or the surroundings around both.
+//! Turntables: the camera around the object, or the environment around both.
 
 use std::f32::consts::TAU;
 
@@ -24,11 +24,11 @@ pub enum Spin {
     /// The camera.
     #[default]
     Camera,
-    /// The surroundings; camera and object stay.
+    /// The environment; camera and object stay.
     Environment,
 }
 
-/// The point that a turntable turns about: the middle of the object, or of surroundings without one.
+/// The point that a turntable turns about: the middle of the object, or of an environment without one.
 pub fn turning_point(scene: &Scene) -> Vec3 {
     match &scene.object {
         Some(object) => object.tracer.mesh().bounds().center(),
@@ -36,7 +36,7 @@ pub fn turning_point(scene: &Scene) -> Vec3 {
     }
 }
 
-/// A camera that sees the whole object from a little above (`up`: unit), or looks out of the middle of surroundings
+/// A camera that sees the whole object from a little above (`up`: unit), or looks out of the middle of an environment
 /// without one.
 pub fn first_camera(scene: &Scene, up: Vec3) -> Camera {
     let center = turning_point(scene);
@@ -69,7 +69,7 @@ pub fn cameras(first: &Camera, center: Vec3, up: Vec3, n: u32) -> Vec<Camera> {
         .collect()
 }
 
-/// `n` places of the surroundings at equal angles about the `up` axis (unit) through `center`, counter-clockwise seen
+/// `n` places of the environment at equal angles about the `up` axis (unit) through `center`, counter-clockwise seen
 /// from above; the first is `first` itself.
 pub fn transforms(
     first: &EnvironmentTransform,

@@ -19,7 +19,7 @@ use crate::render::scene::Scene;
 
 /// Change of roughness from which one cone, which the photos taught at the learned roughness, counts nothing.
 const UNTAUGHT: f32 = 0.05;
-/// Learned roughness up to which one cone serves in other surroundings too, that of a mirror, and the distance from there
+/// Learned roughness up to which one cone serves in another environment too, that of a mirror, and the distance from there
 /// to where it counts nothing: one cone has none of the long tails of GGX, in which a lamp glows.
 const SHARP: f32 = 0.13;
 const SHARP_TO_WIDE: f32 = 0.03;
@@ -60,7 +60,7 @@ struct Aim<'a> {
     object: &'a ObjectModel,
     motion: &'a EnvironmentFromWorld,
     frame: &'a FieldFrame,
-    /// Variance that the surroundings ask for on top of a lobe's.
+    /// Variance that the environment asks for on top of a lobe's.
     sharpest: f32,
     has_own_light: bool,
 }
@@ -78,7 +78,7 @@ impl Aim<'_> {
             scratch.edited.surfaces(),
             scratch.edited.learned_roughness(),
         );
-        // Lobes that the photos did not teach: another roughness, or other surroundings.
+        // Lobes that the photos did not teach: another roughness, or another environment.
         let new_roughness = scratch.edited.has_new_roughness();
         let is_new = |k: usize| new_roughness[start + k] || !self.has_own_light;
         let roughness = surfaces[start].roughness;
@@ -114,7 +114,7 @@ impl Aim<'_> {
         first..first + n
     }
 
-    /// How much several cones count against the one that photos taught where the surroundings are now those of another
+    /// How much several cones count against the one that photos taught where the environment is now that of another
     /// lobe by the share `moved`, `[0, 1]`.
     fn split_weight(&self, roughness: f32, learned: f32, moved: f32) -> f32 {
         let change = untaught_share(self.object, roughness, learned);
@@ -176,8 +176,8 @@ impl Aim<'_> {
     }
 }
 
-/// How far moved surroundings ask the lobe at `point` for other light than photos taught it, `[0, 1]`: they were turned or
-/// moved under it by more than it is wide.
+/// How far a moved environment asks the lobe at `point` for other light than photos taught it, `[0, 1]`: the environment
+/// was turned or moved under the lobe by more than the lobe is wide.
 fn moved_away(
     motion: &EnvironmentFromWorld,
     frame: &FieldFrame,

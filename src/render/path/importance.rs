@@ -26,7 +26,7 @@ const PLACES: [Vec3; 5] = [
     Vec3::new(-0.4, -0.4, 0.4),
 ];
 
-/// Rough luminance of the surroundings about an object, by world direction.
+/// Rough luminance of the environment about an object, by world direction.
 #[derive(Clone, Debug)]
 pub(in crate::render) struct Importance {
     view: PanoramaView,
@@ -35,7 +35,7 @@ pub(in crate::render) struct Importance {
 }
 
 impl Importance {
-    /// The surroundings of `scene` about the ball of `center` and `radius`, world units; `None` when cancelled.
+    /// The environment of `scene` about the ball of `center` and `radius`, world units; `None` when cancelled.
     pub(in crate::render) fn new(
         scene: &Scene,
         (center, radius): (Vec3, f32),
@@ -59,7 +59,7 @@ impl Importance {
                 };
             }
         }
-        // Black surroundings are as important everywhere.
+        // A black environment is as important everywhere.
         let mean = luminances.iter().sum::<f32>() / luminances.len() as f32;
         for value in &mut luminances {
             *value = *value / mean.max(f32::MIN_POSITIVE) + LEAST;

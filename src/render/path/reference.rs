@@ -1,6 +1,6 @@
 //! The oracle of the shading: a lobe as many thin rays through the field instead of one cone.
 //!
-//! Slow and without integrated lobe encoding: rays are as thin as the surroundings tell apart, which for the fast field is
+//! Slow and without integrated lobe encoding: rays are as thin as the environment tells apart, which for the fast field is
 //! the cone of a mirror. Rays that meet the object go on from there, as in a path tracer, so that
 //! neither the cone's one colour nor the few rays that find the blocked share of a lobe are relied on.
 
@@ -57,7 +57,7 @@ pub(in crate::render) struct Reference {
 }
 
 impl Reference {
-    /// Looks at the surroundings; `None` when cancelled.
+    /// Looks at the environment; `None` when cancelled.
     pub(in crate::render) fn new(
         scene: &Scene,
         options: ReferenceOptions,
@@ -142,7 +142,7 @@ struct Candidate {
     direction: Vec3,
 }
 
-/// The paths of a pixel, and those of their rays that reach the surroundings.
+/// The paths of a pixel, and those of their rays that reach the environment.
 struct Paths<'a> {
     scene: &'a Scene,
     object: &'a ObjectModel,
@@ -155,7 +155,7 @@ struct Paths<'a> {
 }
 
 impl Paths<'_> {
-    /// Follows all paths of a pixel to the surroundings; the sum of what they bring.
+    /// Follows all paths of a pixel to the environment; the sum of what they bring.
     fn light(&mut self, pixel: u32, points: &[Walker], scratch: &mut ShadeScratch) -> Vec3 {
         self.rays.clear();
         self.throughputs.clear();
@@ -339,8 +339,8 @@ struct WalkerLobe {
     thin: Lobe,
 }
 
-/// The thinnest ray of a lobe, among surroundings that were taught none sharper than of variance `sharpest`: narrower only
-/// where photos taught them this very surface's.
+/// The thinnest ray of a lobe, in an environment that was taught none sharper than of variance `sharpest`: narrower only
+/// where photos taught it this very surface's.
 fn thin_ray(object: &ObjectModel, roughness: f32, learned: f32, sharpest: f32) -> Lobe {
     let taught = Lobe::from_roughness(learned).variance.min(sharpest);
     let untaught = untaught_share(object, roughness, learned);

@@ -17,7 +17,7 @@ pub(super) const PIECE: usize = 128;
 /// Pixels shaded together: their samples stay in the core's cache.
 pub(in crate::render) const TILE: usize = 64;
 
-/// What a pixel sees of the surroundings.
+/// What a pixel sees of the environment.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(in crate::render) struct SeenLight {
     /// Where, in the field's coordinates; far away where nothing is met.
@@ -43,7 +43,7 @@ pub struct ShadeScratch {
     pub(in crate::render) blocked: Vec<BlockedCone>,
     pub(in crate::render) beyond: EditedSurfaces,
     pub(super) contributions: Vec<Contribution>,
-    /// Most samples a ray; none leaves the number to the surroundings.
+    /// Most samples a ray; none leaves the number to the environment.
     most_samples: Option<usize>,
 }
 
@@ -56,7 +56,7 @@ impl ShadeScratch {
         }
     }
 
-    /// The rays of pixels (`y * width + x` of `camera`) into the surroundings.
+    /// The rays of pixels (`y * width + x` of `camera`) into the environment.
     pub(super) fn aim_at_background(&mut self, scene: &Scene, camera: &Camera, pixels: &[u32]) {
         let motion = scene.transform.environment_from_world();
         let frame = scene.environment.frame();
@@ -156,7 +156,7 @@ fn mark_unseen(environment: &Environment, batch: &mut FieldBatch) {
     }
 }
 
-/// A cone of a split lobe that meets the object, on its way to the surroundings.
+/// A cone of a split lobe that meets the object, on its way to the environment.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::render) struct BlockedCone {
     /// The lit vertex whose lobe it is of.

@@ -1,4 +1,4 @@
-//! Radiance of pixels: the surroundings through a pixel's cone, the object by the pixel equation.
+//! Radiance of pixels: the environment through a pixel's cone, the object by the pixel equation.
 
 use glam::Vec3;
 
@@ -25,7 +25,7 @@ const _: () = assert!(
     "see_background asks for the samples of a whole tile"
 );
 
-/// Linear radiance of the surroundings, blurred if the scene says so, through each listed pixel (`y * width + x` of `camera`); `out`: one a pixel.
+/// Linear radiance of the environment, blurred if the scene says so, through each listed pixel (`y * width + x` of `camera`); `out`: one a pixel.
 pub fn shade_background(
     scene: &Scene,
     camera: &Camera,

@@ -103,7 +103,7 @@ pub(in crate::render) fn bands(width: u32, height: u32) -> Vec<Band> {
 }
 
 impl Band {
-    /// Computes what is out of date and needed for the layer: pixels of geometry, surroundings, object.
+    /// Computes what is out of date and needed for the layer: pixels of geometry, environment, object.
     pub(in crate::render) fn update(
         &mut self,
         work: &Work<'_>,
@@ -224,7 +224,7 @@ impl Band {
     }
 
     fn update_background(&mut self, work: &Work<'_>, scratch: &mut ShadeScratch) -> usize {
-        // With the object hidden, the surroundings behind it are wanted as well.
+        // With the object hidden, the environment behind it is wanted as well.
         let wants_whole = !work.request.layer.shows_object();
         let is_fresh = self.background_version == work.versions.background;
         if is_fresh && (self.is_background_whole || !wants_whole) {

@@ -1,6 +1,6 @@
 //! A picture at a resolution and with one or several paths for each of the object's pixels, recomputing only what changed.
 //!
-//! Each pass keeps, band by band, what its camera sees of the mesh, the surroundings behind it and
+//! Each pass keeps, band by band, what its camera sees of the mesh, the environment behind it and
 //! the object's own light. A changed material leaves the first two, a changed environment the
 //! first; a pass that was interrupted goes on where it stopped.
 
@@ -20,7 +20,7 @@ use crate::render::path::scratch::ShadeScratch;
 pub struct Recomputed {
     /// Pixels traced against the mesh.
     pub traced: usize,
-    /// Pixels of the surroundings.
+    /// Pixels of the environment.
     pub background: usize,
     /// Pixels of the object.
     pub object: usize,

@@ -113,8 +113,8 @@ pub fn evaluate_views(
     Some(results)
 }
 
-/// Renders each view with a model that knows nothing of the surroundings, and measures what it explains: the object
-/// and masked scopes. The other measures, which take in the surroundings, stay `None`. `None` when cancelled.
+/// Renders each view with a model that knows nothing of the environment, and measures what it explains: the object
+/// and masked scopes. The other measures, which take in the environment, stay `None`. `None` when cancelled.
 pub fn evaluate_object(
     model: &NeilfModel,
     views: &[View],
@@ -163,7 +163,7 @@ pub fn relit(
     let mut relit = scene.clone();
     if let Some(name) = &apply.environment_of {
         let environment = environments.get(name);
-        let missing = || format!("the surroundings of `{name}` are not given");
+        let missing = || format!("the environment of `{name}` is not given");
         relit.swap_environment(Arc::clone(environment.ok_or_else(missing)?));
     }
     if let Some(moved) = apply.environment_transform {
@@ -184,7 +184,7 @@ pub fn relit(
     Ok(relit)
 }
 
-/// `env_panos.json`: what the surroundings look like from listed points.
+/// `env_panos.json`: what the environment looks like from listed points.
 #[derive(Deserialize)]
 struct PanoramaList {
     panos: Vec<PanoramaTruth>,
@@ -196,7 +196,7 @@ struct PanoramaTruth {
     position: Vec3,
 }
 
-/// Mean PSNR, in dB, of the surroundings seen from the points of `root/env_panos.json`, after
+/// Mean PSNR, in dB, of the environment seen from the points of `root/env_panos.json`, after
 /// clipping to 0..1 and sRGB encoding. `None` without that file, or when cancelled.
 ///
 /// # Errors

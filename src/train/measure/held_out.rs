@@ -85,7 +85,7 @@ fn gain(view: &View, picture: &Picture, side: Side) -> [f32; 3] {
     nearest_gain(views, pictures, |_, i| side.has(i))
 }
 
-/// The picture from where one half of the photo shows the surroundings to be.
+/// The picture from where one half of the photo shows the environment to be.
 fn posed<'a>(
     scene: &Scene,
     view: &View,
@@ -276,7 +276,7 @@ mod tests {
         fitted(&scene, view, picture, PoseFit::Given, &cancel).expect("nobody cancels")
     }
 
-    /// Surroundings far away with waves all over.
+    /// An environment far away with waves all over.
     fn waves() -> Scene {
         let config = DistantConfig {
             width: 256,

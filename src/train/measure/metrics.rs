@@ -2,7 +2,7 @@
 //!
 //! Images are display-referred sRGB in `[0, 1]`, row-major, three channels. Sums are `f64`.
 //! The object scope is the strict one and the headline: the masked scope, which much of the
-//! literature prints, counts the black surroundings as perfectly right and so flatters small
+//! literature prints, counts the black background as perfectly right and so flatters small
 //! objects.
 
 use serde::{Deserialize, Serialize};

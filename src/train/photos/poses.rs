@@ -1,4 +1,4 @@
-//! Corrections of the training photos' poses, found while the surroundings are learned.
+//! Corrections of the training photos' poses, found while the environment is learned.
 //!
 //! Structure from motion leaves a photo some tenths of a pixel to a pixel off, and what is seen from many sides is
 //! blurred by it. Where the field shows a pixel of a photo brighter than the photo is there, the photo is shifted, by its own
@@ -17,7 +17,7 @@ use crate::neif::field::contraction::FieldFrame;
 use crate::train::config::PhotoFit;
 use crate::train::placement::given_cameras;
 
-/// Steps before poses are corrected: until then the surroundings have no features to go by.
+/// Steps before poses are corrected: until then the environment has no features to go by.
 const DELAY: u64 = 300;
 /// Steps after which cameras that are right until then are taken as right for good: looking takes a twelfth of a step.
 const LOOKED_AT: u64 = 2000;
@@ -220,7 +220,7 @@ impl Poses {
     }
 
     /// Holds the mean correction at zero, along the world's axes and along the cameras' own: what all photos have in common
-    /// moves, turns or scales the surroundings against the object and the held-out photos, which stay where they are.
+    /// moves, turns or scales the environment against the object and the held-out photos, which stay where they are.
     fn center(&mut self) {
         let n = self.given.len().max(1) as f64;
         let own_axes = |camera: &Camera| camera.world_from_camera.matrix3.as_dmat3();

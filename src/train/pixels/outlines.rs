@@ -1,4 +1,4 @@
-//! Which pixels of a photo show the object and which its surroundings, where the outlines of masks are uncertain.
+//! Which pixels of a photo show the object and which its background, where the outlines of masks are uncertain.
 //!
 //! Where masks and the mesh agree, the masks say. Where masks wander about the mesh that all of them together gave, a pixel near
 //! the outline of a mask is on the side of the mesh's silhouette that it lies on, and neither as near to that silhouette as it errs.
@@ -32,7 +32,7 @@ const NEITHER: f32 = 1.5;
 pub(in crate::train) struct Sides {
     /// `[n_pixels]` whether nothing but the object.
     pub(in crate::train) object: Vec<bool>,
-    /// `[n_pixels]` whether nothing but the surroundings.
+    /// `[n_pixels]` whether nothing but the background.
     pub(in crate::train) background: Vec<bool>,
 }
 

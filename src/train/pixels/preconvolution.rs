@@ -1,4 +1,4 @@
-//! Pre-convolved backgrounds: each photo's surroundings blurred in linear light, the object left out.
+//! Pre-convolved backgrounds: each photo's background blurred in linear light, the object left out.
 //!
 //! The ladder of the paper's "multiscale pre-convolved representation" with standard deviations 1, 2, 4, 8, 16
 //! pixels. The paper prints a cone of `3 sigma r0`; matching the blurred pixel needs `r0 sqrt(1 + 12 sigma²)`, i.e. a
@@ -15,7 +15,7 @@ const MIN_WEIGHT: f32 = 0.25;
 /// Largest of the sRGB codes by which linear values are looked up.
 const CODE_MAX: f32 = 65534.0;
 
-/// One level of one photo's surroundings: samples, every `stride` pixels, of the photo blurred by `sigma_px`.
+/// One level of one photo's background: samples, every `stride` pixels, of the photo blurred by `sigma_px`.
 #[derive(Clone, Debug)]
 pub(in crate::train) struct BlurredImage {
     width: u32,

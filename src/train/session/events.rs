@@ -45,7 +45,7 @@ pub enum TrainEvent {
         width: u32,
         /// Height of the first training view, in pixels.
         height: u32,
-        /// False when only the surroundings are trained.
+        /// False when only the environment is trained.
         has_object: bool,
         /// What is odd about the capture, for people.
         problems: Vec<String>,

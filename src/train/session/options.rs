@@ -45,7 +45,7 @@ pub struct SessionOptions {
     pub run: Option<PathBuf>,
     /// New run or an old one.
     pub start: Start,
-    /// Train the surroundings only.
+    /// Train the environment only.
     pub environment_only: bool,
     /// Precision of the grid values in the saved files.
     pub storage: Storage,

@@ -143,7 +143,7 @@ impl Worker {
             Ok(mesh) => dataset.mesh = Some(Arc::new(mesh)),
             Err(StageOneError::Cancelled) => return Ok(false),
             Err(error) => {
-                let message = format!("only the surroundings are trained: {error}");
+                let message = format!("only the environment is trained: {error}");
                 self.events.send(TrainEvent::Warning(message));
             }
         }

@@ -20,7 +20,7 @@ use crate::train::TrainError;
 use crate::train::config::{Normals, TrainConfig};
 use crate::train::statistics::middle;
 
-/// Steps before normals are learned: until then the surroundings have no features to go by.
+/// Steps before normals are learned: until then the environment has no features to go by.
 pub(in crate::train) const DELAY: u64 = 100;
 /// Learning rates at the beginning and at the end, radians: what is smooth is to end without noise.
 const RATES: [f32; 2] = [1e-3, 1e-4];

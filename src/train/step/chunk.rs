@@ -33,7 +33,7 @@ pub(in crate::train) const SMOOTHNESS_STEP: f32 = 0.004;
 /// Chunks a step is cut into.
 pub(in crate::train) const N_CHUNKS: usize = 16;
 
-/// Roughness while it is not yet learned, and how strongly it is held there. Coming from sharp lobes, surroundings and
+/// Roughness while it is not yet learned, and how strongly it is held there. Coming from sharp lobes, environment and
 /// roughness settle on sharper ones than coming from blurred lobes: 0.2 dB more of the object than from 0.3.
 const INITIAL_ROUGHNESS: f32 = 0.1;
 const HOLD_STRENGTH: f32 = 1.0;
@@ -44,7 +44,7 @@ pub(in crate::train) struct ChunkLoss {
     pub(in crate::train) object: f64,
     pub(in crate::train) background: f64,
     pub(in crate::train) smoothness: f64,
-    /// What is asked of the surroundings beyond the photos.
+    /// What is asked of the environment beyond the photos.
     pub(in crate::train) priors: f64,
     pub(in crate::train) d_gamma: f64,
 }

@@ -26,7 +26,7 @@ impl Chunk {
         self.loss.priors += f64::from(scale) * bend;
     }
 
-    /// Haze before the cameras is no surroundings.
+    /// Haze before the cameras is no part of the environment.
     pub(super) fn distortion_losses(&mut self, context: &StepContext<'_>) {
         let config = context.config;
         if context.material.is_none() || config.distortion_weight == 0.0 {

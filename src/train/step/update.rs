@@ -103,7 +103,7 @@ impl Trainer {
             head: decay * self.config.gamma_rate,
             tail: 0.0,
         };
-        // Surroundings alone look the same with any exponent: theirs stays 1.
+        // An environment alone looks the same with any exponent: its own stays 1.
         if self.material.is_some() {
             let mut gamma = [self.gamma];
             self.gamma_adam

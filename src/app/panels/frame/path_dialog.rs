@@ -21,7 +21,7 @@ pub fn path_dialog_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>
         ui.set_width(WIDTH);
         let (title, what) = match dialog.purpose {
             PathPurpose::Open => ("Open", "A capture (folder or transforms.json), a saved run, a session, or an environment (.safetensors, or a panorama as .hdr or .exr). Dropping it on the window works too."),
-            PathPurpose::AddEnvironment => ("Add an environment", "A trained environment (.safetensors), a saved run whose surroundings are meant, or a panorama (.hdr, .exr). Dropping a file on the window works too."),
+            PathPurpose::AddEnvironment => ("Add an environment", "A trained environment (.safetensors), a saved run whose environment is meant, or a panorama (.hdr, .exr). Dropping a file on the window works too."),
             PathPurpose::Save => ("Save the run", "A folder for the model and everything to go on with it; it is made if it does not exist."),
             PathPurpose::Log => ("Export the figures", "A file for loss, PSNR and speed over the run so far, as a table with commas (.csv)."),
             PathPurpose::SaveSession => ("Save the session", "A small file that names what is open and holds all edits, camera and layout. What was trained and never saved goes into a folder beside it."),

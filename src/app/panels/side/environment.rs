@@ -1,4 +1,4 @@
-//! The environment panel: which surroundings light the object, and where they stand.
+//! The environment panel: which environment lights the object, and where it stands.
 
 use egui::{Button, Ui};
 use glam::Vec3;
@@ -59,7 +59,7 @@ pub fn environment_ui(
     original_ui(ui, state, commands);
 }
 
-/// Where the shown surroundings have their top, how large they are, and whether they are near at all.
+/// Where the shown environment has its top, how large it is, and whether it is near at all.
 fn facts_ui(ui: &mut Ui, state: &AppState) {
     let own = state
         .snapshot
@@ -87,7 +87,7 @@ fn facts_ui(ui: &mut Ui, state: &AppState) {
     let facts = format!("{name} · {kind}\nUp {up} · {place}\nScale {scale:.2} · {ev:+.1} EV");
     let facts = weak(ui, facts);
     ui.label(facts).on_hover_text(
-        "The up axis, and the side of the box in which the surroundings are finest, in scene units. What is infinitely far does not move or scale.",
+        "The up axis, and the side of the box in which the environment is finest, in scene units. What is infinitely far does not move or scale.",
     );
 }
 
@@ -141,8 +141,8 @@ fn tools_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
         let button = Button::new("Match exposure");
         let button = ui.add_enabled(state.chosen_environment().is_some(), button);
         let button = button
-            .on_hover_text("Exposure and white balance by which these surroundings light the object as much as its own")
-            .on_disabled_hover_text("Choose other surroundings first");
+            .on_hover_text("Exposure and white balance by which this environment lights the object as much as its own")
+            .on_disabled_hover_text("Choose another environment first");
         if button.clicked() {
             commands.push(Command::MatchExposure);
         }

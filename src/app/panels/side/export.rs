@@ -98,9 +98,9 @@ fn settings_ui(ui: &mut Ui, export: &ExportState, settings: &mut ExportSettings)
 
     ui.label("Background");
     let mut is_shown = settings.backdrop == Backdrop::Shown;
-    let shown = Checkbox::new(&mut is_shown, "Surroundings");
+    let shown = Checkbox::new(&mut is_shown, "With the environment");
     ui.add(shown)
-        .on_hover_text("Without them the picture is transparent around the object");
+        .on_hover_text("Without it the picture is transparent around the object");
     settings.backdrop = if is_shown {
         Backdrop::Shown
     } else {

@@ -1,4 +1,4 @@
-//! The gallery of surroundings: a small picture of each, chosen by a click.
+//! The gallery of environments: a small picture of each, chosen by a click.
 
 use std::path::Path;
 
@@ -70,7 +70,7 @@ fn tiles<'a>(state: &'a AppState, pictures: &Pictures) -> Vec<Tile<'a>> {
     };
     let own = Tile {
         name,
-        hint: "The surroundings of the photos".to_owned(),
+        hint: "The environment of the photos".to_owned(),
         picture: pictures.own_thumbnail,
         environment: None,
         entry: None,

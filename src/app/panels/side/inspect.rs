@@ -1,5 +1,5 @@
-//! The panel of the picked point: its values as text, and the surroundings as it sees them. Below what is edited, which
-//! therefore stays where it is when a point is picked.
+//! The panel of the picked point: its values as text, and the environment as the point sees it. Below what is edited,
+//! which therefore stays where it is when a point is picked.
 
 use egui::{Color32, Grid, Pos2, Rect, RichText, Sense, Shape, Stroke, Ui, pos2, vec2};
 use glam::{Quat, Vec2, Vec3};
@@ -142,7 +142,7 @@ fn panorama_ui(
     let width = ui.available_width();
     let (rect, response) = ui.allocate_exact_size(vec2(width, 0.5 * width), Sense::hover());
     response.widget_info(|| {
-        let name = "Surroundings as the point sees them";
+        let name = "Environment as the point sees it";
         egui::WidgetInfo::labeled(egui::Role::Image, true, name)
     });
     let shown = pictures.panorama.zip(state.inspect.panorama.as_ref());
@@ -158,8 +158,8 @@ fn panorama_ui(
         "All directions around the point, up at the top. The cross is the mirror direction; the line around it is where the lobe has fallen to half.",
     );
     let mut is_sharp = state.inspect.is_sharp;
-    let toggle = ui.checkbox(&mut is_sharp, "Sharp surroundings");
-    let toggle = toggle.on_hover_text("Off: as blurred as the point mirrors them");
+    let toggle = ui.checkbox(&mut is_sharp, "Sharp environment");
+    let toggle = toggle.on_hover_text("Off: as blurred as the point mirrors it");
     if toggle.changed() {
         commands.push(Command::Inspect(InspectCommand::ShowSharp(is_sharp)));
     }

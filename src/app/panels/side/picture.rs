@@ -95,7 +95,8 @@ fn camera_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
         commands.push(Command::MoveCamera(lens));
     }
     ui.horizontal(|ui| {
-        let hint = "What the camera turns about and keeps upright; surroundings turn about it too";
+        let hint =
+            "What the camera turns about and keeps upright; the environment turns about it too";
         name_label(ui, "Up axis").on_hover_text(hint);
         ui.spacing_mut().item_spacing.x = 2.0;
         for axis in Vec3::AXES.into_iter().flat_map(|axis| [axis, -axis]) {

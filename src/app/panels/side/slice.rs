@@ -1,4 +1,4 @@
-//! The density slice: a plane through the surroundings, its place and its colour bar.
+//! The density slice: a plane through the environment, its place and its colour bar.
 
 use egui::{Color32, Rect, Sense, Stroke, TextureId, Ui, pos2, vec2};
 
@@ -60,7 +60,7 @@ fn plane_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
 
 fn picture_ui(ui: &mut Ui, state: &AppState, picture: Option<TextureId>) {
     let Some(picture) = picture else {
-        ui.label(weak(ui, "These surroundings have no density yet."));
+        ui.label(weak(ui, "This environment has no density yet."));
         return;
     };
     let (all, response) = ui.allocate_exact_size(vec2(SIDE, SIDE + BAR_HEIGHT), Sense::hover());

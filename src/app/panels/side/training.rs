@@ -52,7 +52,7 @@ fn capture_ui(ui: &mut Ui, state: &AppState) {
         capture.n_train, capture.n_val
     );
     if !capture.has_object {
-        text.push_str("\nno object: the surroundings alone are trained");
+        text.push_str("\nno object: the environment alone is trained");
     }
     ui.label(weak(ui, text));
 }

@@ -258,7 +258,7 @@ impl Bench {
         })?);
         self.desk.look.edit = MaterialEdit::default();
         rows.push(
-            self.change("turned surroundings to changed picture", |desk, i| {
+            self.change("turned environment to changed picture", |desk, i| {
                 desk.look.transform.rotate_deg = Vec3::new(0.0, 0.0, 5.0 + i as f32);
             })?,
         );
@@ -267,7 +267,7 @@ impl Bench {
             self.other = Some(Arc::new(Environment::open(&entry.path).or_unusable()?));
             let other = self.other.clone();
             rows.push(
-                self.change("swapped surroundings to first picture", move |desk, i| {
+                self.change("swapped environment to first picture", move |desk, i| {
                     desk.look.environment = other.clone().filter(|_| i % 2 == 0);
                 })?,
             );

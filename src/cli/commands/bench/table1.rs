@@ -71,7 +71,7 @@ const VARIANTS: [Variant; 12] = [
     },
     Variant {
         key: "ne-env",
-        name: "Ne-Env (surroundings infinitely far)",
+        name: "Ne-Env (environment infinitely far)",
         model: Model::Ours(|c| c.field.is_far = true),
     },
     Variant {
@@ -123,7 +123,7 @@ const VARIANTS: [Variant; 12] = [
 ];
 
 /// Below the table.
-const NOTES: &str = "NeILF and NeILF* explain the object alone, so there is no figure for what takes in the surroundings. \
+const NOTES: &str = "NeILF and NeILF* explain the object alone, so there is no figure for what takes in the environment. \
     They are trained on the object's pixels; a pixel on the silhouette shows the object unmixed.";
 
 fn rows() -> PossibleValuesParser {

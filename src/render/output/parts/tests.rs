@@ -66,7 +66,7 @@ fn alpha_is_coverage_and_colours_are_the_objects_own() {
             assert_eq!(*pixel, [0; 4], "nothing behind");
         }
     }
-    // Over its surroundings in linear light, it is the picture with surroundings.
+    // Over its environment in linear light, it is the picture with the environment.
     let whole = self::parts(&[Layer::Final], Backdrop::Shown);
     assert_eq!(whole.object(Layer::Final), parts.object(Layer::Final));
     assert_eq!(whole.coverage, parts.coverage);

@@ -4,7 +4,7 @@
 // One RGBA8 word a pixel of the whole picture.
 @group(0) @binding(15) var<storage, read_write> picture: array<u32>;
 
-// What a ray brought, with the gain of the surroundings.
+// What a ray brought, with the gain of the environment.
 fn incoming(ray: u32) -> vec3<f32> {
     if ray == NONE {
         return vec3(0.0);

@@ -1,4 +1,4 @@
-// What all passes of a band share: camera, motion of the surroundings, edits, and where the tables of the fields lie.
+// What all passes of a band share: camera, motion of the environment, edits, and where the tables of the fields lie.
 // The Rust side is `frame.rs`; every member is a multiple of four words long, so that both sides agree without padding.
 
 struct Frame {
@@ -25,7 +25,7 @@ struct Frame {
     field_x: vec4<f32>,
     field_y: vec4<f32>,
     field_z: vec4<f32>,
-    // Gain of the surroundings' radiance; field units a world unit.
+    // Gain of the environment's radiance; field units a world unit.
     motion: vec4<f32>,
     // Lower corner and side of the cube of the surface field.
     material_cube: vec4<f32>,

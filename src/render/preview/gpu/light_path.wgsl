@@ -68,7 +68,7 @@ fn field_from_world(p: vec3<f32>) -> vec3<f32> {
     return vec3(dot(frame.field_x, q), dot(frame.field_y, q), dot(frame.field_z, q));
 }
 
-// A world direction in the axes of the surroundings.
+// A world direction in the axes of the environment.
 fn field_direction(d: vec3<f32>) -> vec3<f32> {
     let turned = vec3(dot(frame.field_x.xyz, d), dot(frame.field_y.xyz, d), dot(frame.field_z.xyz, d));
     return turned / frame.motion.w;
@@ -90,7 +90,7 @@ fn push_ray(ray: FieldRay) -> u32 {
     return number;
 }
 
-// The ray of a picture point into the surroundings.
+// The ray of a picture point into the environment.
 fn push_background_ray(at: vec2<f32>) -> u32 {
     let seen_ray = camera_ray(at);
     let origin = field_from_world(seen_ray.origin);

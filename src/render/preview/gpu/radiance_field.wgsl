@@ -19,7 +19,7 @@ fn density_row(at: vec3<f32>, footprint: f32) -> array<vec4<f32>, 4> {
     return density_network(&features);
 }
 
-// The ray as the field takes it: far surroundings know no place, and fields without integrated lobes no width.
+// The ray as the field takes it: a far environment knows no place, and fields without integrated lobes no width.
 fn prepared(given: FieldRay) -> FieldRay {
     var ray = given;
     if IS_FAR {

@@ -18,9 +18,9 @@ pub enum NotCarried {
     Regions,
     /// The roughness is edited: lobes of several cones.
     Roughness,
-    /// The surroundings are moved or others: the light at the surface and around it changes.
+    /// The environment is moved or another: the light at the surface and around it changes.
     Light,
-    /// The surroundings are the paper's network or a picture.
+    /// The environment is the paper's network or a picture.
     Surroundings,
     /// The surface is the paper's network.
     Surface,
@@ -34,8 +34,8 @@ impl fmt::Display for NotCarried {
             Self::Layer => "this layer",
             Self::Regions => "parts that are edited or highlighted",
             Self::Roughness => "edited roughness",
-            Self::Light => "moved or other surroundings",
-            Self::Surroundings => "surroundings that are no grid",
+            Self::Light => "a moved or another environment",
+            Self::Surroundings => "an environment that is no grid",
             Self::Surface => "a surface that is no grid",
             Self::Lens => "a distorted lens",
         })

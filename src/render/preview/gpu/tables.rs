@@ -16,7 +16,7 @@ use crate::neif::surface::material::Material;
 /// Cells per axis, first row, mask of the hash (0: dense), unused.
 pub(super) type LevelRow = [u32; 4];
 
-/// The field of the surroundings.
+/// The field of the environment.
 #[derive(Debug)]
 pub(super) struct EnvironmentTables {
     pub(super) levels: Vec<LevelRow>,
@@ -56,8 +56,8 @@ impl EnvironmentTables {
             levels: level_rows(field.levels()),
             density_weights: upload(gpu, "density network", &density_weights)?,
             color_weights: upload(gpu, "colour network", &color_weights)?,
-            grid: upload(gpu, "grid of the surroundings", &grid)?,
-            density: upload(gpu, "density of the surroundings", &density_words(density))?,
+            grid: upload(gpu, "grid of the environment", &grid)?,
+            density: upload(gpu, "density of the environment", &density_words(density))?,
         })
     }
 }

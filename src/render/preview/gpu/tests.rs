@@ -148,7 +148,7 @@ fn pictures_are_those_of_the_processor() {
     edited.object = None;
     let layer = Layer::Environment;
     let db = compared(&mut renderer, &edited, small, layer, PathOptions::PLAIN);
-    assert!(db > 40.0, "surroundings alone: {db:.1} dB");
+    assert!(db > 40.0, "environment alone: {db:.1} dB");
 }
 
 #[test]
@@ -170,7 +170,7 @@ fn what_is_not_carried_is_named() {
     assert_eq!(edited, Err(NotCarried::Roughness));
 }
 
-/// The object in its surroundings, 16 x 16.
+/// The object in its environment, 16 x 16.
 fn small_picture() -> PreviewScene {
     PreviewScene {
         scene: scene(),

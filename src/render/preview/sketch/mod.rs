@@ -1,6 +1,6 @@
 //! Quick pictures for a view that changes: what is known is used again, and light is asked for at every second pixel.
 //!
-//! The surroundings are kept as points in space and projected into the next picture, and rays are followed only where no
+//! The environment is kept as points in space and projected into the next picture, and rays are followed only where no
 //! point falls (the render cache of Walter, Drettakis and Parker 1999). The object's outline is traced at every pixel; it
 //! is lit at every second one of each axis, and between where the surface bends. No part is ever coarser than that.
 
@@ -61,7 +61,7 @@ pub struct Sketch {
     number: u32,
     /// Processor seconds of a picture in motion at half resolution without rays that it could do without.
     floor_secs: Option<f64>,
-    /// Of one ray into the surroundings.
+    /// Of one ray into the environment.
     ray_secs: Option<f64>,
 }
 
@@ -113,7 +113,7 @@ impl Job<'_> {
         }
     }
 
-    /// Light of the surroundings through pixels; those of a cancelled job stay dark.
+    /// Light of the environment through pixels; those of a cancelled job stay dark.
     fn follow(&self, pixels: &[u32]) -> Vec<SeenLight> {
         let mut seen = vec![SeenLight::default(); pixels.len()];
         pixels
@@ -211,7 +211,7 @@ impl Sketch {
             return;
         }
         self.points.project(job);
-        // With the object hidden, the surroundings behind it are wanted as well.
+        // With the object hidden, the environment behind it is wanted as well.
         let is_open = |i: usize| !layer.shows_object() || surface.cover(i) == Cover::Open;
         let missing = self.points.missing(&job.camera, is_open);
         let light = job.follow(&missing);

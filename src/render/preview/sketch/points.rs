@@ -1,4 +1,4 @@
-//! The surroundings as points in space: seen once, projected into every picture that follows.
+//! The environment as points in space: seen once, projected into every picture that follows.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
@@ -91,7 +91,7 @@ impl Source {
             && self.transform == job.request.scene.transform
     }
 
-    /// Whether its points may be shown until there are better ones: the same surroundings, trained a little further.
+    /// Whether its points may be shown until there are better ones: the same environment, trained a little further.
     fn is_kin(&self, job: &Job<'_>) -> bool {
         let (old, new) = (&self.environment, &job.request.scene.environment);
         let is_one_place = Arc::ptr_eq(old, new)
@@ -202,7 +202,7 @@ impl PointCloud {
         });
     }
 
-    /// One pixel of each two by two in which the surroundings are seen and no point falls.
+    /// One pixel of each two by two in which the environment is seen and no point falls.
     pub(super) fn missing(&self, camera: &Camera, is_open: impl Fn(usize) -> bool) -> Vec<u32> {
         let (width, height) = (camera.width as usize, camera.height as usize);
         let mut missing = Vec::new();
@@ -344,7 +344,7 @@ fn steps_around(width: usize, reach: usize) -> Vec<usize> {
     (1..=reach).chain(below).collect()
 }
 
-/// From the field's coordinates to the world, as the surroundings stand now.
+/// From the field's coordinates to the world, as the environment stands now.
 fn world_from_field(job: &Job<'_>) -> Affine3A {
     let scene = &job.request.scene;
     let motion = scene.transform.environment_from_world();

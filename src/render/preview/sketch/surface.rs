@@ -25,7 +25,7 @@ const LARGEST_RISE: f32 = 0.5;
 /// What a pixel shows of the object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Cover {
-    /// Nothing: the surroundings.
+    /// Nothing: the environment.
     Open,
     /// The sample with this index.
     Sample(u32),

@@ -28,7 +28,7 @@ use crate::train::session::plan::Budget;
 const CONFIG: &str = "config.toml";
 const CHECKPOINT: &str = "checkpoint.safetensors";
 const OBJECT: &str = "object.safetensors";
-/// The trained surroundings inside a run folder; usable alone.
+/// The trained environment inside a run folder; usable alone.
 pub const ENVIRONMENT: &str = "environment.safetensors";
 const MESH: &str = "mesh.glb";
 /// The cameras of the training photos, where their poses were refined.
@@ -118,7 +118,7 @@ pub struct RunConfig {
     pub format: u32,
     /// Program and version that wrote it.
     pub program: String,
-    /// True when only the surroundings are trained.
+    /// True when only the environment is trained.
     pub environment_only: bool,
     /// Precision of the grid values in the files for showing; the checkpoint is always exact.
     #[serde(default)]
@@ -319,7 +319,7 @@ impl RunFolder {
         }
     }
 
-    /// The mesh that the run was trained on; `None` where only the surroundings were.
+    /// The mesh that the run was trained on; `None` where only the environment was.
     ///
     /// # Errors
     /// When the file is damaged.

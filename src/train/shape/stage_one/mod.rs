@@ -3,7 +3,7 @@
 //! A draft comes first, as signed distances on a grid: depth maps fused within the visual hull of the masks, or the hull
 //! alone; then the fairest surface that is where the maps saw it and whose outlines are those of the masks, to a fraction of
 //! a pixel, or as near as these agree. Nothing is asked of the photos' colours, which on glossy surfaces tell of the
-//! surroundings.
+//! environment.
 //!
 //! Where there are neither maps nor masks, the reconstruction's points give coarse maps, which are fused and left at that.
 
@@ -69,7 +69,7 @@ const SHORT_SECS: f64 = 45.0;
 const SHORT_CELLS: usize = 80;
 /// Most cells for a mesh of points.
 const POINT_CELLS: usize = 64;
-/// The same as [`SPECK`] for a mesh of points: bits of the surroundings are near.
+/// The same as [`SPECK`] for a mesh of points: bits of the background are near.
 const LONE_PART: f64 = 0.5;
 /// Cells over the floor up to which a mesh of points is cut off.
 const FLOOR_CELLS: f32 = 1.5;
