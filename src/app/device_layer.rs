@@ -13,7 +13,7 @@ use std::path::Path;
 const SWITCH: &str = "NODEVICE_SELECT";
 /// Where Wayland is, if it is anywhere.
 const WAYLAND: [&str; 2] = ["WAYLAND_DISPLAY", "WAYLAND_SOCKET"];
-/// What a person tells the layer, which is then needed.
+/// What a person sets to control the layer, which is then needed.
 const CHOICES: [&str; 2] = ["MESA_VK_DEVICE_SELECT", "DRI_PRIME"];
 
 /// Starts the program again without the layer where that would look in vain; to be called before anything else is done.
@@ -25,7 +25,7 @@ pub(super) fn settle() {
     }
 }
 
-/// Whether nothing tells of Wayland, which the layer cannot even look for, and nothing asks for the layer.
+/// Whether nothing indicates Wayland, which the layer cannot even look for, and nothing asks for the layer.
 fn is_in_vain(variable: impl Fn(&str) -> Option<OsString>) -> bool {
     let is_set = |name: &&str| variable(name).is_some_and(|value| !value.is_empty());
     let is_usable = |folder: OsString| Path::new(&folder).is_absolute();

@@ -78,7 +78,7 @@ pub fn accent(visuals: &Visuals) -> Color32 {
     }
 }
 
-/// A second colour for curves, told from the first by brightness too.
+/// A second colour for curves, distinguished from the first by brightness too.
 pub fn accent_2(visuals: &Visuals) -> Color32 {
     if visuals.dark_mode {
         Color32::from_rgb(255, 178, 84)

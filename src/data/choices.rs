@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CaptureChoices {
-    /// The direction that is up in the world; told from how the cameras were held where absent.
+    /// The direction that is up in the world; estimated from how the cameras were held where absent.
     pub up: Option<Vec3>,
     /// Most pixels of all photos together, in millions; larger photos are reduced while they are read.
     pub max_megapixels: f32,

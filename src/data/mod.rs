@@ -128,13 +128,13 @@ impl Dataset {
 /// What a capture was read from, beyond its views.
 #[derive(Clone, Debug, Default)]
 pub struct Origin {
-    /// The layout and the files that it was told by, for people.
+    /// The layout and the files that it was recognised by, for people.
     pub recognised: String,
     /// The reconstruction's points, where the layout has them.
     pub points: Option<Arc<PointCloud>>,
     /// Depth maps of training photos.
     pub depths: Vec<DepthView>,
-    /// The direction that is up in the world, unit: as given, else told from all listed cameras.
+    /// The direction that is up in the world, unit: as given, else estimated from all listed cameras.
     pub up: Option<Vec3>,
     /// Whether it was given.
     pub up_is_given: bool,

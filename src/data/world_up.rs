@@ -1,10 +1,10 @@
-//! Which way is up in a capture's world, told from how the cameras were held.
+//! Which way is up in a capture's world, estimated from how the cameras were held.
 
 use glam::{Affine3A, Mat3, Vec3};
 
 /// Cosine of 20 degrees: an axis this near is meant, and the rest is how the photos were taken.
 const NEAR_AXIS: f32 = 0.94;
-/// Least share of the second smallest spread for the cameras' right-hand directions to tell a plane.
+/// Least share of the second smallest spread for the cameras' right-hand directions to determine a plane.
 const LEAST_SPREAD: f32 = 0.05;
 /// Turns of the power iteration; the spread above makes each gain a factor.
 const N_ITERATIONS: usize = 30;
@@ -12,7 +12,7 @@ const N_ITERATIONS: usize = 30;
 /// The direction that is up, unit: that of a world axis where one is within 20 degrees.
 ///
 /// People hold cameras level: what is common to all views is that their right-hand sides lie in
-/// the horizontal plane, even when all look down from one side. Where they do not tell a plane
+/// the horizontal plane, even when all look down from one side. Where they do not determine a plane
 /// (one view, or cameras held at all angles), the mean of the pictures' up directions is taken.
 ///
 /// `poses`: from camera to world, OpenGL's axes.
@@ -45,7 +45,7 @@ pub fn world_up(poses: impl Iterator<Item = Affine3A>) -> Vec3 {
     snapped
 }
 
-/// The normal of the plane that the cameras' right-hand sides lie in, if they tell one.
+/// The normal of the plane that the cameras' right-hand sides lie in, if they determine one.
 fn plane_normal(poses: &[Affine3A]) -> Option<Vec3> {
     if poses.is_empty() {
         return None;

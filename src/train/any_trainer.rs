@@ -180,7 +180,7 @@ impl AnyTrainer {
         either!(self, trainer => trainer.pixels.n_sharing_chroma())
     }
 
-    /// Share of the photos' pixels whose depth they told before training, `[0, 1]`.
+    /// Share of the photos' pixels whose depth was estimated from the photos before training, `[0, 1]`.
     pub fn share_of_depths(&self) -> f32 {
         let depths = either!(self, trainer => trainer.pixels.depths.as_ref());
         depths.map_or(0.0, SeenDepths::share)

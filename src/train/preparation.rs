@@ -23,7 +23,7 @@ const TAUGHT_TURN: f32 = 0.08;
 /// Object pixels that are traced on a mesh that will soon move, at first.
 const FIRST_OBJECTS: usize = 200_000;
 
-/// Views that tell how masks lie about a mesh that has moved a little.
+/// Views from which it is estimated how masks lie about a mesh that has moved a little.
 const OUTLINE_VIEWS: usize = 24;
 
 /// The mesh ready for rays, and every pixel that is trained on, traced once, from cameras as the masks show them to be.
@@ -138,7 +138,7 @@ pub(super) fn pixel_options(
     }
 }
 
-/// To be called for each of the views: tells how many have been, and whether to go on.
+/// To be called for each of the views: reports how many have been, and returns whether to go on.
 fn watched(
     n_views: usize,
     cancel: &AtomicBool,

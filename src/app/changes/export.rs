@@ -263,7 +263,7 @@ fn layers(shown: Layer, kind: FileKind) -> Vec<Layer> {
     }
 }
 
-/// What the person is told of how an export ended.
+/// Informs the person of how an export ended.
 pub fn say_ending(state: &mut AppState, ending: Result<String, String>) {
     match ending {
         Ok(text) => state.messages.say(Level::Info, text),

@@ -43,7 +43,7 @@ fn draw(painter: &egui::Painter, kind: LineKind, run: &[Pos2]) {
         LineKind::Bounds => {
             painter.add(Shape::line(run.to_vec(), thin));
         }
-        // Dashed, to be told from the world's.
+        // Dashed, to be distinguished from the world's.
         LineKind::Environment(axis) => {
             let stroke = Stroke::new(1.5, axis_color(axis));
             painter.extend(Shape::dashed_line(run, stroke, 6.0, 4.0));

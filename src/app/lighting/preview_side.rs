@@ -62,7 +62,7 @@ impl PreviewSide {
         self.texture.as_ref().map(TextureHandle::id)
     }
 
-    /// Uploads the newest picture and tells what is known of it, if there is a new one.
+    /// Uploads the newest picture and returns what is known of it, if there is a new one.
     pub fn take_frame(&mut self, ctx: &Context) -> Option<ShownPicture> {
         let n_frames = self.preview.n_frames();
         if n_frames == self.n_frames_seen {

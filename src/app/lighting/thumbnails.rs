@@ -25,7 +25,7 @@ const WIDTH: u32 = 176;
 const QUEUE: usize = 256;
 /// Below the window, its preview and reading; above the trainer.
 const NICE: i32 = 10;
-/// What the median luminance becomes, so that pictures of any exposure can be told apart.
+/// What the median luminance becomes, so that pictures of any exposure can be distinguished.
 const MEDIAN: f32 = 0.2;
 /// Most that a picture is brightened or darkened by, as a factor.
 const MOST_GAIN: f32 = 64.0;

@@ -209,7 +209,7 @@ pub fn n_path_frames(export: &ExportState) -> u32 {
     (n.round().clamp(1.0, f64::from(MAX_FRAMES)) as u32).max(2)
 }
 
-/// The camera of a key view, to tell people where it is.
+/// The camera of a key view as text, to show people where it is.
 pub fn key_text(camera: &Camera) -> String {
     let p = camera.position();
     format!("at {:.2}, {:.2}, {:.2}", p.x, p.y, p.z)

@@ -125,7 +125,7 @@ impl Message {
     }
 }
 
-/// An error and what caused it, a line each; causes that the lines before already tell are left out.
+/// An error and what caused it, a line each; causes that the lines before already state are left out.
 pub fn with_causes(error: &(dyn std::error::Error + 'static)) -> String {
     let mut text = error.to_string();
     let causes = std::iter::successors(error.source(), |error| error.source());

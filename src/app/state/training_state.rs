@@ -160,7 +160,7 @@ pub enum Level {
 }
 
 impl TrainingState {
-    /// Takes in an event; returns what the person should be told, if anything.
+    /// Takes in an event; returns what the person should be informed of, if anything.
     pub fn take(&mut self, event: TrainEvent) -> Vec<(Level, String)> {
         self.retraced = None;
         match event {

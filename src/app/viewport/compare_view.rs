@@ -145,7 +145,7 @@ pub fn figures_line(measured: MeasuredView) -> String {
     let figures = measured.figures;
     let db = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |v| format!("{v:.2} dB"));
     let share = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |v| format!("{v:.3}"));
-    // Nothing tells the step of an environment alone.
+    // The step of an environment alone is not known.
     let step = match measured.step {
         0 => String::new(),
         step => format!("   step {step}"),

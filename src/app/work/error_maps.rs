@@ -28,7 +28,7 @@ const NICE: i32 = 8;
 const SHARE: f64 = 0.1;
 /// Longest side of a map on screen; larger ones are thinned.
 const MAX_SIDE: usize = 2048;
-/// Progress is told in so many parts.
+/// Progress is reported in so many parts.
 const PARTS: u32 = 20;
 
 /// What a measurement is of.

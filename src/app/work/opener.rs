@@ -274,7 +274,7 @@ fn open(path: PathBuf, send: &dyn Fn(Opened)) {
             Err(reason) => send(failed(reason)),
         }
     } else {
-        // Listing tells at once what training would find out later, in the words of the command line.
+        // Listing reveals at once what training would find out later, in the words of the command line.
         match list_capture(&path) {
             Ok(_) => send(Opened::Capture(path)),
             Err(error @ DataError::NotADataset { .. }) => {

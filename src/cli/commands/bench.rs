@@ -59,7 +59,7 @@ pub(crate) fn run(command: &BenchCommand) -> Result<(), Failure> {
     }
 }
 
-/// What all benchmarks are told.
+/// Options common to all benchmarks.
 #[derive(Debug, clap::Args)]
 struct Common {
     /// Folder for the report's files

@@ -136,7 +136,7 @@ fn write(film: &Film, destination: &Destination) -> Result<(), Failure> {
     let cancel = interrupt::install()?;
     let (n, display) = (film.shots.len(), Mutex::new(Display::new(false)));
     let on_progress = |fraction: f32| {
-        // Several threads tell at once; the one that comes too late has old news.
+        // Several threads report at once; the one that comes too late has old news.
         if let Ok(mut display) = display.try_lock() {
             let number = ((fraction * n as f32) as usize + 1).min(n);
             display.set(fraction, "Rendering", &format!("{number}/{n}"));

@@ -2,11 +2,11 @@
 //!
 //! Light is learned from an environment that stays where it is while the camera moves. On a turntable, or before a
 //! backdrop that is carried along, the background stays where it is in the picture instead. Two photos from clearly
-//! different sides tell: their backgrounds are alike in place, and less alike when one is shifted.
+//! different sides distinguish the two: their backgrounds are alike in place, and less alike when one is shifted.
 //!
 //! What lenses do to all photos (light falling off to the corners) is taken off first, and faint things count as much as
 //! strong ones, so that a turning plate does not drown out a faint wall. What goes along the picture, such as horizons,
-//! is as alike when shifted along itself and tells nothing.
+//! is as alike when shifted along itself and is no evidence.
 
 use rayon::prelude::*;
 
@@ -35,11 +35,11 @@ const PLAIN_SHARE: f32 = 0.5;
 /// Contrast, encoded, from which things count as much as stronger ones: one code, several times the noise that is left in
 /// a small picture.
 const FAINT: f32 = 1.0 / 255.0;
-/// Pixels on each side of one that its contrast is told from.
+/// Pixels on each side of one that its contrast is estimated from.
 const NEAR: usize = 5;
 /// Fewest pixels that both photos must show of the background.
 const MIN_SHARED: usize = 60;
-/// Fewest pairs that tell anything.
+/// Fewest pairs that allow a conclusion.
 const MIN_PAIRS: usize = 10;
 /// Pairs compared at most: the share is then known to 2 %.
 const MAX_PAIRS: usize = 1000;
@@ -48,7 +48,7 @@ const MAX_PAIRS: usize = 1000;
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Backdrop {
     /// The share of pairs from different sides with the same background in the picture, 0 to 1; `None` where too few
-    /// tell.
+    /// are conclusive.
     pub(super) same_share: Option<f32>,
     /// Photos, and those of them in whose background nothing is to be seen.
     n_photos: usize,
@@ -249,7 +249,7 @@ impl Detail {
         let [mean_a, mean_b] = sums.map(|sum| sum / n.max(1) as f32);
         let [aa, bb, ab] = products.map(|product| product / n.max(1) as f32);
         let variance = (aa - mean_a * mean_a) * (bb - mean_b * mean_b);
-        // Two pictures of one value are alike everywhere: 0 says that this tells nothing.
+        // Two pictures of one value are alike everywhere: 0 says that this is no evidence.
         (n >= MIN_SHARED).then(|| (ab - mean_a * mean_b) / variance.max(1e-9).sqrt())
     }
 }

@@ -1,4 +1,4 @@
-//! Was the exposure the same in all photos? Told from what the camera noted, else from the pictures.
+//! Was the exposure the same in all photos? Determined from what the camera noted, else from the pictures.
 //!
 //! Photos that look in nearly the same direction show nearly the same background: where one is brighter than all of
 //! its neighbours, it is exposure; parallax goes either way.
@@ -131,7 +131,7 @@ fn difference(first: &Thumb, second: &Thumb) -> Option<f32> {
 /// a normal distribution. `None` where most photos have no neighbour.
 ///
 /// A photo that is brighter than those on all sides of it was exposed longer. Exposure that drifts evenly along the way
-/// cannot be told from a background that comes nearer.
+/// cannot be distinguished from a background that comes nearer.
 fn jitter(n: usize, pairs: &[Pair]) -> Option<f32> {
     const DEVIATION_OF_MEDIAN: f32 = 1.48;
     let mut around: Vec<Vec<f32>> = vec![Vec::new(); n];

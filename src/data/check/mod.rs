@@ -31,7 +31,7 @@ pub struct DatasetReport {
     pub name: String,
     /// Its folder.
     pub root: PathBuf,
-    /// The layout that was recognised and the files that it was told by.
+    /// The layout that was recognised and the files that it was recognised by.
     pub recognised: String,
     /// Views by split.
     pub views: SplitCounts,
@@ -49,7 +49,7 @@ pub struct DatasetReport {
     pub cameras: CameraSummary,
     /// The direction that is up in the world.
     pub up: Option<[f32; 3]>,
-    /// Whether it was given, not told from how the cameras were held.
+    /// Whether it was given, not estimated from how the cameras were held.
     pub up_is_given: bool,
     /// The reconstruction's points; `None` where the layout has none.
     pub points: Option<PointSummary>,
@@ -173,7 +173,7 @@ pub struct MaskAgreement {
     pub worst_view: String,
 }
 
-/// How the photos were taken, as far as training photos and their cameras tell.
+/// How the photos were taken, as far as training photos and their cameras show.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Conditions {
     /// The part of the circle around the object that they were taken from, degrees.
@@ -181,7 +181,7 @@ pub struct Conditions {
     /// The share of all directions that some of them look into.
     pub directions_seen: f32,
     /// The share of pairs from different sides whose backgrounds are the same in the picture, as on a turntable; `None`
-    /// where too few tell.
+    /// where too few are conclusive.
     pub same_background: Option<f32>,
     /// From the least to the most light that they got by what the cameras noted (EXIF), stops.
     pub noted_exposure_range_ev: Option<f32>,

@@ -35,10 +35,10 @@ fn find_mask_faults(dataset: &Dataset, problems: &mut Vec<Problem>) {
         let advice = if dataset.mesh.is_some() {
             "the mesh's silhouette is used"
         } else if dataset.origin.points.is_some() {
-            "without masks and mesh the object cannot be told from the background; `neif mesh` makes a coarse mesh of \
-             the points around the place that the cameras look at"
+            "without masks and mesh the object cannot be distinguished from the background; `neif mesh` makes a coarse mesh \
+             of the points around the place that the cameras look at"
         } else {
-            "without masks and mesh the object cannot be told from the background"
+            "without masks and mesh the object cannot be distinguished from the background"
         };
         problems.push(Problem::new(Severity::Note, "no view has a mask", advice));
     } else {

@@ -1,4 +1,4 @@
-//! Blurred photos: told by what a further blur takes from them (Crete et al. 2007, "The blur effect").
+//! Blurred photos: detected by what a further blur takes from them (Crete et al. 2007, "The blur effect").
 
 use rayon::prelude::*;
 

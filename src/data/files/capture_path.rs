@@ -1,7 +1,7 @@
 //! Paths that a capture's files declare: kept inside the capture, extensions completed.
 //!
 //! What a file *declares* must lie below the capture's folder. Links in the folder are followed wherever they lead, as
-//! captures are often linked together from other disks; [`leads_out`] tells, so that it can be said.
+//! captures are often linked together from other disks; [`leads_out`] detects this, so that it can be reported.
 
 use std::ffi::OsStr;
 use std::io::{ErrorKind, Read as _};

@@ -137,7 +137,7 @@ pub fn write_mp4(
         end(&mut child);
         return Ok(Ending::Cancelled);
     }
-    // Its words tell more than the broken pipe that follows from them.
+    // Its words explain more than the broken pipe that follows from them.
     let output = child
         .wait_with_output()
         .map_err(|e| DataError::io(ffmpeg, e))?;

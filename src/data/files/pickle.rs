@@ -249,7 +249,7 @@ impl Machine<'_> {
                 }
                 Value::Int(self.number(n)? as i64)
             }
-            // Numbers in no array tell nothing of cameras.
+            // Numbers in no array say nothing about cameras.
             b'G' => {
                 self.take(8)?;
                 Value::None

@@ -54,7 +54,7 @@ pub(in crate::data) fn list(found: &Found) -> Result<Listed, DataError> {
     let n_photos = photos.len();
     let Some(photos) = match_by_position(&photos, n) else {
         let problem = format!(
-            "{n} cameras, but {n_photos} photos in {}, and their names do not tell which is which",
+            "{n} cameras, but {n_photos} photos in {}, and their names do not show which is which",
             found.shown(&folder)
         );
         return Err(fail("world_mat".to_owned(), problem));
@@ -93,7 +93,7 @@ fn missing_photos(n: usize, n_there: usize) -> Vec<Problem> {
         return Vec::new();
     }
     let what = format!("{} of {n} cameras have no photo", n - n_there);
-    let advice = "photos are told by the number in their name";
+    let advice = "photos are identified by the number in their name";
     vec![Problem::new(Severity::Warning, what, advice)]
 }
 

@@ -1,6 +1,6 @@
 //! Recognises what layout a capture has and lists its photos, without decoding any.
 //!
-//! Layouts are told by the files in them, never by the folder's name. Where a folder holds several
+//! Layouts are recognised by the files in them, never by the folder's name. Where a folder holds several
 //! (converters leave their sources behind), the first of [`LAYOUTS`] wins and the others are named.
 
 use std::path::{Path, PathBuf};
@@ -17,7 +17,7 @@ use crate::data::{CaptureChoices, DataError, Frame, PointCloud, Problem, Severit
 pub struct Listing {
     /// The capture's folder.
     pub root: PathBuf,
-    /// The layout and the files that it was told by, for people.
+    /// The layout and the files that it was recognised by, for people.
     pub recognised: String,
     /// Photos to learn from.
     pub train: Vec<Frame>,

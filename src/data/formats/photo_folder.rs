@@ -123,7 +123,7 @@ pub(super) fn assign_masks(root: &Path, frames: &mut [Frame], problems: &mut Vec
         "by order"
     } else {
         let what = format!(
-            "{} masks, {} photos, and their names do not tell which belong together",
+            "{} masks, {} photos, and their names do not show which belong together",
             masks.len(),
             frames.len()
         );

@@ -1,7 +1,7 @@
 //! Photos that are stored on their side, with a note in the file (EXIF) of how to hold them.
 //!
 //! Poses describe the pixels as stored (COLMAP) or as shown (tools that convert the photos first).
-//! The declared size tells: where it is that of the photo on its side, the photo is turned.
+//! The declared size determines which: where it is that of the photo on its side, the photo is turned.
 
 use std::fs::File;
 use std::io::BufReader;

@@ -18,7 +18,7 @@ pub(in crate::data) struct Reduction {
 }
 
 impl Reduction {
-    /// What makes the photos fit into `max_megapixels`, told from their files' headers. Photos that cannot be read
+    /// What makes the photos fit into `max_megapixels`, determined from their files' headers. Photos that cannot be read
     /// count nothing.
     pub(in crate::data) fn to_fit<'a>(
         frames: impl ParallelIterator<Item = &'a Frame>,
@@ -95,7 +95,7 @@ impl Drop for Decoding<'_> {
     }
 }
 
-/// Memory of a decoded photo in pixels of eight bits a colour, told before it is decoded.
+/// Memory of a decoded photo in pixels of eight bits a colour, estimated before it is decoded.
 pub(super) fn decoding_cost(frame: &Frame) -> u64 {
     let is_float = frame.photo.extension().is_some_and(|extension| {
         extension.eq_ignore_ascii_case("exr") || extension.eq_ignore_ascii_case("hdr")

@@ -11,7 +11,7 @@ use crate::color::exposure_gain;
 use crate::data::{Photo, read_photo};
 use crate::neif::{Environment, NeifError};
 
-/// Least width that is kept; a lamp must be told from its opposite.
+/// Least width that is kept; a lamp must be distinguishable from its opposite.
 const MIN_WIDTH: usize = 8;
 /// How far the sides' ratio may be from two.
 const RATIO_TOLERANCE: f32 = 0.01;

@@ -16,7 +16,7 @@ const INITIAL_DENSITY: f32 = 0.1;
 /// Share of a new observation in the running mean.
 const RATE: f32 = 0.1;
 
-/// Cells next to a surface that tell of no line of sight.
+/// Cells next to a surface that say nothing about the line of sight.
 const BESIDE: u32 = 3;
 
 /// Running mean of the density, stored as the upper half of an `f32` (bf16): half the cache lines.
@@ -104,7 +104,8 @@ impl DensityGrid {
     }
 
     /// Share of the way along the unit `direction` from `start`, up to the end of the inner box, that is empty for good,
-    /// `[0, 1]`; field coordinates. The first cells tell of no line of sight: they lie beside the object's surface.
+    /// `[0, 1]`; field coordinates. The first cells say nothing about the line of sight: they lie
+    /// beside the object's surface.
     pub fn void_share(&self, start: Vec3, direction: Vec3) -> f32 {
         let step = Self::inner_cell();
         let cells = (BESIDE..)

@@ -1,4 +1,4 @@
-//! Which parts of space the photos showed: what they did not show, nothing but reflections tell of.
+//! Which parts of space the photos showed: what they did not show is constrained by reflections only.
 //!
 //! A cell of half the density cache's resolution holds a bit for each of eight groups of photos. A bit is set when a background
 //! pixel's ray reaches the cell while training. Early in a run rays reach what later turns out to be hidden, so

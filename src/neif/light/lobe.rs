@@ -4,7 +4,7 @@
 
 /// Concentration times alpha²: median fit to the GGX reflection lobe at normal incidence.
 pub(super) const KAPPA_ALPHA2: f32 = 0.35;
-/// Sharpest lobe; beyond it single precision cannot tell the lobe from a ray.
+/// Sharpest lobe; beyond it single precision cannot distinguish the lobe from a ray.
 const KAPPA_MAX: f32 = 1e6;
 /// Below this concentration the closed form of [`mean_length`] cancels: three terms of its series are exact.
 const KAPPA_SERIES: f32 = 0.2;
@@ -17,7 +17,7 @@ pub fn kappa_from_roughness(roughness: f32) -> f32 {
 
 /// `alpha` by which a lobe learned through one cone of the fast field is wider than GGX's lobe of the same look.
 const CONE_ALPHA: f32 = 0.018;
-/// Least perceptual roughness that is told apart from a mirror.
+/// Least perceptual roughness that is distinguished from a mirror.
 const LEAST_PERCEPTUAL: f32 = 0.02;
 
 /// The roughness that renderers mean, of one learned through single cones: `alpha² = alpha_learned² - 0.018²`.
@@ -68,7 +68,7 @@ pub fn kappa_from_variance(variance: f32) -> f32 {
     for _ in 0..2 {
         let a = mean_length(kappa);
         let slope = d_variance_d_kappa(kappa, a);
-        // Next to 1/3 the slope vanishes, and the start is as good as can be told.
+        // Next to 1/3 the slope vanishes, and the start is as good as can be determined.
         if slope > -1e-4 {
             break;
         }

@@ -246,7 +246,7 @@ impl Stack {
     }
 }
 
-/// Multiplies `d` by the slope of the activation, which its output tells.
+/// Multiplies `d` by the slope of the activation, which follows from its output.
 fn activation_backward(activation: Activation, output: &[f32], d: &mut [f32]) {
     match activation {
         Activation::Relu => relu_backward(output, d),

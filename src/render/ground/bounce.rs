@@ -61,7 +61,7 @@ impl Around {
         let mut seen = Vec::with_capacity(pixels.len());
         for (ray, (direction, solid_angle)) in pixels.iter().enumerate() {
             let radiance = stand.lamps.below(Vec3::from(batch.radiance[ray]));
-            // From above, what the object mirrors tells enough.
+            // From above, what the object mirrors constrains the radiance well enough.
             let share = if direction.dot(up) < 0.0 {
                 stand.environment.seen_share(&batch, ray)
             } else {

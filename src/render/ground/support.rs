@@ -14,9 +14,9 @@ use super::stand::Stand;
 const GHOST_HEIGHT: f32 = 0.5;
 /// Share of the cameras' directions from which a point counts as not seen, and as seen.
 const SEEN: [f32; 2] = [0.05, 0.25];
-/// Share of the light at which a point is too dark to tell its colour, and at which it is not.
+/// Share of the light at which a point is too dark to determine its colour, and at which it is not.
 const LIT: [f32; 2] = [0.04, 0.1];
-/// Share of the light from which a point does not, and does, tell the colour of places that no camera saw.
+/// Share of the light from which a point does not, and does, determine the colour of places that no camera saw.
 const TELLING: [f32; 2] = [0.2, 0.7];
 
 /// What an object stood on.

@@ -155,7 +155,7 @@ impl Surfaces {
         outside: impl Fn(Vec3) -> f32 + Sync,
     ) -> Self {
         let mut found = vec![Found::default(); cells.len()];
-        // What is infinitely far has no surfaces; the paper's network does not tell where its light comes from.
+        // What is infinitely far has no surfaces; the paper's network does not determine where its light comes from.
         if matches!(environment.field(), EnvironmentField::Grid { .. }) {
             look_around(environment, &cells, (resolution, &outside), &mut found);
         }

@@ -22,7 +22,7 @@ use crate::neif::{Environment, EnvironmentTransform, SurfaceField};
 use crate::render::ground::{BakedGround, Captured, Ground, Shadow};
 use crate::render::lamps::{Highlights, Lamps, Place, lamp_gains, lit_lobes};
 
-/// Places at which shading is looked at for what it tells of lamps.
+/// Places at which shading is looked at to estimate the lamps' brightness.
 const N_SHADED: usize = 4096;
 /// Rounds of light sent from surface to surface: each is weaker by albedo times blocked share, seldom above 0.2.
 const BOUNCES: usize = 3;
@@ -69,7 +69,7 @@ pub struct TrainedLight {
     beams: Vec<Vec<Beam>>,
     /// Mean radiance along all rays.
     ray_mean: Vec3,
-    /// Lamps of the trained environment, as bright as the object's shading tells.
+    /// Lamps of the trained environment, with the brightness estimated from the object's shading.
     lamps: Arc<Lamps>,
     light: Arc<SurfaceLight>,
     captured: Captured,
@@ -155,7 +155,7 @@ impl TrainedWork {
         })
     }
 
-    /// The lamps as bright as the object's shading tells, where `rest` is the light of everything else.
+    /// The lamps with the brightness estimated from the object's shading, where `rest` is the light of everything else.
     fn brightened(&self, lamps: &Lamps, rest: &SurfaceLight, key: &LightKey) -> Lamps {
         let parts = lamps.parts();
         let tracer = &key.object.tracer;
@@ -220,7 +220,7 @@ impl TrainedLight {
             .at(&self.transport, &self.tracer, position, normal)
     }
 
-    /// The lamps of the trained environment, as bright as the object's shading tells.
+    /// The lamps of the trained environment, with the brightness estimated from the object's shading.
     pub(super) fn lamps(&self) -> &Arc<Lamps> {
         &self.lamps
     }

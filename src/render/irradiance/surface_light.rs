@@ -94,7 +94,7 @@ impl SurfaceLight {
         rest + (self.lamps.at_probes[i] * normal).max(Vec3::ZERO)
     }
 
-    /// Irradiance at a surface point, as far as the probes tell.
+    /// Irradiance at a surface point, interpolated from the probes.
     pub(super) fn smooth(&self, transport: &Transport, position: Vec3, normal: Vec3) -> Vec3 {
         self.interpolated(transport, (position, normal), true)
     }

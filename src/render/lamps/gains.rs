@@ -1,10 +1,10 @@
-//! How bright lamps are that photos show as white: what shading and blurred reflections tell of them.
+//! How bright lamps are that photos show as white: estimated from shading and blurred reflections.
 //!
 //! Over a stretch of surface of one colour the diffuse radiance varies as the irradiance does. Pairs of neighbouring
 //! probes therefore compare `ln C_d` with `ln E`, where `E` is the sum of the lamps, each times its unknown gain, and
 //! of everything else; a forgiving error lets the pairs across an edge of paint disagree (Retinex, Land and
-//! `McCann` 1971, with the light known up to a few gains). What lobes gather has no albedo that is unknown. Where nothing tells, a
-//! weak prior leaves the gains at 1.
+//! `McCann` 1971, with the light known up to a few gains). What lobes gather has no albedo that is unknown. Where nothing
+//! constrains the gains, a weak prior leaves them at 1.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -13,14 +13,14 @@ use crate::render::irradiance::Probes;
 
 /// Scale of the differences of logarithms that are believed.
 const NOISE: f32 = 0.15;
-/// Diffuse radiance at which a photo tells half as much as a bright one.
+/// Diffuse radiance at which a photo is half as informative as a bright one.
 const DIM: f32 = 0.02;
 /// Share of the mean irradiance below which there is no light.
 const DARK: f32 = 0.005;
 /// Weight of the squared logarithm of a part's gain, in pairs.
 const PRIOR: f32 = 0.02;
 /// The same for its difference from the mean of all, as long as that is small, and what is small: lamps are as clipped as each
-/// other unless something tells otherwise.
+/// other unless something indicates otherwise.
 const EVENNESS: f32 = 1.0;
 const EVEN: f32 = 0.5;
 /// The same for the difference of a colour's gain from that of all.
@@ -85,7 +85,7 @@ pub(in crate::render) fn lamp_gains(
     logs.into_iter().map(|log| log.map(f32::exp)).collect()
 }
 
-/// Two neighbouring places, of about one albedo, and how much they tell.
+/// Two neighbouring places, of about one albedo, and how informative they are.
 struct Pair {
     a: usize,
     /// None where the albedo of `a` is 1.

@@ -1,8 +1,9 @@
-//! What a lobe that is split into cones gathers of the lamps: from their points, wherever the lobe is wide enough not to tell
-//! them apart.
+//! What a lobe that is split into cones gathers of the lamps: from their points, wherever the lobe is wide enough not to
+//! resolve them.
 //!
 //! The field's thin rays know a lamp less well than the object's shading does ([`super::gains`]), and few cones meet a
-//! small one. What the cones see above [`Lamps::white`] gives way to the points, as bright as the shading tells.
+//! small one. What the cones see above [`Lamps::white`] gives way to the points, with the brightness
+//! estimated from the shading.
 
 use std::f32::consts::PI;
 use std::sync::Arc;
@@ -70,7 +71,7 @@ impl Highlights {
 }
 
 impl MovedLamps {
-    /// How far a lobe of this perceptual roughness is too wide to tell the points apart, `[0, 1]`.
+    /// How far a lobe of this perceptual roughness is too wide to resolve the points, `[0, 1]`.
     pub(super) fn spacing_share(&self, roughness: f32) -> f32 {
         let sum: f32 = self.points.iter().map(|point| point.solid_angle).sum();
         let solid_angle = sum / self.points.len().max(1) as f32;

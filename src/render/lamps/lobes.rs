@@ -1,4 +1,4 @@
-//! What the lobes of rough surfaces tell of how bright lamps are.
+//! Constraints on the brightness of lamps from the lobes of rough surfaces.
 //!
 //! The one cone of a lobe brings what photos taught it, tails of GGX included. The same lobe gathered from narrow cones
 //! and from the lamps' points ([`super::highlights`]) should be as bright, which asks for the lamps' gains.
@@ -126,7 +126,7 @@ impl TaughtLobe {
         }));
     }
 
-    /// What it tells, given what its one cone and the narrow ones bring.
+    /// The constraint it gives, from what its one cone and the narrow ones bring.
     fn lit(
         &self,
         tracer: &SurfaceTracer,
@@ -140,7 +140,7 @@ impl TaughtLobe {
         points.gathered(tracer, &self.point, self.roughness[0], |part, light| {
             by_part[part] += light;
         });
-        // It tells of lamps as much as they are of its light.
+        // It constrains the lamps by as much as they contribute to its light.
         let from_lamps = by_part.iter().sum::<Vec3>().element_sum();
         let share = from_lamps / (from_lamps + rest.element_sum()).max(f32::MIN_POSITIVE);
         LitPlace {
@@ -152,7 +152,8 @@ impl TaughtLobe {
     }
 }
 
-/// The place as seen from where photos were taken, if that can be told; its `number` turns the directions that are tried.
+/// The place as seen from where photos were taken, if that can be determined; its `number` turns the directions that are
+/// tried.
 fn photographed(place: &Probe, environment: &Environment, number: usize) -> Option<SurfacePoint> {
     let EnvironmentField::Grid { density, .. } = environment.field() else {
         return None;

@@ -36,7 +36,7 @@ const BRIGHT: f32 = 4.0;
 const DARKER: f32 = 0.95;
 /// The same at least, where a photo's white is 1.
 const WHITE: f32 = 1.0;
-/// Parts of the lamps whose brightness is asked for one by one, and that lobes tell apart.
+/// Parts of the lamps whose brightness is asked for one by one, and that lobes distinguish.
 const N_PARTS: usize = 64;
 /// Points that stand for all lamps where they light a surface.
 const N_POINTS: usize = 24;

@@ -29,7 +29,7 @@ impl Place {
         diffuse / (diffuse + mirrored).max(f32::MIN_POSITIVE)
     }
 
-    /// What its shading tells of lamps that are at `points`, one a part.
+    /// The constraint that its shading puts on lamps that are at `points`, one a part.
     pub(in crate::render) fn shaded(
         &self,
         tracer: &SurfaceTracer,

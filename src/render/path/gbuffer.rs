@@ -20,9 +20,9 @@ pub struct PathOptions {
     pub max_vertices: usize,
     /// Paths per axis of a pixel whose neighbours see nearly the same: 1, 2 or 4.
     pub smooth: usize,
-    /// Paths per axis of a pixel whose mirror image is torn, or that the silhouette passes: 1, 2 or 4.
+    /// Paths per axis of a pixel whose mirror image is discontinuous, or that the silhouette passes: 1, 2 or 4.
     pub torn: usize,
-    /// Turn of the mirror direction to the next pixel, radians, above which a pixel's mirror image counts as torn.
+    /// Turn of the mirror direction to the next pixel, radians, above which a pixel's mirror image counts as discontinuous.
     pub largest_turn: f32,
 }
 

@@ -14,8 +14,8 @@ const WIDTH: u32 = 128;
 const ROUGHNESS: f32 = 0.18;
 /// Share of the mean that a direction without light counts as: what the panoramas miss must be found by somebody.
 const LEAST: f32 = 0.1;
-/// Roughness of lobes within which all directions matter alike, as they lie within what the panoramas tell apart, and from
-/// which they matter as the panoramas say.
+/// Roughness of lobes within which all directions matter alike, as they are closer together than the panoramas resolve,
+/// and from which they matter as the panoramas say.
 const TRUSTED: [f32; 2] = [0.05, 0.2];
 /// The panoramas' places in the object's bounding ball, in radii: lamps are seen elsewhere from another point.
 const PLACES: [Vec3; 5] = [

@@ -7,7 +7,7 @@
 /// Standard error of a pixel that is let be, in display values. The cones' true error is about half of it, as they are
 /// spread evenly over the lobe and not by chance.
 const BEARABLE: f32 = 0.008;
-/// How many times as many cones doubtful pixels get, and the doubt from which they do.
+/// How many times as many cones uncertain pixels get, and the standard error from which they do.
 pub(super) const STEPS: [(u32, f32); 4] = [
     (2, BEARABLE),
     (4, 1.7 * BEARABLE),

@@ -1,6 +1,6 @@
 //! The oracle of the shading: a lobe as many thin rays through the field instead of one cone.
 //!
-//! Slow and without integrated lobe encoding: rays are as thin as the environment tells apart, which for the fast field is
+//! Slow and without integrated lobe encoding: rays are as thin as the environment resolves, which for the fast field is
 //! the cone of a mirror. Rays that meet the object go on from there, as in a path tracer, so that
 //! neither the cone's one colour nor the few rays that find the blocked share of a lobe are relied on.
 

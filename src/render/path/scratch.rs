@@ -131,7 +131,7 @@ const UNSEEN: Vec3 = Vec3::new(0.6, 0.05, 0.5);
 pub(super) const FAR: f32 = 1e5;
 
 /// Evaluates the edited surfaces at world points with unit normals, their diffuse part in the light of the scene: with
-/// the edges of shadows where the point of that number `is_seen` directly, as far as the probes tell elsewhere.
+/// the edges of shadows where the point of that number `is_seen` directly, interpolated from the probes elsewhere.
 pub(super) fn light_surfaces(
     edited: &mut EditedSurfaces,
     scene: &Scene,

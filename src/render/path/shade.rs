@@ -106,7 +106,7 @@ pub fn shade_object(
 }
 
 /// [`shade_object`] with `times` as many cones of split lobes as usual in every pixel; returns each pixel's standard
-/// error as far as its cones tell, in display values.
+/// error as estimated from its cones, in display values.
 pub(in crate::render) fn shade_object_once(
     scene: &Scene,
     gbuffer: &GBuffer,
@@ -188,7 +188,7 @@ pub(in crate::render) struct PathView {
 pub(in crate::render) struct PathLight {
     /// The layer's value at the first vertex.
     pub(in crate::render) value: Vec3,
-    /// Its standard error as far as the cones of a split lobe tell.
+    /// Its standard error as estimated from the cones of a split lobe.
     pub(in crate::render) doubt: Vec3,
 }
 
@@ -294,7 +294,8 @@ pub(in crate::render) fn settled_path(
     (value, light)
 }
 
-/// What the lobe at the first vertex of each path gathers and the doubt of it; `starts` are the indices of its surfaces in the scratch.
+/// What the lobe at the first vertex of each path gathers and its standard error; `starts` are the indices of the
+/// paths' surfaces in the scratch.
 fn lobe_light(
     scene: &Scene,
     object: &ObjectModel,

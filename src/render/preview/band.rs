@@ -170,7 +170,7 @@ impl Band {
         pixels.len()
     }
 
-    /// Shades the object's doubtful pixels again.
+    /// Shades the object's uncertain pixels again.
     fn settle_object(&mut self, work: &Work<'_>, scratch: &mut ShadeScratch) -> usize {
         if work.is_cancelled() || self.is_settled(work) {
             return 0;

@@ -140,7 +140,7 @@ fn known_share(correction: Correction, pixel_angle: f32) -> f32 {
     share_beyond(square_px, 2.0 * NOISE_PX * NOISE_PX)
 }
 
-/// A pixel that tells of the photo's pose.
+/// A pixel that constrains the photo's pose.
 struct Told {
     /// `y * width + x`.
     pixel: u32,

@@ -3,8 +3,8 @@
 //!
 //! A photo shows `gain * radiance`, a gain a colour. Linear least squares over its pixels, in what is shown, give by how much
 //! the logarithms of its gain are off, again and again as the fields sharpen. Where that differs from photo to photo by no more
-//! than the fields are wrong, the photos are taken as alike. Only the photos' differences can be told: the gains' geometric
-//! mean over the photos is held at 1, which is how held-out photos are shown.
+//! than the fields are wrong, the photos are taken as alike. Only the photos' differences can be determined: the gains'
+//! geometric mean over the photos is held at 1, which is how held-out photos are shown.
 
 use glam::Vec3;
 
@@ -23,7 +23,7 @@ const SHARE: f32 = 0.5;
 const ALIKE: f32 = 0.04;
 /// Difference, in sRGB, from which a pixel counts less: it shows something else, not the same thing exposed otherwise.
 const USUAL_DIFFERENCE: f32 = 0.1;
-/// Pull of the logarithms towards 0, in pixels' squared slopes: what hardly any pixel tells of keeps the mean exposure.
+/// Pull of the logarithms towards 0, in pixels' squared slopes: what hardly any pixel constrains keeps the mean exposure.
 const PULL: f32 = 0.1;
 /// Largest logarithm: a black photo would have its gain fall without end.
 const MOST: f32 = 3.0;
@@ -49,7 +49,7 @@ impl ExposureRow {
     }
 }
 
-/// The gains, and what the photos have told of them since they were last updated.
+/// The gains, and what the photos have contributed to their estimate since they were last updated.
 #[derive(Clone, Debug)]
 pub(in crate::train) struct Exposures {
     fit: PhotoFit,

@@ -1,5 +1,5 @@
-//! By how much a whole picture is off against a surface, told from the outline that the surface has in it: the camera's error,
-//! not the mask's.
+//! By how much a whole picture is off against a surface, estimated from the outline that the surface has in it: the camera's
+//! error, not the mask's.
 
 use glam::{Mat2, Vec2};
 

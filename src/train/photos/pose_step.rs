@@ -28,7 +28,7 @@ pub(in crate::train) struct PoseRow {
 
 impl PoseRow {
     /// Of a pixel whose ray, `direction`, ends at `distance` with `opacity`; `slope` is the photo's grey value by the unit
-    /// direction ([`slope_by_direction`]). `None` where nothing can be told.
+    /// direction ([`slope_by_direction`]). `None` where nothing can be determined.
     pub(in crate::train) fn new(
         view: usize,
         direction: Vec3,

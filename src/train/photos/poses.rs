@@ -29,7 +29,7 @@ const SHARE: f64 = 0.5;
 const MOST_PX: f64 = 20.0;
 /// Root mean square of the corrections in pixels up to which cameras count as right.
 const RIGHT_PX: f32 = 0.13;
-/// The same square in those of the corrections' noise: few small photos tell little.
+/// The same square in those of the corrections' noise: few small photos constrain them poorly.
 const RIGHT_NOISES: f32 = 2.0;
 /// Square of a running mean's noise in squares of what each new value differs from it by: values of variance 1 give a mean of
 /// variance `SHARE / (2 - SHARE)`, from which the next differs by 1 more.
@@ -94,7 +94,7 @@ impl Poses {
     }
 
     /// Corrects poses by a share of their pictures' shifts, half by a rotation and half by a translation: an outline does not
-    /// tell one from the other.
+    /// distinguish the two.
     fn shift(&mut self, share: f32, shifts: &[PictureShift]) {
         let distance = self.distance;
         let poses = self.corrections.iter_mut().zip(&self.given).zip(shifts);

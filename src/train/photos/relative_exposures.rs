@@ -34,7 +34,7 @@ impl Pair {
     }
 }
 
-/// Pairs of photos among `n`, each with some others and in the order of `compare`, for which that tells.
+/// Pairs of photos among `n`, each with some others and in the order of `compare`, for which that gives enough ratios.
 pub(in crate::train) fn pairs_of(
     n: usize,
     compare: impl Fn([usize; 2]) -> Vec<Vec3> + Sync,

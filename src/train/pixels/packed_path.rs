@@ -72,7 +72,7 @@ impl PackedPaths {
         self.starts.shrink_to_fit();
     }
 
-    /// Appends the vertices of a pixel's paths, seen from `eye`, to `vertices`; `on_path` is told where each path lies.
+    /// Appends the vertices of a pixel's paths, seen from `eye`, to `vertices`; `on_path` gets the range of each path.
     pub(super) fn unpack(
         &self,
         pixel: usize,

@@ -29,7 +29,7 @@ pub(in crate::train) struct ObjectPixel {
     slopes: [[f32; 2]; 3],
 }
 
-/// What a photo tells of the chroma of a drawn pixel.
+/// What a photo determines of the chroma of a drawn pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::train) enum ToldChroma {
     /// All.
@@ -265,7 +265,7 @@ impl PixelStore {
     }
 
     /// Appends the vertices of an object pixel's light paths to `vertices`. The paths, at least one, have the same
-    /// weight; `on_path` is told where each lies.
+    /// weight; `on_path` gets the range of each.
     pub(in crate::train) fn unpack_paths(
         &self,
         pixel: &ObjectPixel,

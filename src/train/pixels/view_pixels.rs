@@ -26,7 +26,7 @@ pub(in crate::train) struct PixelOptions {
     /// About how many of the object's pixels to trace, over all views: where more cannot be drawn before they are traced anew,
     /// more would be traced in vain. Of each view as many.
     pub most_objects: usize,
-    /// Tells one choice of them from another.
+    /// Distinguishes one choice of them from another.
     pub choice: u64,
     /// Blurred levels beside the sharp one.
     pub n_blurred: usize,
@@ -36,7 +36,7 @@ pub(in crate::train) struct PixelOptions {
     pub paths: PathOptions,
     /// Standard deviation of the error of the masks' outlines, pixels; 0: exact.
     pub outline_error_px: f32,
-    /// Whether chroma that pixels have in common is told from what each pixel has.
+    /// Whether chroma that pixels have in common is distinguished from what each pixel has.
     pub shared_chroma: bool,
 }
 

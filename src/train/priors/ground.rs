@@ -1,7 +1,8 @@
 //! What the photos show of the ground that the object stands on: the plane through its lowest point.
 //!
 //! Photos from all sides show the same ground, on which they can be compared. Automatic exposure follows what a photo
-//! shows besides the object (a window behind it darkens everything), and no fields are needed to tell it from here.
+//! shows besides the object (a window behind it darkens everything), and no fields are needed to estimate it from the
+//! ground.
 
 use glam::{Affine3A, UVec2, Vec2, Vec3};
 use rayon::prelude::*;
@@ -28,7 +29,7 @@ const REACH: f32 = 4.0;
 const USABLE: std::ops::Range<f32> = 0.002..0.9;
 /// Pixels around the object that show some of it.
 const HALO: u32 = 2;
-/// Fewest photos that tell whether a point is on the ground.
+/// Fewest photos that determine whether a point is on the ground.
 const LEAST_PHOTOS: usize = 4;
 /// Most that the logarithms of a point's colours, in photos made equally bright, may be from their median, in the median.
 const MOST_APART: f32 = 0.25;

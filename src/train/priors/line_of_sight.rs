@@ -103,7 +103,7 @@ impl Sight {
 
     /// Whether the photo sees the object through this point.
     fn is_clear(&self, p_world: Vec3) -> bool {
-        // Most points are beside the object: that is told without projecting them.
+        // Most points are beside the object: that is determined without projecting them.
         let toward = p_world - self.eye;
         let along = toward.dot(self.axis);
         if along * along.abs() < self.cos_squared * toward.length_squared() {

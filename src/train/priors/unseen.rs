@@ -1,7 +1,7 @@
 //! Rays from where no camera stood: what they meet should be made of planes.
 //!
 //! A few photos of a room can be explained by wrong depths that show as fragments from everywhere else. Seen through a
-//! pinhole, one over the depth of a plane is linear, so three neighbouring rays tell whether it bends. After the
+//! pinhole, one over the depth of a plane is linear, so three neighbouring rays show whether it bends. After the
 //! depths of unseen views in `RegNeRF` (Niemeyer et al. 2022, Eq. 2), which knows planes that face the camera only.
 
 use std::f32::consts::TAU;
@@ -18,7 +18,7 @@ use crate::neif::field::radiance_field::{FieldBatch, FieldRay};
 /// Angles between neighbouring rays, in pixels.
 const LEAST_PIXELS: f32 = 3.0;
 const MOST_PIXELS: f32 = 43.0;
-/// Nearest depth that is told apart, in half sides of the inner box.
+/// Nearest depth that is distinguished, in half sides of the inner box.
 const LEAST_DEPTH: f32 = 0.05;
 /// Bend, as a share of one over the depth, below which the error is a square, and above which it is an absolute value.
 const KNEE: f32 = 0.01;

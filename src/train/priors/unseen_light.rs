@@ -1,4 +1,4 @@
-//! Light from where no photo looks, which the object alone tells of: as even as its reflections allow.
+//! Light from where no photo looks, which the object alone constrains: as even as its reflections allow.
 //!
 //! A surface that mirrors a twentieth of the light says little of where it comes from, and the field fills the ceiling
 //! that no photo shows with whatever explains the last noise of the pixels. Neighbouring rays into such directions are
@@ -17,7 +17,7 @@ use crate::neif::field::radiance_field::{FieldBatch, FieldRay};
 use crate::neif::surface::values::Surface;
 use crate::train::random::SlotRandom;
 
-/// Directions that are told apart.
+/// Directions that are distinguished.
 const N_DIRECTIONS: usize = 2048;
 /// Distances at which a photo may show what lies in a direction, in half sides of the inner box.
 const DISTANCES: [f32; 3] = [0.7, 1.4, 2.8];

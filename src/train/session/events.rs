@@ -1,4 +1,4 @@
-//! What a training session is told, and what it tells.
+//! The commands that a training session receives, and the events that it sends.
 
 use std::path::PathBuf;
 
@@ -136,7 +136,7 @@ pub enum FinishReason {
     Budget,
     /// The validation error had settled.
     Settled,
-    /// It was told to stop.
+    /// It was asked to stop.
     Stopped,
 }
 

@@ -124,7 +124,7 @@ impl Session {
     /// # Errors
     /// What ended the run, if it was an error.
     pub fn join(self) -> Result<(), SessionError> {
-        // Closing both queues tells the thread that nobody listens any more.
+        // Closing both queues signals to the thread that nobody listens any more.
         drop(self.commands);
         drop(self.events);
         self.thread.join().unwrap_or(Err(SessionError::Panicked))

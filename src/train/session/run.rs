@@ -294,7 +294,7 @@ impl<'a> Run<'a> {
             step: self.trainer.steps(),
             train_secs: self.clock.secs(),
         };
-        // Noted before the save, so that the saved log is complete; told after it, so that who
+        // Noted before the save, so that the saved log is complete; sent after it, so that who
         // hears of the end finds the files.
         self.log.note(&TrainEvent::Finished(finish));
         self.save()?;

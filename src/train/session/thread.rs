@@ -51,7 +51,7 @@ impl Worker {
         Ok(())
     }
 
-    /// Loads everything; `None` when it was told to stop meanwhile.
+    /// Loads everything; `None` when it was asked to stop meanwhile.
     fn prepare(&self) -> Result<Option<Run<'_>>, SessionError> {
         let options = &self.options;
         // A run that must not be overwritten shows before the loading; the folder is made after
@@ -113,7 +113,7 @@ impl Worker {
     }
 
     /// Gives the capture a mesh where it has none and what one can be made from, or one with better normals: a run that
-    /// goes on keeps its own, a new one makes it. False when it was told to stop meanwhile.
+    /// goes on keeps its own, a new one makes it. False when it was asked to stop meanwhile.
     fn complete_mesh(&self, dataset: &mut Dataset) -> Result<bool, SessionError> {
         let options = &self.options;
         let is_needed = stage_one::is_needed(dataset);
@@ -151,7 +151,7 @@ impl Worker {
     }
 
     /// The settings with which to train: without the background where it stands still in the picture and nobody wants it
-    /// all the same, which is told with the capture's problems.
+    /// all the same, which is reported with the capture's problems.
     fn settle_background(&self, dataset: &mut Dataset) -> TrainConfig {
         let mut config = self.options.config.clone();
         let has_object = dataset.mesh.is_some();
@@ -166,7 +166,7 @@ impl Worker {
                 .push(Problem::new(Severity::Warning, what, advice));
         }
         if config.background == PhotoFit::Off && config.refine_poses == PhotoFit::Auto {
-            // Outlines tell where they begin, but only the background would hold them there.
+            // Outlines determine the initial poses, but only the background would hold them there.
             config.refine_poses = PhotoFit::Off;
         }
         config

@@ -29,7 +29,7 @@ const VALIDATE_SHARE: f64 = 50.0;
 const RESERVE_FACTOR: f64 = 1.3;
 /// Seconds kept for the end of the process.
 const RESERVE_SECS: f64 = 0.15;
-/// Share of a time budget under which the person is told how little is left for training.
+/// Share of a time budget under which the person is informed how little is left for training.
 const SMALL_SHARE: f64 = 0.2;
 /// The quick end of a settled run, as a share of the time it took to settle.
 const COOL_DOWN_SHARE: f64 = 0.15;
@@ -124,7 +124,7 @@ impl Run<'_> {
         })
     }
 
-    /// What neighbouring photos have told of each other.
+    /// What neighbouring photos have shown of each other's depths.
     fn depths_told(&self) -> Option<String> {
         let share = self.trainer.share_of_depths();
         (share > 0.0).then(|| {
@@ -194,7 +194,7 @@ impl Run<'_> {
         let begun = self.clock.secs();
         let timed_secs = self.plan.is_timed().then_some(begun);
         if self.trainer.needs_retracing() && self.due.retracings.take(fraction, timed_secs) {
-            // It fails only when it is told to stop, and the run with it.
+            // It fails only when it is asked to stop, and the run with it.
             let _stopped = self.retrace(Surface::Moves);
             self.due.retracings.rest(begun, self.clock.secs());
         }
@@ -237,7 +237,7 @@ impl Run<'_> {
         self.worker.events.wake();
     }
 
-    /// Tells how training goes.
+    /// Reports how training goes.
     pub(in crate::train) fn report(&mut self) {
         let progress = self.meter.report(&self.plan, &self.clock, &self.trainer);
         self.tell(TrainEvent::Progress(progress));

@@ -129,7 +129,7 @@ impl TiltedRays {
             let d = d_radiance.dot(slope);
             offsets.add(tilted.point, 2.0 * d * tilted.side, tilted.share);
             let error = &errors[tilted.pixel];
-            // What this ray's light is of the pixel's; a colour without an error does not tell.
+            // What this ray's light is of the pixel's; a colour without an error carries no information.
             let part = d_radiance / error.d_light;
             let part = Vec3::select(part.is_finite_mask(), part, Vec3::ZERO);
             self.rows.push(NormalRow {

@@ -23,7 +23,7 @@ pub(in crate::train) const LUMA: Vec3 = Vec3::new(0.299, 0.587, 0.114);
 pub(in crate::train) struct PixelLoss {
     /// Sum of squared differences over the colours.
     pub value: f32,
-    /// What is shown less the target, and its slope by the linear radiance; 0 where a clipped target tells nothing.
+    /// What is shown less the target, and its slope by the linear radiance; 0 where a clipped target constrains nothing.
     pub difference: Vec3,
     pub slope: Vec3,
     /// Slope of what is shown by the exponent.
@@ -118,7 +118,7 @@ pub(in crate::train) fn unclipped(srgb: [f32; 3], lamp: f32) -> f32 {
 }
 
 /// `ln(radiance / light)²` in the colours whose target is clipped, and its gradient by the light. What shines on an object may
-/// tell that a lamp is brighter: then it is pulled up only.
+/// show that a lamp is brighter: then it is pulled up only.
 pub(super) fn clipped_pull(
     light: Vec3,
     target: [f32; 3],

@@ -59,7 +59,7 @@ pub struct Trainer {
     pub(in crate::train) gamma_adam: Adam,
     /// Where each photo has its own.
     pub(in crate::train) exposures: Option<Exposures>,
-    /// The training photos, for what snapshots tell of their exposures.
+    /// The training photos, for what snapshots report of their exposures.
     photos: Option<PhotoExposures>,
     /// Where the photos' poses are refined.
     pub(in crate::train) poses: Option<Poses>,
@@ -213,7 +213,7 @@ impl Trainer {
         self.step_by_stage(progress, &mut |_| ())
     }
 
-    /// [`Self::step`], telling after each stage that it is done: for benchmarks, since the trainer has no clock.
+    /// [`Self::step`], reporting after each stage that it is done: for benchmarks, since the trainer has no clock.
     pub fn step_by_stage(&mut self, progress: f32, on_done: &mut dyn FnMut(Stage)) -> StepStats {
         self.prepare(progress);
         on_done(Stage::Prepare);

@@ -19,7 +19,7 @@ use crate::render::{Backdrop, FileKind, Spin};
 /// Width of the window's content.
 const WIDTH: f32 = 400.0;
 
-/// While an export runs, a button that tells how far it is and opens the window.
+/// While an export runs, a button that shows how far it is and opens the window.
 pub fn running_export_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     let Some(running) = &state.export.running else {
         return;

@@ -212,7 +212,7 @@ mod tests {
             let listing = list_capture(folder).unwrap();
             let mut frames: Vec<Frame> = listing.frames().cloned().collect();
             for frame in &mut frames {
-                // The check tells cameras by the number in the photo's name.
+                // The check identifies cameras by the number in the photo's name.
                 let name = frame.photo.to_string_lossy().replace(".color", "");
                 frame.photo = name.into();
             }

@@ -31,7 +31,7 @@ pub(super) enum Poses {
 }
 
 impl Poses {
-    /// Reads poses, told by how many numbers a line has; what is not finite is a camera that had lost its place.
+    /// Reads poses, recognised by how many numbers a line has; what is not finite is a camera that had lost its place.
     ///
     /// Errors name the file and the line.
     pub(super) fn parse(path: &Path, text: &str) -> Result<Self, DataError> {

@@ -45,7 +45,7 @@ pub(in crate::data) fn find(root: &Path) -> Option<Found> {
     })
 }
 
-/// The capture of such a file, told by its name.
+/// The capture of such a file, recognised by its name.
 pub(in crate::data) fn found_at(file: &Path) -> Option<Found> {
     let (name, mut root) = (file.file_name()?, file.parent()?);
     let is_in_scene = root.ends_with("scene") && name == "trajectory.log";

@@ -27,7 +27,7 @@ pub(super) struct PictureOf<'a> {
     pub(super) options: PathOptions,
 }
 
-/// The tables whose places the frame tells.
+/// The tables whose places the frame records.
 #[derive(Clone, Copy)]
 pub(super) struct Tables<'a> {
     pub(super) environment_levels: &'a [LevelRow],

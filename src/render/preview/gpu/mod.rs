@@ -253,7 +253,7 @@ fn read_back(gpu: &Gpu, from: &Buffer, n_bytes: u64) -> Result<Vec<u8>, GpuError
         .create_command_encoder(&CommandEncoderDescriptor::default());
     copy.copy_buffer_to_buffer(from, 0, &staging, 0, n_bytes);
     gpu.queue.submit([copy.finish()]);
-    // Whether it worked is told by asking for the bytes.
+    // Whether it worked shows when the bytes are asked for.
     staging.map_async(MapMode::Read, 0..n_bytes, |_| ());
     wait(gpu)?;
     let bytes = staging

@@ -30,9 +30,9 @@ const MOST_NEARER: usize = 1;
 /// Cosine of the turn from which a view has next to nothing in common with the one before: what was seen at a flat angle
 /// would stand far apart, and what lies behind it would shine through.
 const LEAST_TURN_COS: f32 = 0.94;
-/// Pixels around one that has just been seen in which farther points are doubted.
+/// Pixels around one that has just been seen in which farther points are suspected of being hidden.
 const DOUBT: usize = 2;
-/// Rays just followed nearby that must meet something nearer to prove a doubted point hidden.
+/// Rays just followed nearby that must meet something nearer to prove a suspected point hidden.
 const PROOF: u8 = 2;
 /// Difference of two neighbours' values from which a ray is followed between them, as square roots of radiance: about
 /// five of 255 codes.
@@ -98,7 +98,7 @@ impl Source {
             || old.name() == new.name()
                 && old.frame() == new.frame()
                 && old.is_far() == new.is_far();
-        // Nothing tells where the light of the paper's field comes from.
+        // It is not known where the light of the paper's field comes from.
         let has_places = !matches!(new.field(), EnvironmentField::Paper(_));
         // What was seen sharp is not blurred, and the other way round.
         let is_as_sharp = self.is_blurred == (job.request.scene.background == Background::Blurred);
@@ -167,7 +167,7 @@ impl PointCloud {
         let width = job.camera.width as usize;
         let key = |i: usize| nearest[i].load(Ordering::Relaxed);
         let distance = |i: usize| f32::from_bits((key(i) >> 32) as u32);
-        // At rest, points of a picture in motion stand at every second pixel or so, and rays for doubtful ones are at hand.
+        // At rest, points of a picture in motion stand at every second pixel or so, and rays for uncertain ones are at hand.
         let is_at_rest = job.purpose != Purpose::Motion;
         let steps = steps_around(width, if is_at_rest { 2 } else { 1 });
         let has_company = |i: usize| {

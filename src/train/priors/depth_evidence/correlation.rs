@@ -13,7 +13,7 @@ const LEAST_CONTRAST_THERE: f32 = 0.5 * LEAST_CONTRAST;
 /// Sums over a window: the number of pixels that both show, the values a and b, their squares and their product.
 const TERMS: usize = 6;
 
-/// The correlation where photos do not tell.
+/// The correlation where the photos do not determine it.
 pub(super) const UNKNOWN: f32 = -2.0;
 
 /// A row of the picture for each of the [`TERMS`].

@@ -12,7 +12,7 @@ use crate::train::photos::relative_exposures::{pairs_of, relative_log_gains};
 const MOST_POINTS: usize = 1000;
 /// Linear values that are neither noise nor clipped.
 const USABLE: Range<f32> = 0.004..0.85;
-/// Pairs that must tell of each photo.
+/// Pairs that must constrain each photo.
 const LEAST_PAIRS: usize = 3;
 
 /// The logarithm of each photo's gain a colour, of mean 0; `None` where some photo cannot be compared with enough others.

@@ -3,7 +3,7 @@
 
 use crate::neif::field::radiance_field::FieldBatch;
 
-/// Nearest distance that is told apart, in half sides of the inner box.
+/// Nearest distance that is distinguished from nearer ones, in half sides of the inner box.
 const LEAST_DEPTH: f32 = 0.05;
 /// Error of one over a distance, as a share of it, up to which it is right, and from which on it is no more wrong.
 const RIGHT: f32 = 0.03;
@@ -11,7 +11,7 @@ const WRONG: f32 = 0.3;
 /// The same far away, in one over half sides of the inner box.
 const LEAST_NEARNESS: f32 = 0.1;
 
-/// Steps after which the weight is half of what it was: once surfaces stand, the photos themselves tell better where.
+/// Steps after which the weight is half of what it was: once surfaces stand, the photos themselves determine better where.
 const HALF_LIFE: f32 = 1000.0;
 
 /// What is left of the weight at step `step`.

@@ -49,11 +49,11 @@ const CONFIRMED_BY: usize = 2;
 pub(in crate::train) struct SeenDepths {
     /// By training photo; `None` for those that were not swept.
     photos: Vec<Option<PhotoDepths>>,
-    /// The logarithm of each training photo's gain a colour, of mean 0; `None` where they do not tell of all.
+    /// The logarithm of each training photo's gain a colour, of mean 0; `None` where they do not determine all.
     pub(in crate::train) log_gains: Option<Vec<Vec3>>,
 }
 
-/// Depths of what a photo shows, where its neighbours tell.
+/// Depths of what a photo shows, where its neighbours determine them.
 #[derive(Debug)]
 struct PhotoDepths {
     /// A pinhole, of the size of the depths.
@@ -103,7 +103,7 @@ impl SeenDepths {
         let found = chosen.par_iter().zip(&photos).zip(&mut swept);
         found.for_each(|((i, photo), depths)| {
             let map = measured.get(dataset.train[*i].name.as_str());
-            // Without a map that can be read there is what the photos tell.
+            // Without a map that can be read, the depths stay those estimated from the photos.
             if let Some(map) = map.and_then(|map| map.read(&dataset.train[*i].camera).ok()) {
                 depths.measure(photo, &map);
             }
@@ -118,7 +118,7 @@ impl SeenDepths {
         Some(Self { photos, log_gains })
     }
 
-    /// One over the distance of what a training photo shows in a direction, world units; `None` where it does not tell.
+    /// One over the distance of what a training photo shows in a direction, world units; `None` where it is unknown.
     pub(in crate::train) fn nearness(&self, photo: usize, direction: Vec3) -> Option<f32> {
         let depths = self.photos[photo].as_ref()?;
         let camera = &depths.camera;

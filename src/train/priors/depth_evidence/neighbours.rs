@@ -10,15 +10,15 @@ const N_NEIGHBOURS: usize = 4;
 const SIDE: usize = 4;
 /// Their distances, in typical ones.
 const DISTANCES: [f32; 3] = [0.6, 1.2, 3.0];
-/// The angle between two rays to a point at which its distance is told best: with less it is vague, with more the pictures
-/// differ. Radians.
+/// The angle between two rays to a point at which its distance is estimated best: with less it is vague, with more the
+/// pictures differ. Radians.
 const BEST_ANGLE: f32 = 0.17;
 /// Least mean worth of a neighbour: one that shows a twentieth of the points at a good angle.
 const LEAST_WORTH: f32 = 0.05;
 /// Two neighbours stand further apart than this share of their distances from the photo's camera.
 const APART: f32 = 0.5;
 
-/// The photos that tell most of distances in photo `index`, best first; `typical`: a distance of what is seen, world units.
+/// The photos that constrain distances in photo `index`, best first; `typical`: a distance of what is seen, world units.
 pub(super) fn neighbours(cameras: &[Camera], index: usize, typical: f32) -> Vec<usize> {
     let points = points_before(&cameras[index], typical);
     let eye = cameras[index].position();
@@ -55,7 +55,7 @@ fn points_before(camera: &Camera, typical: f32) -> Vec<Vec3> {
         .collect()
 }
 
-/// How well another photo tells how far a point is from an eye, `[0, 1]`; 0 where it does not show it.
+/// How well another photo determines how far a point is from an eye, `[0, 1]`; 0 where it does not show it.
 fn worth(eye: Vec3, other: &Camera, point: Vec3) -> f32 {
     let Some(at) = other.project(point) else {
         return 0.0;

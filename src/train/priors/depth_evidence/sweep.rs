@@ -28,7 +28,7 @@ pub(super) struct Steps {
 
 dispatch! {
     /// One over the depth, along the camera's axis, of what each pixel of `photo` shows, world units; NaN where the
-    /// neighbours do not tell.
+    /// neighbours do not determine it.
     pub(super) fn sweep(photo: &SmallPhoto, neighbours: &[&SmallPhoto], steps: Steps) -> Vec<f32> = sweep_body
 }
 

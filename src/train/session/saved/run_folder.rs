@@ -2,7 +2,7 @@
 //!
 //! `config.toml` decides the result, `checkpoint.safetensors` continues it exactly,
 //! `object.safetensors`, `environment.safetensors` and `mesh.glb` show it, `metrics.csv` and
-//! `log.jsonl` tell how it went. Each file is written whole or not at all, so a full disk or a
+//! `log.jsonl` record how it went. Each file is written whole or not at all, so a full disk or a
 //! power cut leaves the previous state.
 
 use std::io::{self, Write as _};

@@ -46,7 +46,7 @@ fn outside_by(silhouettes: &[Silhouette], p: Vec3) -> f32 {
     }
 }
 
-/// Fills `grid` with the distance to the hull; false when told to stop.
+/// Fills `grid` with the distance to the hull; false when asked to stop.
 pub(super) fn fill(
     silhouettes: &[Silhouette],
     grid: &mut ScalarGrid,

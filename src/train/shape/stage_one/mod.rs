@@ -2,7 +2,7 @@
 //!
 //! A draft comes first, as signed distances on a grid: depth maps fused within the visual hull of the masks, or the hull
 //! alone; then the fairest surface that is where the maps saw it and whose outlines are those of the masks, to a fraction of
-//! a pixel, or as near as these agree. Nothing is asked of the photos' colours, which on glossy surfaces tell of the
+//! a pixel, or as near as these agree. Nothing is asked of the photos' colours, which on glossy surfaces show the
 //! environment.
 //!
 //! Where there are neither maps nor masks, the reconstruction's points give coarse maps, which are fused and left at that.
@@ -138,7 +138,7 @@ pub enum StageOneError {
     },
     /// The object is a few pixels large.
     #[error(
-        "{}: the object is too small in the masks to tell its shape: its radius is {radius_px:.1} pixels, and \
+        "{}: the object is too small in the masks to determine its shape: its radius is {radius_px:.1} pixels, and \
          {needed} are needed", dataset.display(), needed = MIN_RADIUS_PX
     )]
     TooSmall {
@@ -166,7 +166,7 @@ pub enum StageOneError {
     Cancelled,
 }
 
-/// What is told while a mesh is made.
+/// What is reported while a mesh is made.
 #[derive(Clone, Copy, Debug)]
 pub enum Making<'a> {
     /// Share that is done, 0..1.
@@ -214,7 +214,7 @@ pub fn make_mesh(
         }
         residuals.push(fairing::round(&mut phi, &evidence, &Fairing::default()));
         on_news(Making::Surface(&phi));
-        // Where outlines are exact, clefts go on opening that few rays tell of.
+        // Where outlines are exact, clefts go on opening that few rays constrain.
         if evidence.outline_error > 0.0 && is_settled(&residuals) {
             break;
         }

@@ -1,4 +1,4 @@
-//! How far the outlines of masks err, told from how they disagree.
+//! How far the outlines of masks err, estimated from how they disagree.
 //!
 //! Outlines that are all true touch the visual hull that they span; where they wander, each is cut short somewhere by another,
 //! and their distances from the hull scatter as they do.

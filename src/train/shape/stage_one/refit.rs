@@ -38,7 +38,7 @@ pub(in crate::train) fn is_of_outlines(dataset: &Dataset) -> bool {
 /// by `cameras`.
 ///
 /// # Errors
-/// When no surface is left, and when told to stop.
+/// When no surface is left, and when asked to stop.
 pub(in crate::train) fn refit(
     dataset: &Dataset,
     cameras: &[Camera],

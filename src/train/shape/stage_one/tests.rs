@@ -261,7 +261,7 @@ fn outlines_that_wander_do_not_tear_a_thin_part() {
         wander(view.mask.as_mut().unwrap(), 1.3, i);
     }
     let (distance, _) = errors(&make(&dataset).unwrap(), hoop);
-    // 0.0186, and torn, where creases are looked for in a curvature that is not smoothed.
+    // 0.0186, and fragmented, where creases are looked for in a curvature that is not smoothed.
     assert!(distance < 0.014, "{distance} units off");
 }
 

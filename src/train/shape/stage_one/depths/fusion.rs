@@ -19,7 +19,7 @@ pub(in crate::train::shape::stage_one) const MIN_MAPS: usize = 3;
 const MAPS_FOR_BOUNDS: usize = 60;
 /// Points of a map that do.
 const POINTS_FOR_BOUNDS: usize = 4000;
-/// Cells up to which distances are told from a map; noise and thickness are less.
+/// Cells up to which distances are estimated from a map; noise and thickness are less.
 const REACH_CELLS: f32 = 4.0;
 /// Pixels from a place in a map to those that say how its surface is turned.
 const TURN_PX: f32 = 1.0;
@@ -267,7 +267,7 @@ impl Node {
 }
 
 /// Fills `grid` with distances to the surface that the maps show; what none of them sees is inside where something hides
-/// it, and outside otherwise. `None` when told to stop.
+/// it, and outside otherwise. `None` when asked to stop.
 ///
 /// `is_late`: asked after each few maps, ends the work with what there is.
 pub(in crate::train::shape::stage_one) fn fill(

@@ -27,7 +27,7 @@ const SAME_SURFACE: f32 = 0.1;
 /// A point in a map: where, and its depth along the camera's axis.
 type Sight = (Vec2, f32);
 
-/// Maps of the training views that see enough points, evenly chosen where they are many; fewer when told to stop.
+/// Maps of the training views that see enough points, evenly chosen where they are many; fewer when asked to stop.
 pub(in crate::train::shape::stage_one) fn maps<'a>(
     dataset: &'a Dataset,
     go_on: &(dyn Fn() -> bool + Sync),
