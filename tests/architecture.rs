@@ -10,6 +10,8 @@ const ORDER: [&str; 7] = [
 
 /// Longest source file that is accepted, in lines.
 const MAX_LINES: usize = 500;
+/// Dependencies of dependencies that are listed for their features alone: `winit`'s Wayland without a library to link.
+const FOR_FEATURES: [&str; 1] = ["winit"];
 /// Most source files in one folder.
 const MAX_FILES: usize = 15;
 
@@ -110,6 +112,31 @@ fn no_files_import_each_other_in_a_circle() {
         }
     }
     assert!(imports.is_empty(), "circles among {imports:#?}");
+}
+
+#[test]
+fn every_dependency_is_used() {
+    let manifest = fs::read_to_string("Cargo.toml").expect("the manifest");
+    let mut names = Vec::new();
+    let mut is_listed = false;
+    for line in manifest.lines() {
+        if line.starts_with('[') {
+            is_listed = line.ends_with("dependencies]");
+        } else if let Some((name, _)) = line.split_once(" = ").filter(|_| is_listed) {
+            names.push(name.replace('-', "_"));
+        }
+    }
+    assert!(names.len() > 20, "the search found only {names:?}");
+    for folder in ["src", "tests"] {
+        visit(Path::new(folder), &mut |_, text| {
+            names.retain(|name| {
+                let paths = [format!("{name}::"), format!("use {name};")];
+                !paths.iter().any(|path| text.contains(path))
+            });
+        });
+    }
+    names.retain(|name| !FOR_FEATURES.contains(&name.as_str()));
+    assert!(names.is_empty(), "used nowhere: {names:?}");
 }
 
 /// The modules of the library by their paths below `src`, with their text but for tests.
