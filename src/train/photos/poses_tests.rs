@@ -121,7 +121,7 @@ fn cameras_that_are_right_stay_as_they_are_until_found_wrong() {
     for step in 0..700 {
         trainer.step(step as f32 / 700.0);
     }
-    let mut poses = trainer.poses.take().expect("they are looked at");
+    let mut poses = trainer.photos.poses.take().expect("they are looked at");
     let found: f32 = poses.moved_px().iter().sum();
     assert!(found > 0.0, "something is always found");
     assert_eq!(poses.cameras(), given_cameras(&right));

@@ -196,7 +196,10 @@ fn a_mesh_of_outlines_moves_and_a_run_goes_on_with_the_moved_one() {
     assert_eq!(saved.object_box(), Some(given.bounds()));
     let mut second = trainer(Normals::Auto, &saved);
     second.restore(&checkpoint).unwrap();
-    assert_eq!(second.frame, first.frame, "in the same environment");
+    assert_eq!(
+        second.place.frame, first.place.frame,
+        "in the same environment"
+    );
     assert!(
         second.checkpoint().to_bytes() == checkpoint.to_bytes(),
         "with all that was known"

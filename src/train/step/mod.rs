@@ -17,3 +17,4 @@ pub mod trainer;
 #[cfg(test)]
 mod trainer_tests;
 mod update;
+mod work;

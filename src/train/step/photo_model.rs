@@ -9,17 +9,21 @@ use crate::train::photos::poses::Poses;
 impl Trainer {
     /// Takes up the step's equations and corrects the exposures when it is time.
     pub(super) fn find_exposures(&mut self) {
-        if let Some(exposures) = &mut self.exposures {
-            let rows = self.chunks.iter().map(|chunk| &chunk.photo_rows.exposures);
-            exposures.take_up(self.step, rows.flatten());
+        if let Some(exposures) = &mut self.photos.exposures {
+            let rows = self
+                .work
+                .chunks
+                .iter()
+                .map(|chunk| &chunk.photo_rows.exposures);
+            exposures.take_up(self.counts.step, rows.flatten());
         }
     }
 
     /// Takes up the step's equations and corrects the poses when it is time.
     pub(super) fn refine_poses(&mut self) {
-        if let Some(poses) = &mut self.poses {
-            let rows = self.chunks.iter().map(|chunk| &chunk.photo_rows.poses);
-            if poses.take_up(self.step, rows.flatten()) {
+        if let Some(poses) = &mut self.photos.poses {
+            let rows = self.work.chunks.iter().map(|chunk| &chunk.photo_rows.poses);
+            if poses.take_up(self.counts.step, rows.flatten()) {
                 self.pixels.set_cameras(&poses.cameras());
             }
         }
@@ -27,11 +31,14 @@ impl Trainer {
 
     /// What each training photo's exposure multiplies radiance by, in the capture's order; `None` where all are alike.
     pub fn gains(&self) -> Option<&[Vec3]> {
-        self.exposures.as_ref().and_then(Exposures::gains)
+        self.photos.exposures.as_ref().and_then(Exposures::gains)
     }
 
     /// The poses of the training photos as they are known by now; `None` where they are taken as given.
     pub fn poses(&self) -> Option<&Poses> {
-        self.poses.as_ref().filter(|poses| poses.are_corrected())
+        self.photos
+            .poses
+            .as_ref()
+            .filter(|poses| poses.are_corrected())
     }
 }

@@ -12,14 +12,15 @@ use crate::train::preparation::retrace_pixels;
 impl Trainer {
     /// Whether the normals of the mesh are refined.
     pub fn refines_normals(&self) -> bool {
-        self.refinement.is_some()
+        self.surface.refinement.is_some()
     }
 
     /// Lets snapshots have the normals as they are known by now.
     pub fn settle_normals(&mut self) {
-        let refinement = self.refinement.as_mut();
-        if let Some(tracer) = refinement.and_then(|refinement| refinement.settled(self.step)) {
-            self.tracer = Some(Arc::new(tracer));
+        let refinement = self.surface.refinement.as_mut();
+        if let Some(tracer) = refinement.and_then(|refinement| refinement.settled(self.counts.step))
+        {
+            self.surface.tracer = Some(Arc::new(tracer));
         }
     }
 
@@ -34,10 +35,12 @@ impl Trainer {
         cancel: &AtomicBool,
     ) -> Result<(), TrainError> {
         self.settle_normals();
-        if let (Some(refinement), Some(tracer)) = (&mut self.refinement, &self.tracer) {
+        if let (Some(refinement), Some(tracer)) =
+            (&mut self.surface.refinement, &self.surface.tracer)
+        {
             let outlines = (&*self.pixels.cameras(), self.pixels.outline_error_px());
             if let Some(moved) = refinement.moved(tracer.mesh(), dataset, outlines, cancel)? {
-                self.tracer = Some(Arc::new(moved));
+                self.surface.tracer = Some(Arc::new(moved));
             }
         }
         Ok(())
@@ -45,13 +48,14 @@ impl Trainer {
 
     /// Whether the pixels' light paths change while training, as normals or poses are refined.
     pub fn needs_retracing(&self) -> bool {
-        self.tracer.is_some() && (self.refinement.is_some() || self.poses().is_some())
+        self.surface.tracer.is_some()
+            && (self.surface.refinement.is_some() || self.poses().is_some())
     }
 
     /// Whether the light paths of a restored trainer, from the cameras as given or of a first choice of pixels, are to be
     /// traced anew.
     pub fn has_first_paths(&self) -> bool {
-        self.tracer.is_some() && (self.poses().is_some() || !self.pixels.has_all_wanted())
+        self.surface.tracer.is_some() && (self.poses().is_some() || !self.pixels.has_all_wanted())
     }
 
     /// Object pixels that the steps of the part `[from, to]` of a plan of `n_steps` draw.
@@ -76,12 +80,12 @@ impl Trainer {
             return Ok(());
         }
         self.settle_normals();
-        let tracer = self.tracer.as_ref();
+        let tracer = self.surface.tracer.as_ref();
         let scene = (dataset, tracer.map(|tracer| &**tracer));
-        let chosen = (most_objects, self.step);
+        let chosen = (most_objects, self.counts.step);
         let (pixels, config) = (&mut self.pixels, &self.config);
         retrace_pixels(pixels, config, scene, chosen, cancel, on_progress)?;
-        if let (Some(refinement), Some(tracer)) = (&mut self.refinement, tracer) {
+        if let (Some(refinement), Some(tracer)) = (&mut self.surface.refinement, tracer) {
             refinement.was_traced(tracer.mesh());
         }
         Ok(())

@@ -7,10 +7,11 @@ use rayon::prelude::*;
 
 use super::adam::Adam;
 use super::batch_size::BatchSize;
-use super::chunk::{Chunk, N_CHUNKS};
+use super::chunk::Chunk;
 use super::learned::Learned;
 use super::skips::SkipShares;
 use super::step_context::StepContext;
+use super::work::Work;
 use crate::data::{Dataset, exposures_differ};
 use crate::geometry::SurfaceTracer;
 use crate::neif::field::contraction::FieldFrame;
@@ -46,38 +47,61 @@ const PROBE_EVERY: u64 = 16;
 #[derive(Debug)]
 pub struct Trainer {
     pub(in crate::train) config: TrainConfig,
-    name: String,
-    up: glam::Vec3,
+    pub(in crate::train) place: Place,
     pub(in crate::train) pixels: PixelStore,
-    /// Of the mesh that snapshots have.
-    pub(in crate::train) tracer: Option<Arc<SurfaceTracer>>,
-    pub(in crate::train) frame: FieldFrame,
     pub(in crate::train) field: Learned<RadianceField, FieldTransposed>,
     pub(in crate::train) density: DensityGrid,
     pub(in crate::train) material: Option<Learned<Material, Transposed>>,
+    pub(in crate::train) display: LearnedDisplay,
+    pub(in crate::train) photos: Photos,
+    pub(in crate::train) surface: Surface,
+    unseen: UnseenDirections,
+    pub(in crate::train) counts: Counts,
+    pub(in crate::train) work: Work,
+}
+
+/// The capture, and where it lies.
+#[derive(Debug)]
+pub(in crate::train) struct Place {
+    name: String,
+    up: glam::Vec3,
+    pub(in crate::train) frame: FieldFrame,
+}
+
+/// The exponent of the display transform.
+#[derive(Debug)]
+pub(in crate::train) struct LearnedDisplay {
     pub(in crate::train) gamma: f32,
-    pub(in crate::train) gamma_adam: Adam,
+    pub(in crate::train) adam: Adam,
+}
+
+/// What is estimated of the photos themselves.
+#[derive(Debug)]
+pub(in crate::train) struct Photos {
     /// Where each photo has its own.
     pub(in crate::train) exposures: Option<Exposures>,
-    /// The training photos, for what snapshots report of their exposures.
-    photos: Option<PhotoExposures>,
+    /// The training photos, for what snapshots note of their exposures.
+    noted: Option<PhotoExposures>,
     /// Where the photos' poses are refined.
     pub(in crate::train) poses: Option<Poses>,
+}
+
+/// The object's surface as it is known by now.
+#[derive(Debug)]
+pub(in crate::train) struct Surface {
+    /// Of the mesh that snapshots have.
+    pub(in crate::train) tracer: Option<Arc<SurfaceTracer>>,
     /// Where the mesh's normals are refined.
     pub(in crate::train) refinement: Option<Refinement>,
-    unseen: UnseenDirections,
+}
+
+/// How far training has come.
+#[derive(Debug, Default)]
+pub(in crate::train) struct Counts {
     pub(in crate::train) step: u64,
     /// Optimiser updates done: steps less the skipped ones.
     pub(in crate::train) updates: u64,
     pub(in crate::train) skipped: u64,
-    /// Of the step at hand.
-    pub(super) batch_size: BatchSize,
-    pub(in crate::train) chunks: Vec<Chunk>,
-    /// Features of each level, `[n][4]` of all chunks.
-    encoded: Vec<Vec<f32>>,
-    /// The field's grid in bf16, rewritten with every update: what a step encodes from, at half the cache lines.
-    pub(super) tables: Vec<u16>,
-    pub(super) probes: Vec<FieldBatch>,
 }
 
 /// The parts of a step, in order.
@@ -173,36 +197,35 @@ impl Trainer {
             None => Exposures::new(pixels.n_views(), fit),
         });
         let alike = vec![glam::Vec3::ONE; pixels.n_views()];
-        let photos = exposures.as_ref();
-        let photos = photos.map(|_| PhotoExposures::of(dataset, &alike));
+        let noted = exposures.as_ref();
+        let noted = noted.map(|_| PhotoExposures::of(dataset, &alike));
         let mut trainer = Self {
             config: TrainConfig {
                 distortion_weight: config.distortion_weight * if has_haze { 1.0 } else { 0.0 },
                 ..config.clone()
             },
-            name: dataset.name.clone(),
-            up,
+            place: Place {
+                name: dataset.name.clone(),
+                up,
+                frame,
+            },
             pixels,
-            tracer,
-            frame,
-            tables: vec![0; field.params.len() - field.n_network_params()],
-            encoded: vec![Vec::new(); field.levels().len()],
+            work: Work::of(&field),
             field: Learned::new(field, |f| f.params.len()),
             density,
             material: material.map(|m| Learned::new(m, |m| m.params.len())),
-            gamma: 1.0,
-            gamma_adam: Adam::new(1),
-            exposures,
-            photos,
-            poses,
-            refinement,
+            display: LearnedDisplay {
+                gamma: 1.0,
+                adam: Adam::new(1),
+            },
+            photos: Photos {
+                exposures,
+                noted,
+                poses,
+            },
+            surface: Surface { tracer, refinement },
             unseen: UnseenDirections::of(dataset, &frame),
-            step: 0,
-            updates: 0,
-            skipped: 0,
-            batch_size: BatchSize::default(),
-            chunks: (0..N_CHUNKS).map(Chunk::new).collect(),
-            probes: vec![FieldBatch::default(); N_CHUNKS],
+            counts: Counts::default(),
         };
         trainer.derive();
         trainer
@@ -222,16 +245,16 @@ impl Trainer {
         self.run_chunks();
         on_done(Stage::Networks);
         let stats = self.stats();
-        self.step += 1;
+        self.counts.step += 1;
         if stats.skipped {
-            self.skipped += 1;
+            self.counts.skipped += 1;
             return stats;
         }
         self.gather_gradients();
         on_done(Stage::Gather);
         self.update(progress);
         on_done(Stage::Update);
-        if self.step.is_multiple_of(PROBE_EVERY) {
+        if self.counts.step.is_multiple_of(PROBE_EVERY) {
             self.probe_density();
             on_done(Stage::Probe);
         }
@@ -240,18 +263,18 @@ impl Trainer {
 
     /// Steps taken.
     pub fn steps(&self) -> u64 {
-        self.step
+        self.counts.step
     }
 
     /// Steps that learned nothing because a value was not finite.
     pub fn skipped_steps(&self) -> u64 {
-        self.skipped
+        self.counts.skipped
     }
 
     /// What the shortcuts left out of the last step, counted now: costs about a hundredth of a step.
     pub fn skips(&self) -> SkipShares {
         let mut counts = SkipCounts::default();
-        for chunk in &self.chunks {
+        for chunk in &self.work.chunks {
             counts.add(&chunk.batch, self.field.value.levels(), &self.density);
         }
         SkipShares::of(&counts)
@@ -271,27 +294,27 @@ impl Trainer {
 
     /// The learned exponent of the display transform.
     pub fn gamma(&self) -> f32 {
-        self.gamma
+        self.display.gamma
     }
 
     /// The mesh's tracer, when there is an object.
     pub fn tracer(&self) -> Option<&Arc<SurfaceTracer>> {
-        self.tracer.as_ref()
+        self.surface.tracer.as_ref()
     }
 
     /// The model as it stands: a copy of the parameters.
     pub fn snapshot(&self) -> Snapshot {
         let place = EnvironmentPlace {
-            name: self.name.clone(),
-            frame: self.frame,
-            gamma: self.gamma,
+            name: self.place.name.clone(),
+            frame: self.place.frame,
+            gamma: self.display.gamma,
             n_samples: self.config.render_samples,
-            up: self.up,
+            up: self.place.up,
         };
         let object = self
             .material
             .as_ref()
-            .zip(self.tracer.as_ref())
+            .zip(self.surface.tracer.as_ref())
             .map(|(material, tracer)| {
                 Arc::new(ObjectModel {
                     tracer: Arc::clone(tracer),
@@ -299,9 +322,9 @@ impl Trainer {
                 })
             });
         let environment = Environment::new(place, self.field.value.clone(), self.density.clone());
-        let photos = self.photos.as_ref().zip(self.gains());
+        let photos = self.photos.noted.as_ref().zip(self.gains());
         Snapshot {
-            step: self.step,
+            step: self.counts.step,
             object,
             environment: Arc::new(environment),
             exposures: photos.map(|(photos, gains)| Arc::new(photos.with_gains(gains))),
@@ -309,25 +332,29 @@ impl Trainer {
     }
 
     fn context(&self) -> StepContext<'_> {
-        let explored = self.step as f32 / self.config.exploration_steps.max(1) as f32;
+        let explored = self.counts.step as f32 / self.config.exploration_steps.max(1) as f32;
         StepContext {
             config: &self.config,
             pixels: &self.pixels,
-            frame: &self.frame,
+            frame: &self.place.frame,
             field: &self.field.value,
             field_transposed: &self.field.transposed,
             density: &self.density,
-            batch_size: self.batch_size,
+            batch_size: self.work.batch_size,
             material: self.material.as_ref().map(|m| &m.value),
             material_transposed: self.material.as_ref().map_or(&EMPTY, |m| &m.transposed),
-            display: Display { gamma: self.gamma },
+            display: Display {
+                gamma: self.display.gamma,
+            },
             gains: self.gains().unwrap_or_default(),
-            finds_exposures: (self.exposures.as_ref()).is_some_and(|e| e.are_sought(self.step)),
-            finds_poses: (self.poses.as_ref()).is_some_and(|p| p.are_sought(self.step)),
+            finds_exposures: (self.photos.exposures.as_ref())
+                .is_some_and(|e| e.are_sought(self.counts.step)),
+            finds_poses: (self.photos.poses.as_ref())
+                .is_some_and(|p| p.are_sought(self.counts.step)),
             unseen: &self.unseen,
-            offsets: self.refinement.as_ref().map(|r| &r.offsets),
-            tilts: self.step >= refinement::DELAY,
-            step: self.step,
+            offsets: self.surface.refinement.as_ref().map(|r| &r.offsets),
+            tilts: self.counts.step >= refinement::DELAY,
+            step: self.counts.step,
             samples_per_ray: self.n_samples(),
             uniform_share: (1.0 - explored).max(self.config.uniform_share),
         }
@@ -335,9 +362,9 @@ impl Trainer {
 
     /// Draws and places every chunk's rays.
     pub(in crate::train) fn prepare(&mut self, progress: f32) {
-        let mut chunks = std::mem::take(&mut self.chunks);
-        self.batch_size = BatchSize::of(&self.config, progress);
-        let size = self.batch_size;
+        let mut chunks = std::mem::take(&mut self.work.chunks);
+        self.work.batch_size = BatchSize::of(&self.config, progress);
+        let size = self.work.batch_size;
         let context = self.context();
         let backgrounds = size.backgrounds * usize::from(self.pixels.n_backgrounds() > 0);
         let objects = context.material.map_or(0, |_| size.objects);
@@ -351,16 +378,16 @@ impl Trainer {
         chunks
             .par_iter_mut()
             .for_each(|chunk| chunk.prepare(&context, objects, backgrounds));
-        self.chunks = chunks;
+        self.work.chunks = chunks;
     }
 
     /// Encodes the step from the tables in bf16.
     fn encode(&mut self) {
-        let tables = std::mem::take(&mut self.tables);
+        let tables = std::mem::take(&mut self.work.tables);
         self.encode_by_level(|field, level, batch, out| {
             field.encode_level_bf16(level, &tables, batch, out);
         });
-        self.tables = tables;
+        self.work.tables = tables;
     }
 
     /// Encodes level by level over the whole step: each level's table stays in its core's cache.
@@ -368,9 +395,10 @@ impl Trainer {
         &mut self,
         encode_level: impl Fn(&RadianceField, usize, &FieldBatch, &mut [f32]) + Sync,
     ) {
-        let (field, chunks) = (&self.field.value, &self.chunks);
+        let (field, chunks) = (&self.field.value, &self.work.chunks);
         let n: usize = chunks.iter().map(|c| c.batch.n()).sum();
-        self.encoded
+        self.work
+            .encoded
             .par_iter_mut()
             .enumerate()
             .rev()
@@ -386,7 +414,7 @@ impl Trainer {
     }
 
     pub(in crate::train) fn run_chunks(&mut self) {
-        let mut chunks = std::mem::take(&mut self.chunks);
+        let mut chunks = std::mem::take(&mut self.work.chunks);
         let starts: Vec<usize> = chunks
             .iter()
             .scan(0, |end, chunk| {
@@ -396,7 +424,7 @@ impl Trainer {
             })
             .collect();
         let context = self.context();
-        let encoded = &self.encoded;
+        let encoded = &self.work.encoded;
         chunks
             .par_iter_mut()
             .zip(starts)
@@ -411,14 +439,14 @@ impl Trainer {
                 }
                 chunk.run(&context);
             });
-        self.chunks = chunks;
+        self.work.chunks = chunks;
     }
 
     /// Mean losses of the step's object and background pixels.
     fn pixel_losses(&self) -> [f64; 2] {
         [
-            self.sum(|c| c.loss.object) / self.batch_size.objects as f64,
-            self.sum(|c| c.loss.background) / self.batch_size.backgrounds as f64,
+            self.sum(|c| c.loss.object) / self.work.batch_size.objects as f64,
+            self.sum(|c| c.loss.background) / self.work.batch_size.backgrounds as f64,
         ]
     }
 
@@ -431,7 +459,7 @@ impl Trainer {
     }
 
     pub(super) fn sum(&self, of: fn(&Chunk) -> f64) -> f64 {
-        self.chunks.iter().map(of).sum()
+        self.work.chunks.iter().map(of).sum()
     }
 
     fn stats(&self) -> StepStats {
@@ -440,9 +468,14 @@ impl Trainer {
             loss: self.loss() as f32,
             loss_object: object as f32,
             loss_background: background as f32,
-            rays: self.chunks.iter().map(|c| c.batch.rays.len() as u32).sum(),
-            samples: self.chunks.iter().map(|c| c.batch.n() as u32).sum(),
-            skipped: !self.chunks.iter().all(|c| c.is_finite),
+            rays: self
+                .work
+                .chunks
+                .iter()
+                .map(|c| c.batch.rays.len() as u32)
+                .sum(),
+            samples: self.work.chunks.iter().map(|c| c.batch.n() as u32).sum(),
+            skipped: !self.work.chunks.iter().all(|c| c.is_finite),
         }
     }
 }

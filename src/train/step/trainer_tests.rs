@@ -298,7 +298,7 @@ fn a_run_from_before_floors_goes_on_without_one() {
     let dataset = on_a_floor();
     let mut old = trainer(&small_fields(), &dataset);
     old.density.floor = None;
-    old.exposures = None;
+    old.photos.exposures = None;
     train(&mut old, 5);
     let mut resumed = trainer(&small_fields(), &dataset);
     assert!(floor_of(&resumed).is_some() && resumed.gains().is_some());

@@ -21,12 +21,12 @@ const GAMMA_PULL: f32 = 0.1;
 impl Trainer {
     /// Sums the chunks' gradients in order: networks, then each level by one task; and refreshes the density cache.
     pub(in crate::train) fn gather_gradients(&mut self) {
-        let chunks = &self.chunks;
+        let chunks = &self.work.chunks;
         let n_networks = self.field.value.n_network_params();
         let (networks, mut grids) = self.field.gradient.split_at_mut(n_networks);
         let (field, density) = (&self.field.value, &mut self.density);
         let material = self.material.as_mut();
-        let (step, parity) = (self.step, (self.step % 2) as usize);
+        let (step, parity) = (self.counts.step, (self.counts.step % 2) as usize);
         rayon::scope(|scope| {
             for (level, shape) in field.levels().iter().enumerate() {
                 let (table, rest) = grids.split_at_mut(shape.n_entries * FEATURES);
@@ -72,8 +72,9 @@ impl Trainer {
     }
 
     pub(super) fn update(&mut self, progress: f32) {
-        self.updates += 1;
-        let warmup = ((self.updates as f32) / self.config.warmup_steps.max(1) as f32).min(1.0);
+        self.counts.updates += 1;
+        let warmup =
+            ((self.counts.updates as f32) / self.config.warmup_steps.max(1) as f32).min(1.0);
         let decay = warmup * self.config.final_rate.powf(progress.clamp(0.0, 1.0));
         let rates = |n_head| Rates {
             n_head,
@@ -84,9 +85,9 @@ impl Trainer {
         self.field.adam.update_rounded(
             &mut self.field.value.params,
             &mut self.field.gradient,
-            &mut self.tables,
+            &mut self.work.tables,
             rates(n_head),
-            self.updates,
+            self.counts.updates,
         );
         if let Some(m) = &mut self.material {
             let n_head = m.value.n_network_params();
@@ -94,10 +95,10 @@ impl Trainer {
                 &mut m.value.params,
                 &mut m.gradient,
                 rates(n_head),
-                self.updates,
+                self.counts.updates,
             );
         }
-        let d_gamma = self.sum(|c| c.loss.d_gamma) as f32 + GAMMA_PULL * self.gamma.ln();
+        let d_gamma = self.sum(|c| c.loss.d_gamma) as f32 + GAMMA_PULL * self.display.gamma.ln();
         let rates = Rates {
             n_head: 1,
             head: decay * self.config.gamma_rate,
@@ -105,21 +106,22 @@ impl Trainer {
         };
         // An environment alone looks the same with any exponent: its own stays 1.
         if self.material.is_some() {
-            let mut gamma = [self.gamma];
-            self.gamma_adam
-                .update(&mut gamma, &mut [d_gamma], rates, self.updates);
+            let mut gamma = [self.display.gamma];
+            self.display
+                .adam
+                .update(&mut gamma, &mut [d_gamma], rates, self.counts.updates);
             // Outside this range the transform is no display transform any more.
-            self.gamma = gamma[0].clamp(0.2, 5.0);
+            self.display.gamma = gamma[0].clamp(0.2, 5.0);
         }
-        if let Some(refinement) = &mut self.refinement
-            && self.step > refinement::DELAY
+        if let Some(refinement) = &mut self.surface.refinement
+            && self.counts.step > refinement::DELAY
         {
-            let batches: Vec<_> = self.chunks.iter().map(|c| &c.offsets).collect();
+            let batches: Vec<_> = self.work.chunks.iter().map(|c| &c.offsets).collect();
             let rate = refinement::rate(progress);
-            let n_pixels = self.batch_size.objects;
+            let n_pixels = self.work.batch_size.objects;
             refinement.offsets.update(&batches, rate, n_pixels);
             if let Some(evidence) = &mut refinement.evidence {
-                evidence.add(self.chunks.iter().flat_map(|c| &c.tilted.rows));
+                evidence.add(self.work.chunks.iter().flat_map(|c| &c.tilted.rows));
             }
         }
         self.find_exposures();
@@ -130,7 +132,10 @@ impl Trainer {
     /// All that is derived from the parameters: after they were set from outside.
     pub(in crate::train) fn derive(&mut self) {
         let field = &self.field.value;
-        store_bf16(&field.params[field.n_network_params()..], &mut self.tables);
+        store_bf16(
+            &field.params[field.n_network_params()..],
+            &mut self.work.tables,
+        );
         self.transpose();
     }
 
@@ -143,7 +148,7 @@ impl Trainer {
 
     /// Looks into random cells of the density cache, so that places no sample goes to are known too.
     pub(super) fn probe_density(&mut self) {
-        let mut random = SlotRandom::new(self.config.seed, self.step, u64::MAX);
+        let mut random = SlotRandom::new(self.config.seed, self.counts.step, u64::MAX);
         let (cells, points): (Vec<usize>, Vec<_>) = (0..N_PROBES)
             .map(|_| {
                 let cell = random.index(self.density.len());
@@ -154,6 +159,7 @@ impl Trainer {
             .unzip();
         let field = &self.field.value;
         let densities: Vec<Vec<f32>> = self
+            .work
             .probes
             .par_iter_mut()
             .zip(points.par_chunks(N_PROBES / N_CHUNKS))

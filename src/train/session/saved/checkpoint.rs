@@ -28,21 +28,21 @@ impl Trainer {
             &mut file,
             "gamma",
             &[
-                self.gamma,
-                self.gamma_adam.first[0],
-                self.gamma_adam.second[0],
+                self.display.gamma,
+                self.display.adam.first[0],
+                self.display.adam.second[0],
             ],
         );
-        if let Some(exposures) = &self.exposures {
+        if let Some(exposures) = &self.photos.exposures {
             let [log_gains, sums] = exposures.state();
             insert(&mut file, "exposures.log_gains", &log_gains);
             insert(&mut file, "exposures.sums", &sums);
         }
-        if let Some(poses) = &self.poses {
+        if let Some(poses) = &self.photos.poses {
             insert(&mut file, "poses.corrections", &poses.state());
             poses.store_sums(&mut file);
         }
-        if let Some(refinement) = &self.refinement {
+        if let Some(refinement) = &self.surface.refinement {
             let [total, moments] = refinement.offsets.state();
             insert(&mut file, "normals.total", &total);
             insert(&mut file, "normals.moments", &moments);
@@ -63,7 +63,7 @@ impl Trainer {
         file.insert_u64(
             "counters",
             &[3],
-            vec![self.step, self.updates, self.skipped],
+            vec![self.counts.step, self.counts.updates, self.counts.skipped],
         );
         file
     }
@@ -91,19 +91,23 @@ impl Trainer {
         let material = self.material.as_ref();
         let material = material.map(|m| learned("material", "params", m.value.params.len()));
         let material = material.transpose()?;
-        let [n_gains, n_sums] = self.exposures.as_ref().map_or([0; 2], |exposures| {
+        let [n_gains, n_sums] = self.photos.exposures.as_ref().map_or([0; 2], |exposures| {
             exposures.state().map(|values| values.len())
         });
         let log_gains = where_stored(file, "exposures.log_gains", n_gains)?;
         let gain_sums = where_stored(file, "exposures.sums", n_sums)?;
-        let normals = match &self.refinement {
+        let normals = match &self.surface.refinement {
             Some(refinement) => {
                 let n = refinement.offsets.n_values();
                 Some([vector("normals.total", n)?, vector("normals.moments", n)?])
             }
             None => None,
         };
-        let n_poses = self.poses.as_ref().map_or(0, |poses| poses.state().len());
+        let n_poses = self
+            .photos
+            .poses
+            .as_ref()
+            .map_or(0, |poses| poses.state().len());
         let poses = where_stored(file, "poses.corrections", n_poses)?;
         let gamma = vector("gamma", 3)?;
         let counters = file.u64("counters", &[3])?.to_vec();
@@ -126,27 +130,29 @@ impl Trainer {
             [m.value.params, m.adam.first, m.adam.second] = stored;
         }
         (
-            self.gamma,
-            self.gamma_adam.first[0],
-            self.gamma_adam.second[0],
+            self.display.gamma,
+            self.display.adam.first[0],
+            self.display.adam.second[0],
         ) = (gamma[0], gamma[1], gamma[2]);
-        match (&mut self.exposures, &log_gains) {
+        match (&mut self.photos.exposures, &log_gains) {
             (Some(exposures), Some(log_gains)) => {
                 exposures.set_state([log_gains, gain_sums.as_deref().unwrap_or_default()]);
             }
             (exposures, _) => *exposures = None,
         }
-        if let (Some(poses), Some(stored)) = (&mut self.poses, &poses) {
+        if let (Some(poses), Some(stored)) = (&mut self.photos.poses, &poses) {
             poses.set_state(stored);
             poses.set_sums(file);
             self.pixels.set_cameras(&poses.cameras());
         }
-        if let (Some(refinement), Some([total, moments])) = (&mut self.refinement, &normals) {
+        if let (Some(refinement), Some([total, moments])) = (&mut self.surface.refinement, &normals)
+        {
             refinement.offsets.set_state([total, moments]);
             refinement.restore_surface(file);
         }
         self.density = density;
-        (self.step, self.updates, self.skipped) = (counters[0], counters[1], counters[2]);
+        (self.counts.step, self.counts.updates, self.counts.skipped) =
+            (counters[0], counters[1], counters[2]);
         self.derive();
         Ok(())
     }
