@@ -103,11 +103,8 @@ impl Trainer {
             }
             None => None,
         };
-        let n_poses = self
-            .photos
-            .poses
-            .as_ref()
-            .map_or(0, |poses| poses.state().len());
+        let poses = self.photos.poses.as_ref();
+        let n_poses = poses.map_or(0, |poses| poses.state().len());
         let poses = where_stored(file, "poses.corrections", n_poses)?;
         let gamma = vector("gamma", 3)?;
         let counters = file.u64("counters", &[3])?.to_vec();
