@@ -112,11 +112,7 @@ fn close_step(state: &mut AppState) {
 }
 
 /// Goes a step back or forth.
-pub(in crate::app) fn apply(
-    state: &mut AppState,
-    command: HistoryCommand,
-    effects: &mut Vec<Effect>,
-) {
+pub(super) fn apply(state: &mut AppState, command: HistoryCommand, effects: &mut Vec<Effect>) {
     let mut now = moment(state);
     loop {
         let undoer = &mut state.history.undoer;

@@ -9,7 +9,7 @@ use crate::neif::surface::region::MAX_REGIONS;
 use crate::neif::{Extent, MaterialEdit, Region};
 
 /// Changes the state by a command.
-pub fn apply(state: &mut AppState, command: InspectCommand) {
+pub(super) fn apply(state: &mut AppState, command: InspectCommand) {
     let inspect = &mut state.inspect;
     match command {
         InspectCommand::PickAt { at, window } => pick_at(state, at, window),

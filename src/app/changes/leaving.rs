@@ -43,11 +43,7 @@ fn reach(state: &mut AppState, goal: Goal, effects: &mut Vec<Effect>) {
 }
 
 /// Changes the state by an answer.
-pub(in crate::app) fn apply(
-    state: &mut AppState,
-    command: LeavingCommand,
-    effects: &mut Vec<Effect>,
-) {
+pub(super) fn apply(state: &mut AppState, command: LeavingCommand, effects: &mut Vec<Effect>) {
     match command {
         LeavingCommand::Close => go(state, Goal::Close, effects),
         LeavingCommand::Cancel => state.leaving = None,

@@ -9,7 +9,7 @@ use crate::app::state::app_state::{AppState, Compare};
 use crate::app::state::source::EnvironmentContent;
 
 /// Changes the state by a command.
-pub fn apply(state: &mut AppState, command: LightingCommand) {
+pub(super) fn apply(state: &mut AppState, command: LightingCommand) {
     match command {
         LightingCommand::SetBackground(background) => state.lighting.background = background,
         LightingCommand::SetDisplayEv(ev) => {

@@ -3,16 +3,16 @@
 //! `apply` is the way in; every other file is what the commands of that part do.
 
 pub mod apply;
-pub mod ask_path;
-pub mod choose;
+mod ask_path;
+mod choose;
 pub mod export;
 pub mod history;
-pub mod inspect;
+mod inspect;
 pub mod leaving;
-pub mod lighting;
-pub mod palette;
-pub mod paths;
-pub mod preferences;
-pub mod saving;
+mod lighting;
+pub(super) mod palette;
+mod paths;
+pub(super) mod preferences;
+pub(super) mod saving;
 mod stored;
-pub mod watch;
+mod watch;

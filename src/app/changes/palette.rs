@@ -7,7 +7,7 @@ use crate::app::state::command::Command;
 use crate::app::state::palette::{Palette, PaletteCommand};
 
 /// Changes the state by what happens in the palette; returns the command that was chosen.
-pub(in crate::app) fn apply(state: &mut AppState, command: PaletteCommand) -> Option<Command> {
+pub(super) fn apply(state: &mut AppState, command: PaletteCommand) -> Option<Command> {
     match (command, &mut state.overlays.palette) {
         (PaletteCommand::Toggle, palette) => {
             *palette = match palette {
@@ -36,7 +36,7 @@ pub(in crate::app) fn apply(state: &mut AppState, command: PaletteCommand) -> Op
 }
 
 /// The commands that are possible now and answer to what is typed, the best answer first.
-pub fn found(state: &AppState, typed: &str) -> Vec<(&'static Binding, Command)> {
+pub(in crate::app) fn found(state: &AppState, typed: &str) -> Vec<(&'static Binding, Command)> {
     let mut found: Vec<_> = BINDINGS
         .iter()
         .filter_map(|binding| {

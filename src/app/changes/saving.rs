@@ -11,11 +11,7 @@ use crate::app::state::training_state::Level;
 use crate::data::View;
 
 /// Changes the state by a command.
-pub(in crate::app) fn apply(
-    state: &mut AppState,
-    command: SessionCommand,
-    effects: &mut Vec<Effect>,
-) {
+pub(super) fn apply(state: &mut AppState, command: SessionCommand, effects: &mut Vec<Effect>) {
     match (command, state.session.file.clone()) {
         (SessionCommand::Save, Some(file)) => effects.push(Effect::SaveSession(file)),
         (SessionCommand::Save | SessionCommand::SaveAs, _) => {

@@ -6,7 +6,7 @@ use crate::app::state::training_state::Level;
 use crate::app::state::watch::{Comparison, WatchCommand};
 
 /// Changes the state by a command.
-pub fn apply(state: &mut AppState, command: WatchCommand) {
+pub(super) fn apply(state: &mut AppState, command: WatchCommand) {
     match command {
         WatchCommand::Compare(comparison) => compare(state, comparison),
         WatchCommand::ShowCameras(on) => state.watch.are_cameras_shown = on,

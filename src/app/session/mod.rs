@@ -1,4 +1,5 @@
-//! What is kept from one start of the program to the next.
+//! What is kept from one start of the program to the next: sessions (`saving`, `session_file`, `autosave`), `preferences` and
+//! what was opened (`recent`); and the question before something is lost (`leaving`).
 
 pub mod autosave;
 pub mod leaving;

@@ -1,6 +1,6 @@
 //! What the window shows and what may happen to it: plain values, no threads, no files.
 //!
-//! `app_state` is all of it; every change is a `command`, which `keys` lists with its `binding` and `history` takes back.
+//! `app_state` is all of it, each other file a part; every change is a `command`, which [`super::changes`] applies.
 
 pub mod app_state;
 pub mod command;

@@ -1,4 +1,6 @@
 //! The picture in the middle of the window, and what the mouse does there.
+//!
+//! `canvas` draws it, with words and bars of `overlay`; `camera_control`, `fly` and `environment_control` are what the mouse moves.
 
 pub mod camera_control;
 pub mod canvas;

@@ -1,6 +1,6 @@
 //! The layouts that captures come in.
 //!
-//! `listing` recognises a capture's layout and asks the reader of that name for its frames; `photo_folder`, `splits` and
+//! `listing` recognises a capture's layout and asks the reader of that name for what it `found`; `photo_folder`, `splits` and
 //! `json_fields` are what the readers share.
 
 mod blended_mvs;

@@ -1,4 +1,5 @@
-//! Triangle meshes, and what is made of them: parts, finer triangles, texture coordinates.
+//! Triangle meshes (`mesh`), and what is made of them: `parts`, finer triangles (`subdivision`), texture coordinates (`atlas`
+//! of `charts`, with `tangents`).
 
 pub(super) mod atlas;
 mod charts;

@@ -1,4 +1,5 @@
-//! Rays against a mesh: `bvh` is the way in, `hierarchy` builds what it walks through (`wide_bvh`).
+//! Rays against a mesh: `bvh` is the way in, `hierarchy` builds what it walks through (`wide_bvh`); `fan` and
+//! `footprint` are for the cones of lobes, `part_at` for picked points.
 
 pub(super) mod bvh;
 pub(super) mod fan;

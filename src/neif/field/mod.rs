@@ -1,8 +1,8 @@
 //! The radiance field of the environment: cones in, linear radiance out, and the gradients back.
 //!
-//! A ray's `samples` are placed by `proposal` with the densities of `density_grid`, brought into the unit cube by `contraction`,
-//! encoded by `hash_grid`, composited by `composite`, and turned to light by `mlp` with `spherical_harmonics`: all of it in
-//! `radiance_field`, whose working memory is `field_batch`.
+//! A ray's `samples` are placed by `proposal` with the densities of `density_grid` (in `cells`), brought into the unit cube by
+//! `contraction`, encoded and turned to light by [`super::networks`] and composited by `composite`: all of it in `radiance_field`,
+//! whose working memory is `field_batch`.
 
 pub mod cells;
 pub mod composite;

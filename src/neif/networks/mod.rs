@@ -1,4 +1,5 @@
-//! What every field is made of: grids of features and small networks over them, forward and backward.
+//! What every field is made of, forward and backward: a `hash_grid` of features, a small network over them (`mlp`), and
+//! `spherical_harmonics` of directions.
 
 pub mod hash_grid;
 pub mod mlp;

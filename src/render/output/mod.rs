@@ -1,6 +1,6 @@
 //! Pictures and textures to keep.
 //!
-//! `picture` is a full image, `parts` the same taken apart, `panorama` what a point sees all around, `slice` a cut through the
+//! `picture` is a full image (a `raster`), `parts` the same taken apart, `panorama` what a point sees all around, `slice` a cut through the
 //! field; `film` takes many along a `turntable` or `camera_path`. `bake` writes the surface as textures for glTF.
 
 pub mod bake;

@@ -1,8 +1,8 @@
 //! A training run from its first step to its folder, on a thread of its own.
 //!
 //! `handle` is what a window or command holds: it sends and receives `events` over `event_queue` and `latest`. `thread` prepares,
-//! `run` takes the steps of the `plan`, `upkeep` does what comes between them by the `meter`. What is left behind is a
-//! `run_folder` with `run_log`, `checkpoint` and `snapshot`.
+//! as its `options` ask; `run` takes the steps of the `plan`, `upkeep` does what comes between them by the `meter`. What is left
+//! behind is in `saved`.
 
 mod event_queue;
 pub mod events;

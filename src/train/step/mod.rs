@@ -1,7 +1,9 @@
 //! One optimisation step: draw pixels, predict them, compare, and follow the gradient.
 //!
-//! `trainer` owns all parameters and takes the steps; `chunk` is one share of a step, in which `loss` compares what is shown with
-//! the photo; `adam` and `learned` update. `step_context` and `batch_size` are what all shares read.
+//! `trainer` owns all parameters and takes the steps, in the memory of `work`; `chunk` is one share of a step, in which `loss`
+//! compares what is shown with the photo and `chunk_priors` asks for the rest; `update` follows the gradients by `adam` and
+//! `learned`. `step_context` and `batch_size` are what all shares read; `photo_model` and `surface` are what the trainer does with
+//! poses and exposures, and with the mesh.
 
 pub(super) mod adam;
 pub(super) mod batch_size;

@@ -1,4 +1,4 @@
-//! Tests of `keys`.
+//! Tests of `table`.
 
 use super::*;
 use crate::app::state::app_state::AppState;
