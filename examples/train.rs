@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use neif::data::{Dataset, LoadOptions};
 use neif::neif::Storage;
-use neif::train::{TrainConfig, Trainer};
+use neif::train::{TrainConfig, new_trainer};
 
 fn main() -> anyhow::Result<()> {
     let mut args = std::env::args_os().skip(1);
@@ -26,7 +26,7 @@ pub(crate) fn train(
 ) -> anyhow::Result<()> {
     let dataset = Dataset::load(capture, &LoadOptions::default())?;
     let cancel = AtomicBool::new(false);
-    let mut trainer = Trainer::new(config, &dataset, &cancel, &|_| ())?;
+    let mut trainer = new_trainer(config, &dataset, &cancel, &|_| ())?;
     for step in 0..n_steps {
         // How far training is drives the learning rates.
         trainer.step(step as f32 / n_steps as f32);

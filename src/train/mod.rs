@@ -1,7 +1,7 @@
 //! Training: pixels in, models out.
 
-pub mod any_trainer;
 pub mod config;
+pub mod fast;
 pub mod measure;
 pub mod neilf;
 pub mod paper;
@@ -11,6 +11,7 @@ mod placement;
 mod preparation;
 mod priors;
 mod random;
+pub mod scene_model;
 pub mod session;
 pub mod shape;
 mod statistics;
@@ -19,13 +20,39 @@ pub mod step;
 mod test_scene;
 
 pub use self::session::saved::snapshot::Snapshot;
-pub use self::step::trainer::{Stage, StepStats, Trainer};
-pub use any_trainer::AnyTrainer;
+pub use self::step::model::{Model, Stage, StepStats};
+pub use self::step::trainer::Trainer;
 pub use config::TrainConfig;
+pub use fast::Fast;
+pub use neilf::Neilf;
+pub use paper::Paper;
+pub use scene_model::SceneModel;
 
 use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
 
+use crate::data::Dataset;
 use crate::data::files::tensor_file::TensorFileError;
+
+/// The trainer of whichever model.
+pub type AnyTrainer = Box<Trainer<dyn SceneModel>>;
+
+/// The trainer of the model that the configuration names. Traces every training pixel on the current thread pool;
+/// `on_progress` gets 0..1.
+///
+/// # Errors
+/// When cancelled, when the configuration is unusable, or when no pixel can be trained on.
+pub fn new_trainer(
+    config: &TrainConfig,
+    dataset: &Dataset,
+    cancel: &AtomicBool,
+    on_progress: &(dyn Fn(f32) + Sync),
+) -> Result<AnyTrainer, TrainError> {
+    Ok(match config.paper {
+        Some(_) => Box::new(Paper::trainer(config, dataset, cancel, on_progress)?),
+        None => Box::new(Fast::trainer(config, dataset, cancel, on_progress)?),
+    })
+}
 
 /// Why training cannot start or go on.
 #[derive(Debug, thiserror::Error)]

@@ -2,16 +2,29 @@
 
 use glam::Vec3;
 
+use super::config::TrainConfig;
 use super::priors::line_of_sight::clear_lines_of_sight;
 use crate::data::Dataset;
 use crate::geometry::{Camera, Ray, SurfaceTracer};
 use crate::neif::field::contraction::FieldFrame;
 use crate::neif::field::density_grid::DensityGrid;
+use crate::neif::light::environment::EnvironmentPlace;
 
 /// Cells of air around a mesh that is not exact: ghosts are one or two cells thick.
 const AIR_CELLS: f32 = 2.5;
 /// Cells over the object's lowest point up to which there may be what it stands on.
 const TABLE_CELLS: f32 = 3.0;
+
+/// Where the environment of a run lies, with the plain display transform.
+pub(super) fn environment_place(config: &TrainConfig, dataset: &Dataset) -> EnvironmentPlace {
+    EnvironmentPlace {
+        name: dataset.name.clone(),
+        frame: field_frame(dataset, config.inner_box_scale),
+        gamma: 1.0,
+        n_samples: config.render_samples,
+        up: up_direction(dataset),
+    }
+}
 
 /// The inner box: around the object (or between the cameras), as far as the cameras stand, times `scale`.
 pub(super) fn field_frame(dataset: &Dataset, scale: f32) -> FieldFrame {

@@ -5,10 +5,10 @@ use neif::app::Effect;
 use neif::app::state::training_state::Phase;
 use neif::app::state::watch::{Comparison, ErrorKind, MeasuredView};
 use neif::render::Layer;
+use neif::train::fast::skips::SkipShares;
 use neif::train::measure::view_error::ViewFigures;
 use neif::train::session::events::{FinishReason, TrainCommand, TrainEvent};
 use neif::train::session::plan::Budget;
-use neif::train::step::skips::SkipShares;
 
 use super::{click, effects, harness, training_state, with_picture};
 

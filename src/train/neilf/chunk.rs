@@ -19,8 +19,8 @@ use crate::neif::surface::values::Surface;
 use crate::train::config::TrainConfig;
 use crate::train::pixels::store::PixelStore;
 use crate::train::random::SlotRandom;
-use crate::train::step::chunk::{N_CHUNKS, SMOOTHNESS_STEP};
-use crate::train::step::loss::pixel_loss;
+use crate::train::step::chunks::N_CHUNKS;
+use crate::train::step::loss::{SMOOTHNESS_STEP, pixel_loss};
 
 /// Every so many pixels one takes part in the smoothness term.
 const SMOOTHNESS_STRIDE: usize = 4;

@@ -4,11 +4,11 @@
 //! on any number of threads. There are no background pixels: nothing in the model could explain them.
 
 mod chunk;
+mod model;
 #[cfg(test)]
 mod tests;
-mod trainer;
 
-pub use trainer::NeilfTrainer;
+pub use model::Neilf;
 
 use crate::neif::neilf::{Brdf, IncidentLightConfig};
 use crate::neif::networks::hash_grid::{GridConfig, LEAST_WEIGHT};

@@ -2,10 +2,12 @@
 
 use std::sync::atomic::AtomicBool;
 
-use super::{NeilfConfig, NeilfTrainer};
+use super::{Neilf, NeilfConfig};
 use crate::neif::neilf::Brdf;
 use crate::train::config::TrainConfig;
 use crate::train::measure::eval::evaluate_object;
+use crate::train::step::model::Model as _;
+use crate::train::step::trainer::Trainer;
 use crate::train::test_scene::sphere_in_a_box;
 
 const BOTH: [Brdf; 2] = [Brdf::Disney, Brdf::Lobe];
@@ -26,17 +28,17 @@ fn config(brdf: Brdf) -> NeilfConfig {
     config
 }
 
-fn trainer(config: &NeilfConfig, seed: u64) -> NeilfTrainer {
+fn trainer(config: &NeilfConfig, seed: u64) -> Trainer<Neilf> {
     let dataset = sphere_in_a_box(10, 32);
     let common = TrainConfig {
         seed,
         ..TrainConfig::default()
     };
-    NeilfTrainer::new(&common, config, &dataset, &AtomicBool::new(false)).unwrap()
+    Neilf::trainer(&common, config, &dataset, &AtomicBool::new(false)).unwrap()
 }
 
 /// Takes `n` steps of a plan of that length.
-fn train(trainer: &mut NeilfTrainer, n: u64) {
+fn train(trainer: &mut Trainer<Neilf>, n: u64) {
     for step in 0..n {
         trainer.step(step as f32 / n as f32);
     }
@@ -48,7 +50,7 @@ fn training_explains_unseen_views_of_the_object() {
         let mut trainer = trainer(&config(brdf), 0);
         train(&mut trainer, 300);
         let views = sphere_in_a_box(10, 32).val;
-        let results = evaluate_object(&trainer.model(), &views, &AtomicBool::new(false)).unwrap();
+        let results = evaluate_object(&trainer.trained(), &views, &AtomicBool::new(false)).unwrap();
         for view in results {
             let psnr = view.metrics.psnr_object.unwrap();
             assert!(psnr > 17.0, "{brdf:?}, {}: {psnr} dB", view.name);
@@ -70,7 +72,7 @@ fn gradients_agree_with_finite_differences() {
     for brdf in BOTH {
         let mut trainer = trainer(&config(brdf), 1);
         train(&mut trainer, 60);
-        let (_, gradients) = trainer.loss_and_gradients();
+        let (_, gradients) = loss_and_gradients(&mut trainer);
         for (in_light, gradient) in [true, false].into_iter().zip(gradients) {
             let mut order: Vec<usize> = (0..gradient.len()).collect();
             order.sort_by(|&a, &b| gradient[b].abs().total_cmp(&gradient[a].abs()));
@@ -78,7 +80,7 @@ fn gradients_agree_with_finite_differences() {
             for i in order.into_iter().step_by(4).take(40) {
                 let mut loss = |by: f32| {
                     shift(&mut trainer, in_light, i, by);
-                    let loss = trainer.loss_and_gradients().0;
+                    let loss = loss_and_gradients(&mut trainer).0;
                     shift(&mut trainer, in_light, i, -by);
                     loss
                 };
@@ -101,13 +103,23 @@ fn gradients_agree_with_finite_differences() {
     }
 }
 
-fn shift(trainer: &mut NeilfTrainer, in_light: bool, i: usize, by: f32) {
+fn shift(trainer: &mut Trainer<Neilf>, in_light: bool, i: usize, by: f32) {
     if in_light {
-        trainer.light.value.params[i] += by;
+        trainer.model.light.value.params[i] += by;
+        trainer.model.light.derive();
     } else {
-        trainer.material.value.params[i] += by;
+        trainer.model.material.value.params[i] += by;
+        trainer.model.material.derive();
     }
-    trainer.transpose();
+}
+
+/// Weighted loss of the next step and the gradients of light and material, without taking the step.
+fn loss_and_gradients(trainer: &mut Trainer<Neilf>) -> (f64, [Vec<f32>; 2]) {
+    let (now, model) = trainer.now(0.0);
+    model.run(&now, &mut |_| ());
+    model.gather(&now);
+    let gradients = [model.light.take_gradient(), model.material.take_gradient()];
+    (model.loss(), gradients)
 }
 
 #[test]
@@ -118,7 +130,7 @@ fn the_same_seed_gives_the_same_bits_on_any_number_of_threads() {
             pool.unwrap().install(|| {
                 let mut trainer = trainer(&config(brdf), seed);
                 train(&mut trainer, 10);
-                let model = trainer.model();
+                let model = trainer.trained();
                 (
                     model.light.params,
                     model.material.params,
@@ -136,11 +148,14 @@ fn the_same_seed_gives_the_same_bits_on_any_number_of_threads() {
 fn a_step_with_numbers_that_are_not_finite_is_skipped() {
     let mut trainer = trainer(&config(Brdf::Lobe), 0);
     train(&mut trainer, 3);
-    let kept = std::mem::replace(&mut trainer.light.value.params[3], f32::NAN);
-    let before = trainer.light.value.params[100];
+    let kept = std::mem::replace(&mut trainer.model.light.value.params[3], f32::NAN);
+    let before = trainer.model.light.value.params[100];
     assert!(trainer.step(0.1).skipped, "a NaN weight must be noticed");
-    assert_eq!(trainer.light.value.params[100], before, "nothing learned");
-    trainer.light.value.params[3] = kept;
+    assert_eq!(
+        trainer.model.light.value.params[100], before,
+        "nothing learned"
+    );
+    trainer.model.light.value.params[3] = kept;
     assert!(!trainer.step(0.1).skipped, "training goes on");
     assert_eq!(trainer.skipped_steps(), 1);
 }
@@ -151,5 +166,5 @@ fn a_capture_without_object_is_refused() {
     dataset.mesh = None;
     let neilf = config(Brdf::Disney);
     let common = TrainConfig::default();
-    assert!(NeilfTrainer::new(&common, &neilf, &dataset, &AtomicBool::new(false)).is_err());
+    assert!(Neilf::trainer(&common, &neilf, &dataset, &AtomicBool::new(false)).is_err());
 }

@@ -19,8 +19,8 @@ use crate::neif::surface::values::Surface;
 use crate::train::config::TrainConfig;
 use crate::train::pixels::store::{BackgroundSample, PixelStore};
 use crate::train::random::SlotRandom;
-use crate::train::step::chunk::{N_CHUNKS, SMOOTHNESS_STEP};
-use crate::train::step::loss::{PixelLoss, pixel_loss};
+use crate::train::step::chunks::{N_CHUNKS, jitter_slot};
+use crate::train::step::loss::{PixelLoss, SMOOTHNESS_STEP, pixel_loss};
 
 /// What all chunks of a step read.
 #[derive(Clone, Copy)]
@@ -85,9 +85,8 @@ pub(super) struct Chunk {
 impl Chunk {
     /// The `index`-th chunk.
     pub(super) fn new(index: usize) -> Self {
-        // The fast trainer's slots: beyond those of the pixels, and a million rays apart.
         Self {
-            jitter_slot: (1 << 40) + ((index as u64) << 20),
+            jitter_slot: jitter_slot(index),
             ..Self::default()
         }
     }

@@ -4,13 +4,12 @@
 //! sampling and the shape of a step are here. A step runs its chunks, each ray after ray through both passes and
 //! back, sums their gradients in order, and updates: the same bits on any number of threads.
 
-mod checkpoint;
 mod chunk;
+mod model;
 #[cfg(test)]
 mod tests;
-mod trainer;
 
-pub use trainer::PaperTrainer;
+pub use model::Paper;
 
 use serde::{Deserialize, Serialize};
 

@@ -2,12 +2,15 @@
 
 use std::sync::atomic::AtomicBool;
 
-use super::{PaperConfig, PaperTrainer};
+use super::{Paper, PaperConfig};
 use crate::neif::paper::{PaperFieldConfig, PaperMaterialConfig};
 use crate::neif::surface::object::SurfaceField;
 use crate::neif::{Environment, Storage};
 use crate::render::{Layer, render};
 use crate::train::config::TrainConfig;
+use crate::train::step::learned::Learned;
+use crate::train::step::model::Model as _;
+use crate::train::step::trainer::Trainer;
 use crate::train::test_scene::sphere_in_a_box;
 
 fn config() -> TrainConfig {
@@ -37,13 +40,13 @@ fn config() -> TrainConfig {
     }
 }
 
-fn trainer(config: &TrainConfig) -> PaperTrainer {
+fn trainer(config: &TrainConfig) -> Trainer<Paper> {
     let dataset = sphere_in_a_box(6, 24);
-    PaperTrainer::new(config, &dataset, &AtomicBool::new(false), &|_| ()).unwrap()
+    Paper::trainer(config, &dataset, &AtomicBool::new(false), &|_| ()).unwrap()
 }
 
 /// Takes steps up to `until` of a plan of 300; mean loss of the last tenth.
-fn train(trainer: &mut PaperTrainer, until: u64) -> f32 {
+fn train(trainer: &mut Trainer<Paper>, until: u64) -> f32 {
     let mut losses = Vec::new();
     while trainer.steps() < until {
         losses.push(trainer.step(trainer.steps() as f32 / 300.0).loss);
@@ -69,7 +72,7 @@ fn gradients_of_a_whole_step_agree_with_finite_differences() {
         ..config()
     });
     train(&mut trainer, 60);
-    let (_, field, material) = trainer.loss_and_gradients();
+    let (_, field, material) = loss_and_gradients(&mut trainer);
     for (gradient, in_field) in [(field, true), (material, false)] {
         let mut order: Vec<usize> = (0..gradient.len()).collect();
         order.sort_by(|&a, &b| gradient[b].abs().total_cmp(&gradient[a].abs()));
@@ -77,7 +80,7 @@ fn gradients_of_a_whole_step_agree_with_finite_differences() {
         for i in order.into_iter().step_by(4).take(40) {
             let mut loss = |shift: f32| {
                 shift_by(&mut trainer, in_field, i, shift);
-                let loss = trainer.loss_and_gradients().0;
+                let loss = loss_and_gradients(&mut trainer).0;
                 shift_by(&mut trainer, in_field, i, -shift);
                 loss
             };
@@ -104,13 +107,25 @@ fn gradients_of_a_whole_step_agree_with_finite_differences() {
     }
 }
 
-fn shift_by(trainer: &mut PaperTrainer, in_field: bool, i: usize, by: f32) {
+fn shift_by(trainer: &mut Trainer<Paper>, in_field: bool, i: usize, by: f32) {
     if in_field {
-        trainer.field.value.params[i] += by;
+        trainer.model.field.value.params[i] += by;
+        trainer.model.field.derive();
     } else {
-        trainer.material.as_mut().unwrap().value.params[i] += by;
+        let material = trainer.model.material.as_mut().unwrap();
+        material.value.params[i] += by;
+        material.derive();
     }
-    trainer.transpose();
+}
+
+/// Weighted loss of the next step and the gradients of both networks, without taking the step.
+fn loss_and_gradients(trainer: &mut Trainer<Paper>) -> (f64, Vec<f32>, Vec<f32>) {
+    let (now, model) = trainer.now(0.0);
+    model.run(&now, &mut |_| ());
+    model.gather(&now);
+    let material = model.material.as_mut().map(Learned::take_gradient);
+    let field = model.field.take_gradient();
+    (model.loss(), field, material.unwrap_or_default())
 }
 
 #[test]
@@ -150,12 +165,15 @@ fn a_resumed_run_equals_an_uninterrupted_one() {
 fn a_step_with_numbers_that_are_not_finite_is_skipped() {
     let mut trainer = trainer(&config());
     train(&mut trainer, 3);
-    let kept = trainer.field.value.params[3];
-    trainer.field.value.params[3] = f32::NAN;
-    let before = trainer.field.value.params[100];
+    let kept = trainer.model.field.value.params[3];
+    trainer.model.field.value.params[3] = f32::NAN;
+    let before = trainer.model.field.value.params[100];
     assert!(trainer.step(0.1).skipped, "a NaN weight must be noticed");
-    assert_eq!(trainer.field.value.params[100], before, "nothing learned");
-    trainer.field.value.params[3] = kept;
+    assert_eq!(
+        trainer.model.field.value.params[100], before,
+        "nothing learned"
+    );
+    trainer.model.field.value.params[3] = kept;
     assert!(!trainer.step(0.1).skipped, "training goes on");
 }
 
@@ -193,7 +211,7 @@ fn a_capture_without_object_trains_an_environment() {
     let mut dataset = sphere_in_a_box(6, 24);
     dataset.mesh = None;
     let mut trainer =
-        PaperTrainer::new(&config(), &dataset, &AtomicBool::new(false), &|_| ()).unwrap();
+        Paper::trainer(&config(), &dataset, &AtomicBool::new(false), &|_| ()).unwrap();
     let loss = train(&mut trainer, 5);
     assert!(loss.is_finite() && trainer.snapshot().object.is_none());
 }

@@ -8,8 +8,12 @@
 
 use glam::Vec3;
 
+use crate::data::files::tensor_file::TensorFile;
+use crate::train::TrainError;
 use crate::train::config::PhotoFit;
 use crate::train::step::loss::PixelLoss;
+use crate::train::step::now::Now;
+use crate::train::step::part::{Part, finite, insert};
 
 /// Steps before exposures are found. Much later the field would have learned them itself, from where each photo was taken.
 const DELAY: u64 = 50;
@@ -99,18 +103,14 @@ impl Exposures {
         !self.are_known && step >= DELAY && may_differ
     }
 
-    /// Takes up the equations of step `step`, while they are sought, and corrects all when it is time.
-    pub(in crate::train) fn take_up<'a>(
+    /// Takes up the equations of step `step`, while they are sought.
+    pub(in crate::train) fn gather<'a>(
         &mut self,
         step: u64,
         rows: impl Iterator<Item = &'a ExposureRow>,
     ) {
-        if !self.are_sought(step) {
-            return;
-        }
-        self.add(rows);
-        if step.is_multiple_of(EVERY) {
-            self.correct();
+        if self.are_sought(step) {
+            self.add(rows);
         }
     }
 
@@ -163,25 +163,57 @@ impl Exposures {
         };
         self.gains = self.log_gains.iter().map(applied).collect();
     }
+}
 
-    /// `[n_views * 3]` logarithms, and `[n_views * 6]` sums.
-    pub(in crate::train) fn state(&self) -> [Vec<f32>; 2] {
-        let log_gains = self.log_gains.iter().flat_map(Vec3::to_array);
-        let sums = self.sums.as_flattened().iter().flat_map(Vec3::to_array);
-        [log_gains.collect(), sums.collect()]
+/// Arrays of a checkpoint, `[n_views * 3]` and `[n_views * 6]`.
+const LOG_GAINS: &str = "exposures.log_gains";
+const SUMS: &str = "exposures.sums";
+
+/// Not there where photos are taken as alike.
+impl Part for Option<Exposures> {
+    fn update(&mut self, now: &Now<'_>) {
+        if let Some(exposures) = self
+            && exposures.are_sought(now.step)
+            && now.step.is_multiple_of(EVERY)
+        {
+            exposures.correct();
+        }
     }
 
-    /// Goes on from there; the lengths must be those of [`Self::state`].
-    pub(in crate::train) fn set_state(&mut self, [log_gains, sums]: [&[f32]; 2]) {
-        let pairs = self.log_gains.iter_mut().zip(log_gains.chunks_exact(3));
-        pairs.for_each(|(log_gain, stored)| *log_gain = Vec3::from_slice(stored));
-        let pairs = self
-            .sums
-            .as_flattened_mut()
-            .iter_mut()
-            .zip(sums.chunks_exact(3));
-        pairs.for_each(|(sum, stored)| *sum = Vec3::from_slice(stored));
-        self.apply();
+    fn store(&self, file: &mut TensorFile) {
+        let Some(exposures) = self else {
+            return;
+        };
+        insert(file, LOG_GAINS, &flattened(&exposures.log_gains));
+        insert(file, SUMS, &flattened(exposures.sums.as_flattened()));
+    }
+
+    /// A run that was stored without goes on without.
+    fn restore(&mut self, file: &TensorFile) -> Result<(), TrainError> {
+        let Some(exposures) = self else {
+            return Ok(());
+        };
+        if file.tensor(LOG_GAINS).is_err() {
+            *self = None;
+            return Ok(());
+        }
+        let n = 3 * exposures.log_gains.len();
+        let log_gains = finite(file, LOG_GAINS, n)?;
+        let sums = finite(file, SUMS, 2 * n)?;
+        set(&mut exposures.log_gains, &log_gains);
+        set(exposures.sums.as_flattened_mut(), &sums);
+        exposures.apply();
+        Ok(())
+    }
+}
+
+fn flattened(colors: &[Vec3]) -> Vec<f32> {
+    colors.iter().flat_map(Vec3::to_array).collect()
+}
+
+fn set(colors: &mut [Vec3], numbers: &[f32]) {
+    for (color, stored) in colors.iter_mut().zip(numbers.chunks_exact(3)) {
+        *color = Vec3::from_slice(stored);
     }
 }
 

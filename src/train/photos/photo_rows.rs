@@ -4,8 +4,8 @@ use glam::Vec3;
 
 use super::exposures::ExposureRow;
 use super::pose_step::PoseRow;
+use crate::train::fast::step_context::StepContext;
 use crate::train::step::loss::PixelLoss;
-use crate::train::step::step_context::StepContext;
 
 /// The equations of a chunk's pixels, of those that are sought.
 #[derive(Debug, Default)]

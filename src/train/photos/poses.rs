@@ -14,8 +14,11 @@ use crate::data::Dataset;
 use crate::data::files::tensor_file::TensorFile;
 use crate::geometry::Camera;
 use crate::neif::field::contraction::FieldFrame;
+use crate::train::TrainError;
 use crate::train::config::PhotoFit;
 use crate::train::placement::given_cameras;
+use crate::train::step::now::Now;
+use crate::train::step::part::{Part, finite, insert};
 
 /// Steps before poses are corrected: until then the environment has no features to go by.
 const DELAY: u64 = 300;
@@ -36,9 +39,6 @@ const RIGHT_NOISES: f32 = 2.0;
 const NOISE_OF_CHANGE: f32 = 0.25;
 /// Rounds in which the mean is taken off along one set of axes and the other.
 const CENTERINGS: usize = 4;
-
-/// Array of a checkpoint.
-const SUMS: &str = "poses.sums";
 
 /// The poses of all training photos.
 #[derive(Debug)]
@@ -150,21 +150,15 @@ impl Poses {
         self.given.iter().zip(corrections).map(moved).collect()
     }
 
-    /// Takes up the equations of step `step`, while they are sought, and corrects all when it is time; whether it did.
-    pub(in crate::train) fn take_up<'a>(
+    /// Takes up the equations of step `step`, while they are sought.
+    pub(in crate::train) fn gather<'a>(
         &mut self,
         step: u64,
         rows: impl Iterator<Item = &'a PoseRow>,
-    ) -> bool {
-        if !self.are_sought(step) {
-            return false;
+    ) {
+        if self.are_sought(step) {
+            self.add(rows);
         }
-        self.add(rows);
-        let is_time = step.is_multiple_of(EVERY);
-        if is_time {
-            self.correct();
-        }
-        is_time
     }
 
     /// Takes up equations.
@@ -239,18 +233,34 @@ impl Poses {
         }
     }
 
-    /// `[n_views][6]`, as they are kept.
-    pub(in crate::train) fn state(&self) -> Vec<f32> {
-        let numbers = |c: &Correction| [c.turn, c.shift].map(|v| v.as_vec3().to_array());
-        self.corrections
-            .iter()
-            .flat_map(numbers)
-            .flatten()
-            .collect()
+    /// Puts corrections in their place, `[n_views][6]`, and decides anew whether they are used.
+    pub(super) fn set_corrections(&mut self, numbers: &[f32]) {
+        for (correction, numbers) in self.corrections.iter_mut().zip(numbers.chunks_exact(6)) {
+            *correction = Correction {
+                turn: Vec3::from_slice(numbers).as_dvec3(),
+                shift: Vec3::from_slice(&numbers[3..]).as_dvec3(),
+            };
+        }
+        self.decide();
+    }
+}
+
+/// Arrays of a checkpoint: `[n_views][6]`; and `[n_views][Sums::LEN]` bits of what was taken up since the last correction, with
+/// what was decided.
+const CORRECTIONS: &str = "poses.corrections";
+const SUMS: &str = "poses.sums";
+
+impl Part for Poses {
+    fn update(&mut self, now: &Now<'_>) {
+        if self.are_sought(now.step) && now.step.is_multiple_of(EVERY) {
+            self.correct();
+        }
     }
 
-    /// Keeps what was taken up since the last correction, `[n_views][Sums::LEN]` bits, and what was decided.
-    pub(in crate::train) fn store_sums(&self, file: &mut TensorFile) {
+    fn store(&self, file: &mut TensorFile) {
+        let numbers = |c: &Correction| [c.turn, c.shift].map(|v| v.as_vec3().to_array());
+        let corrections = self.corrections.iter().flat_map(numbers).flatten();
+        insert(file, CORRECTIONS, &corrections.collect::<Vec<f32>>());
         let mut bits: Vec<u64> = self.sums.iter().flat_map(|sums| sums.to_bits()).collect();
         bits.extend([
             u64::from(self.noise.to_bits()),
@@ -259,25 +269,15 @@ impl Poses {
         file.insert_u64(SUMS, &[bits.len()], bits);
     }
 
-    /// Goes on from there; runs from before have none.
-    pub(in crate::train) fn set_sums(&mut self, file: &TensorFile) {
-        if let Ok(bits) = file.u64(SUMS, &[Sums::LEN * self.sums.len() + 2])
-            && let (sums, [noise, are_corrected]) = bits.as_chunks::<{ Sums::LEN }>()
-        {
+    fn restore(&mut self, file: &TensorFile) -> Result<(), TrainError> {
+        let numbers = finite(file, CORRECTIONS, 6 * self.corrections.len())?;
+        let bits = file.u64(SUMS, &[Sums::LEN * self.sums.len() + 2])?;
+        self.set_corrections(&numbers);
+        if let (sums, [noise, are_corrected]) = bits.as_chunks::<{ Sums::LEN }>() {
             self.sums = sums.iter().map(Sums::from_bits).collect();
             self.noise = f32::from_bits(*noise as u32);
             self.are_corrected = *are_corrected == 1;
         }
-    }
-
-    /// Goes on from there; `state` has the length of [`Self::state`].
-    pub(in crate::train) fn set_state(&mut self, state: &[f32]) {
-        for (correction, numbers) in self.corrections.iter_mut().zip(state.chunks_exact(6)) {
-            *correction = Correction {
-                turn: Vec3::from_slice(numbers).as_dvec3(),
-                shift: Vec3::from_slice(&numbers[3..]).as_dvec3(),
-            };
-        }
-        self.decide();
+        Ok(())
     }
 }

@@ -8,8 +8,10 @@ use super::pose_step::slope_by_direction;
 use crate::data::Dataset;
 use crate::geometry::{Camera, Distortion};
 use crate::train::config::{PhotoFit, TrainConfig};
+use crate::train::fast::Fast;
 use crate::train::placement::given_cameras;
 use crate::train::random::SlotRandom;
+use crate::train::scene_model::SceneModel as _;
 use crate::train::shape::retracing::RETRACE_AT;
 use crate::train::step::trainer::Trainer;
 use crate::train::test_scene::{small_fields, sphere_in_a_box};
@@ -46,12 +48,12 @@ fn off_px(cameras: &[Camera], right: &[Camera]) -> f32 {
     off.sum::<f32>() / right.len() as f32
 }
 
-fn trainer(dataset: &Dataset, fit: PhotoFit) -> Trainer {
+fn trainer(dataset: &Dataset, fit: PhotoFit) -> Trainer<Fast> {
     let config = TrainConfig {
         refine_poses: fit,
         ..small_fields()
     };
-    Trainer::new(&config, dataset, &AtomicBool::new(false), &|_| ()).unwrap()
+    Fast::trainer(&config, dataset, &AtomicBool::new(false), &|_| ()).unwrap()
 }
 
 #[test]
@@ -69,7 +71,8 @@ fn shaken_cameras_are_put_right_and_kept() {
         }
         first.step(step as f32 / 1500.0);
     }
-    let poses = first.poses().unwrap();
+    let checkpoint = first.checkpoint();
+    let poses = first.model.poses().unwrap();
     let (before, after) = (off_px(&given, &right), off_px(&poses.cameras(), &right));
     assert!(before > 0.9, "{before} px: nothing to put right");
     assert!(
@@ -79,16 +82,16 @@ fn shaken_cameras_are_put_right_and_kept() {
     let moved: f32 = poses.moved_px().iter().sum();
     assert!(moved / right.len() as f32 > 0.3 * before, "{moved}");
     let mut second = trainer(&dataset, PhotoFit::On);
-    second.restore(&first.checkpoint()).unwrap();
-    let off = off_px(&second.poses().unwrap().cameras(), &poses.cameras());
+    second.restore(&checkpoint).unwrap();
+    let off = off_px(&second.model.poses().unwrap().cameras(), &poses.cameras());
     assert!(off < 1e-3, "{off} px lost by the checkpoint");
     // The object's light paths begin at the corrected cameras too.
     second
         .retrace(&dataset, usize::MAX, &AtomicBool::new(false), &|_| ())
         .unwrap();
     assert_eq!(
-        second.pixels.cameras()[3],
-        second.poses().unwrap().cameras()[3]
+        second.model.pixels.cameras()[3],
+        second.model.poses().unwrap().cameras()[3]
     );
 }
 
@@ -96,7 +99,7 @@ fn shaken_cameras_are_put_right_and_kept() {
 fn cameras_begin_where_outlines_show_them_to_be() {
     let (dataset, right) = shaken(40, 48);
     let given = given_cameras(&dataset);
-    let begun = trainer(&dataset, PhotoFit::Auto).pixels.cameras();
+    let begun = trainer(&dataset, PhotoFit::Auto).model.pixels.cameras();
     let at_object = |cameras: &[Camera]| {
         let off = cameras.iter().zip(&right).map(|(camera, right)| {
             let [a, b] = [camera, right].map(|c| c.project(Vec3::ZERO).expect("in front"));
@@ -121,13 +124,18 @@ fn cameras_that_are_right_stay_as_they_are_until_found_wrong() {
     for step in 0..700 {
         trainer.step(step as f32 / 700.0);
     }
-    let mut poses = trainer.photos.poses.take().expect("they are looked at");
+    let mut poses = trainer
+        .model
+        .photos
+        .poses
+        .take()
+        .expect("they are looked at");
     let found: f32 = poses.moved_px().iter().sum();
     assert!(found > 0.0, "something is always found");
     assert_eq!(poses.cameras(), given_cameras(&right));
     assert!(!poses.are_corrected());
     // Three degrees about each axis.
-    poses.set_state(&vec![0.05; 6 * right.train.len()]);
+    poses.set_corrections(&vec![0.05; 6 * right.train.len()]);
     assert!(poses.are_corrected());
     assert_ne!(poses.cameras(), given_cameras(&right));
 }

@@ -4,6 +4,7 @@
 //! wanted of them; `store` keeps it, with the help of `packed_path`, `srgb_codes`, `block_chroma` and `pixel_set`, and draws.
 
 mod block_chroma;
+mod findings;
 mod image_gradient;
 pub(super) mod mask_outline;
 pub(super) mod outlines;

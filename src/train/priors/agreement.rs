@@ -15,8 +15,8 @@ use crate::neif::field::radiance_field::FieldBatch;
 use crate::neif::light::light_path::first_lobe_ray;
 use crate::neif::light::lobe::{Lobe, mean_length};
 use crate::neif::light::shading::SurfacePoint;
+use crate::train::fast::step_context::StepContext;
 use crate::train::random::SlotRandom;
-use crate::train::step::step_context::StepContext;
 
 /// Narrower cones of a group, in two sets of half as many.
 const NARROW: usize = 8;

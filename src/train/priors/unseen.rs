@@ -7,9 +7,9 @@
 use std::f32::consts::TAU;
 use std::ops::Range;
 
+use crate::train::fast::step_context::StepContext;
 use crate::train::pixels::store::BackgroundSample;
 use crate::train::random::SlotRandom;
-use crate::train::step::step_context::StepContext;
 use glam::Vec3;
 
 use crate::geometry::orthonormal_basis;

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use serde_json::{Value, json};
 
 use super::plan::Budget;
-use crate::train::step::skips::SkipShares;
+use crate::train::fast::skips::SkipShares;
 
 /// A request to the training thread, carried out between two steps.
 #[derive(Clone, Debug, PartialEq)]

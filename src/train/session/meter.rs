@@ -4,8 +4,9 @@ use std::time::Instant;
 
 use super::events::Progress;
 use super::plan::Plan;
-use crate::train::any_trainer::AnyTrainer;
-use crate::train::step::trainer::StepStats;
+use crate::train::scene_model::SceneModel;
+use crate::train::step::model::StepStats;
+use crate::train::step::trainer::Trainer;
 
 /// Counts seconds of training: stands while paused.
 #[derive(Clone, Copy, Debug, Default)]
@@ -86,7 +87,7 @@ impl Meter {
         &mut self,
         plan: &Plan,
         clock: &Clock,
-        trainer: &AnyTrainer,
+        trainer: &Trainer<dyn SceneModel>,
     ) -> Progress {
         let now = clock.secs();
         let interval = now - self.since_secs;
@@ -98,7 +99,7 @@ impl Meter {
             elapsed_secs: now,
             samples_per_ray: trainer.samples_per_ray(),
             skipped_steps: trainer.skipped_steps(),
-            skips: trainer.skips(),
+            skips: trainer.model().skips(),
             ..self.last
         };
         if self.steps > 0 && interval > 0.0 {

@@ -17,7 +17,7 @@ use super::saved::run_log::RunLog;
 use crate::data::Dataset;
 use crate::neif::ObjectModel;
 use crate::render::preview::priority::lower_thread_priority;
-use crate::train::any_trainer::AnyTrainer;
+use crate::train::AnyTrainer;
 use crate::train::measure::validation::{Settling, Validator};
 use crate::train::shape::retracing::Retracings;
 
@@ -282,7 +282,7 @@ impl<'a> Run<'a> {
         self.publish();
         self.report();
         self.validate();
-        if let Some(gains) = self.trainer.gains() {
+        if let Some(gains) = self.trainer.model().gains() {
             let gains = gains.iter().map(glam::Vec3::to_array).collect();
             self.tell(TrainEvent::Exposures(self.named(gains)));
         }

@@ -11,8 +11,8 @@ use crate::data::{Dataset, LoadOptions, Problem, Severity, Splits, background_st
 use crate::geometry::ScalarGrid;
 use crate::render::preview::priority::lower_thread_priority;
 use crate::train::TrainError;
-use crate::train::any_trainer::AnyTrainer;
 use crate::train::config::{PhotoFit, TrainConfig};
+use crate::train::new_trainer;
 use crate::train::shape::refinement;
 use crate::train::shape::stage_one::{self, GrowthPicture, Making, StageOneError, StageOneOptions};
 
@@ -74,7 +74,7 @@ impl Worker {
         let report = |fraction| self.loading(PREPARING, fraction);
         let trainer = self
             .pool
-            .install(|| AnyTrainer::new(&config, &dataset, &self.shared.stop, &report));
+            .install(|| new_trainer(&config, &dataset, &self.shared.stop, &report));
         let trainer = match trainer {
             Err(TrainError::Cancelled) => return Ok(None),
             other => other?,

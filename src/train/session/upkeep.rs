@@ -11,6 +11,7 @@ use super::plan::{Budget, Plan};
 use super::run::Run;
 use super::saved::run_folder::{RunFolder, RunFolderError, RunState};
 use crate::train::TrainError;
+use crate::train::fast::batch_size::BatchSize;
 use crate::train::shape::retracing::{Retracings, are_all_shown, part_from};
 
 /// Seconds between two saves of the run folder.
@@ -70,7 +71,7 @@ impl Run<'_> {
         if self.worker.options.start == Start::Continue {
             self.plan = plan;
         }
-        if self.trainer.has_first_paths() {
+        if self.trainer.model().has_first_paths() {
             // The light paths were traced from the cameras as given, and perhaps few of them.
             self.retrace(Surface::Stays)?;
         }
@@ -89,10 +90,7 @@ impl Run<'_> {
             height,
             has_object: self.trainer.snapshot().object.is_some(),
             problems: problems.collect(),
-            found: [self.outlines_told(), self.depths_told(), self.chroma_told()]
-                .into_iter()
-                .flatten()
-                .collect(),
+            found: self.trainer.model().findings(),
         });
         let begun = Instant::now();
         self.publish();
@@ -112,37 +110,6 @@ impl Run<'_> {
         self.due.report = self.clock.secs() + EARLY_REPORT_SECS;
         self.due.save = self.clock.secs() + AUTOSAVE_SECS;
         Ok(())
-    }
-
-    /// What is done about masks whose outlines are uncertain.
-    fn outlines_told(&self) -> Option<String> {
-        let error_px = self.trainer.outline_error_px();
-        (error_px > 0.0).then(|| {
-            format!(
-                "the masks' outlines are uncertain by {error_px:.1} pixels: beside them the mesh decides what is object"
-            )
-        })
-    }
-
-    /// What neighbouring photos have shown of each other's depths.
-    fn depths_told(&self) -> Option<String> {
-        let share = self.trainer.share_of_depths();
-        (share > 0.0).then(|| {
-            format!(
-                "how far away the background is was found before training in {:.0} % of the photos' pixels",
-                100.0 * share
-            )
-        })
-    }
-
-    /// What is done about photos whose colour is coarser than their brightness.
-    fn chroma_told(&self) -> Option<String> {
-        let n = self.trainer.n_sharing_chroma();
-        (n > 0).then(|| {
-            format!(
-                "{n} photos store colour more coarsely than brightness (JPEG): of the object, its mean over blocks of pixels is compared"
-            )
-        })
     }
 
     /// Takes what is spent already, and what the end will take, from a budget in seconds.
@@ -193,7 +160,8 @@ impl Run<'_> {
         let fraction = self.plan.fraction(self.position());
         let begun = self.clock.secs();
         let timed_secs = self.plan.is_timed().then_some(begun);
-        if self.trainer.needs_retracing() && self.due.retracings.take(fraction, timed_secs) {
+        if self.trainer.model().needs_retracing() && self.due.retracings.take(fraction, timed_secs)
+        {
             // It fails only when it is asked to stop, and the run with it.
             let _stopped = self.retrace(Surface::Moves);
             self.due.retracings.rest(begun, self.clock.secs());
@@ -209,7 +177,7 @@ impl Run<'_> {
             None => return usize::MAX,
         };
         let fraction = self.plan.fraction(self.position());
-        self.trainer.draws(n_steps, part_from(fraction))
+        BatchSize::draws(&self.config.train, n_steps, part_from(fraction))
     }
 
     /// Traces training pixels anew, on the run's own threads.
@@ -273,7 +241,7 @@ impl Run<'_> {
     fn cool_down_when_settled(&mut self) {
         let (now, position) = (self.clock.secs(), self.position());
         let changes_paths =
-            self.trainer.needs_retracing() && !are_all_shown(self.plan.fraction(position));
+            self.trainer.model().needs_retracing() && !are_all_shown(self.plan.fraction(position));
         let may = self.worker.options.config.early_stop && !self.plan.is_cooling_down();
         if may && !changes_paths && self.settling.is_settled(&self.plan, now) {
             self.plan.cool_down(position, now * COOL_DOWN_SHARE);
@@ -322,9 +290,10 @@ impl Run<'_> {
             checkpoint: &checkpoint,
             snapshot: &self.trainer.snapshot(),
             log: &self.log,
-            has_new_mesh: self.trainer.refines_normals(),
+            has_new_mesh: self.trainer.model().refines_normals(),
             cameras: self
                 .trainer
+                .model()
                 .poses()
                 .map(|poses| self.named(poses.cameras())),
         })?;
@@ -334,7 +303,7 @@ impl Run<'_> {
 
     /// The poses as they are corrected by now.
     pub(super) fn poses_found(&self) -> Option<TrainEvent> {
-        let poses = self.trainer.poses()?;
+        let poses = self.trainer.model().poses()?;
         Some(TrainEvent::Poses(self.named(poses.moved_px())))
     }
 

@@ -7,13 +7,16 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
+use crate::data::files::tensor_file::TensorFile;
 use crate::geometry::{Aabb, Mesh};
 use crate::neif::kernels::math::all_finite;
 use crate::neif::networks::hash_grid::{
     FEATURES, FeatureColumns, GridConfig, Level, SamplePoints, encode_level, scatter_level,
 };
+use crate::train::TrainError;
 use crate::train::photos::picture_shift::SAMPLING_PX;
 use crate::train::statistics::share_beyond;
+use crate::train::step::part::{finite, insert};
 
 /// The grid, in a cube around the object. A mesh of outlines has 144 cells along its longest side.
 const GRID: GridConfig = GridConfig {
@@ -111,29 +114,6 @@ impl NormalOffsets {
         }
     }
 
-    /// Values of all levels.
-    pub(in crate::train) fn n_values(&self) -> usize {
-        self.tables.iter().map(|table| table.total.len()).sum()
-    }
-
-    /// What was learned in all, and the moments, level by level.
-    pub(in crate::train) fn state(&self) -> [Vec<f32>; 2] {
-        let all = |of: fn(&LevelTable) -> &[f32]| self.tables.iter().map(of).collect::<Vec<_>>();
-        [all(|t| &t.total), all(|t| &t.moments)].map(|levels| levels.concat())
-    }
-
-    /// Goes on from there with a mesh that has all that was learned; the lengths must be those of [`Self::state`].
-    pub(in crate::train) fn set_state(&mut self, [total, moments]: [&[f32]; 2]) {
-        let mut start = 0;
-        for table in &mut self.tables {
-            let range = start..start + table.total.len();
-            start = range.end;
-            table.total.copy_from_slice(&total[range.clone()]);
-            table.moments.copy_from_slice(&moments[range]);
-        }
-        self.forget_recent();
-    }
-
     /// The mesh has taken them up and is another, but for relief that is finer than its cells and stays as it was.
     pub(super) fn restart(&mut self) {
         let (taken_up, finer) = self.tables.split_at_mut(GRID.n_levels);
@@ -207,20 +187,49 @@ impl NormalOffsets {
         }
     }
 
-    /// One step from the batches' gradients; `n_pixels` is what it drew, `rate` in radians, of values that were updated often.
-    pub(in crate::train) fn update(
-        &mut self,
-        batches: &[&OffsetBatch],
-        rate: f32,
-        n_pixels: usize,
-    ) {
-        let epsilon = LEAST_GRADIENT / n_pixels.max(1) as f32;
+    /// Adds the batches' gradients.
+    pub(super) fn gather(&mut self, batches: &[&OffsetBatch]) {
         self.tables.par_iter_mut().rev().for_each(|table| {
             for batch in batches {
                 table.scatter(batch);
             }
-            table.update(rate, epsilon, self.pull);
         });
+    }
+
+    /// One step from what was gathered of `n_pixels` drawn pixels; `rate` in radians, of values that were updated often.
+    pub(super) fn update(&mut self, rate: f32, n_pixels: usize) {
+        let epsilon = LEAST_GRADIENT / n_pixels.max(1) as f32;
+        let pull = self.pull;
+        let tables = self.tables.par_iter_mut().rev();
+        tables.for_each(|table| table.update(rate, epsilon, pull));
+    }
+}
+
+/// Arrays of a checkpoint, level by level: what was learned in all, and the moments.
+const TOTAL: &str = "normals.total";
+const MOMENTS: &str = "normals.moments";
+
+impl NormalOffsets {
+    /// Adds them to a checkpoint.
+    pub(super) fn store(&self, file: &mut TensorFile) {
+        let all = |of: fn(&LevelTable) -> &[f32]| self.tables.iter().map(of).collect::<Vec<_>>();
+        insert(file, TOTAL, &all(|t| &t.total).concat());
+        insert(file, MOMENTS, &all(|t| &t.moments).concat());
+    }
+
+    /// Goes on from there with a mesh that has all that was learned.
+    pub(super) fn restore(&mut self, file: &TensorFile) -> Result<(), TrainError> {
+        let n = self.tables.iter().map(|table| table.total.len()).sum();
+        let [total, moments] = [finite(file, TOTAL, n)?, finite(file, MOMENTS, n)?];
+        let mut start = 0;
+        for table in &mut self.tables {
+            let range = start..start + table.total.len();
+            start = range.end;
+            table.total.copy_from_slice(&total[range.clone()]);
+            table.moments.copy_from_slice(&moments[range]);
+        }
+        self.forget_recent();
+        Ok(())
     }
 }
 
@@ -341,7 +350,8 @@ mod tests {
             for _ in 0..10 {
                 at(&offsets, &mut batch);
                 batch.add(0, Vec3::X, 1.0);
-                offsets.update(&[&batch], 1e-3, 1);
+                offsets.gather(&[&batch]);
+                offsets.update(1e-3, 1);
             }
             let before = at(&offsets, &mut batch);
             offsets.restart();
@@ -364,7 +374,8 @@ mod tests {
             offsets.evaluate(std::iter::once(Vec3::splat(0.1)), &mut batch);
             let off = Vec3::from_slice(&batch.values) - wanted * Vec3::X;
             batch.add(0, force * off, 1.0);
-            offsets.update(&[&batch], 1e-4, 1);
+            offsets.gather(&[&batch]);
+            offsets.update(1e-4, 1);
         }
         batch.values[0] / wanted
     }
@@ -384,7 +395,8 @@ mod tests {
             for _ in 0..200 {
                 offsets.evaluate(std::iter::once(Vec3::splat(0.1)), &mut batch);
                 batch.add(0, sign() * Vec3::X, 1e-3);
-                offsets.update(&[&batch], 1e-3, 1);
+                offsets.gather(&[&batch]);
+                offsets.update(1e-3, 1);
             }
             batch.values[0].abs()
         };

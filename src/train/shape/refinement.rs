@@ -10,8 +10,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::normal_evidence::NormalEvidence;
-use super::normal_offsets::NormalOffsets;
+use super::normal_evidence::{NormalEvidence, NormalRow};
+use super::normal_offsets::{NormalOffsets, OffsetBatch};
 use super::stage_one::{self, KnownNormals, StageOneError};
 use crate::data::files::tensor_file::TensorFile;
 use crate::data::{Dataset, View};
@@ -19,6 +19,8 @@ use crate::geometry::{Aabb, Camera, Mesh, SurfaceTracer};
 use crate::train::TrainError;
 use crate::train::config::{Normals, TrainConfig};
 use crate::train::statistics::middle;
+use crate::train::step::now::Now;
+use crate::train::step::part::{Part, finite, insert};
 
 /// Steps before normals are learned: until then the environment has no features to go by.
 pub(in crate::train) const DELAY: u64 = 100;
@@ -42,6 +44,8 @@ pub(in crate::train) struct Refinement {
     object_box: Aabb,
     /// The step that the trainer's mesh is of.
     settled_at: u64,
+    /// Pixels that the gathered gradient is of.
+    n_pixels: usize,
 }
 
 /// Whether a run with these settings refines the normals of the capture's mesh.
@@ -96,7 +100,7 @@ fn with_detail(mut mesh: Arc<Mesh>, pixel: f32) -> Arc<Mesh> {
 }
 
 /// Learning rate where a run is by so large a share, radians.
-pub(in crate::train) fn rate(progress: f32) -> f32 {
+fn rate(progress: f32) -> f32 {
     let [first, last] = RATES;
     first * (last / first).powf(progress.clamp(0.0, 1.0))
 }
@@ -121,7 +125,22 @@ impl Refinement {
             object_box: bounds,
             traced: Arc::clone(mesh),
             settled_at: 0,
+            n_pixels: 0,
         })
+    }
+
+    /// Takes up what `n_pixels` drawn pixels say of the normals.
+    pub(in crate::train) fn gather<'a>(
+        &mut self,
+        batches: &[&OffsetBatch],
+        n_pixels: usize,
+        rows: impl Iterator<Item = &'a NormalRow>,
+    ) {
+        self.offsets.gather(batches);
+        self.n_pixels = n_pixels;
+        if let Some(evidence) = &mut self.evidence {
+            evidence.add(rows);
+        }
     }
 
     /// The mesh with the normals as they are known at `step`; `None` where it has been made.
@@ -196,30 +215,35 @@ pub(in crate::train) fn stored_box(file: &TensorFile) -> Option<Aabb> {
     is_sound.then_some(stored)
 }
 
-impl Refinement {
-    /// Adds to a checkpoint what is known of the surface beyond its normals.
-    pub(in crate::train) fn store_surface(&self, file: &mut TensorFile) {
+impl Part for Refinement {
+    fn update(&mut self, now: &Now<'_>) {
+        if now.step > DELAY {
+            self.offsets.update(rate(now.progress), self.n_pixels);
+        }
+    }
+
+    fn store(&self, file: &mut TensorFile) {
+        self.offsets.store(file);
         let Some(evidence) = &self.evidence else {
             return;
         };
         for (name, sums) in EVIDENCE.into_iter().zip(evidence.state()) {
-            file.insert_f32(name, &[sums.len()], sums.to_vec());
+            insert(file, name, sums);
         }
         let Aabb { min, max } = self.object_box;
-        let corners = [min.to_array(), max.to_array()].concat();
-        file.insert_f32(OBJECT_BOX, &[6], corners);
+        insert(file, OBJECT_BOX, &[min.to_array(), max.to_array()].concat());
     }
 
-    /// Goes on from there; with nothing known, where the checkpoint lacks it or it is damaged.
-    pub(in crate::train) fn restore_surface(&mut self, file: &TensorFile) {
-        let Some(evidence) = &mut self.evidence else {
-            return;
-        };
-        let n = evidence.state()[0].len();
-        let stored = EVIDENCE.map(|name| file.f32(name, &[n]).unwrap_or_default());
-        let is_sound = |sums: &&[f32]| sums.len() == n && sums.iter().all(|v| v.is_finite());
-        if stored.iter().all(is_sound) {
-            evidence.set_state(stored);
+    /// With no evidence, where the checkpoint lacks it or it is damaged.
+    fn restore(&mut self, file: &TensorFile) -> Result<(), TrainError> {
+        self.offsets.restore(file)?;
+        if let Some(evidence) = &mut self.evidence {
+            let n = evidence.state()[0].len();
+            let stored = EVIDENCE.map(|name| finite(file, name, n).unwrap_or_default());
+            if stored.iter().all(|sums| sums.len() == n) {
+                evidence.set_state(stored.each_ref().map(Vec::as_slice));
+            }
         }
+        Ok(())
     }
 }

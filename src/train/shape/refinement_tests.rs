@@ -9,6 +9,7 @@ use super::refinement::stored_box;
 use crate::data::Dataset;
 use crate::geometry::Mesh;
 use crate::train::config::{Normals, TrainConfig};
+use crate::train::fast::Fast;
 use crate::train::step::trainer::Trainer;
 use crate::train::test_scene::{small_fields, sphere_in_a_box};
 
@@ -28,15 +29,15 @@ fn bent_sphere(n_views: usize, size: u32) -> Dataset {
     dataset
 }
 
-fn trainer(normals: Normals, dataset: &Dataset) -> Trainer {
+fn trainer(normals: Normals, dataset: &Dataset) -> Trainer<Fast> {
     let config = TrainConfig {
         normals,
         ..small_fields()
     };
-    Trainer::new(&config, dataset, &AtomicBool::new(false), &|_| ()).unwrap()
+    Fast::trainer(&config, dataset, &AtomicBool::new(false), &|_| ()).unwrap()
 }
 
-fn train(trainer: &mut Trainer, steps: std::ops::Range<u32>, end: u32) {
+fn train(trainer: &mut Trainer<Fast>, steps: std::ops::Range<u32>, end: u32) {
     for step in steps {
         assert!(
             !trainer.step(step as f32 / end as f32).skipped,
@@ -45,7 +46,7 @@ fn train(trainer: &mut Trainer, steps: std::ops::Range<u32>, end: u32) {
     }
 }
 
-fn mesh(trainer: &mut Trainer) -> Arc<Mesh> {
+fn mesh(trainer: &mut Trainer<Fast>) -> Arc<Mesh> {
     trainer.settle_normals();
     let object = trainer.snapshot().object.unwrap();
     Arc::clone(object.tracer.mesh())
@@ -88,7 +89,7 @@ fn pixels_traced_anew_are_those_that_a_new_trainer_would_have() {
             dataset.train.iter_mut().for_each(|view| view.mask = None);
         }
         let mut refined = trainer(Normals::Refined, &dataset);
-        let pixels = |trainer: &Trainer| format!("{:?}", trainer.pixels);
+        let pixels = |trainer: &Trainer<Fast>| format!("{:?}", trainer.model.pixels);
         let before = pixels(&refined);
         train(&mut refined, 0..130, 200);
         refined
@@ -153,7 +154,7 @@ fn what_was_learned_of_the_normals_survives_a_checkpoint() {
     assert!(refused.is_err(), "a checkpoint without corrections");
 }
 
-fn move_and_retrace(trainer: &mut Trainer, dataset: &Dataset) {
+fn move_and_retrace(trainer: &mut Trainer<Fast>, dataset: &Dataset) {
     let goes_on = AtomicBool::new(false);
     trainer.move_surface(dataset, &goes_on).unwrap();
     trainer
@@ -197,7 +198,7 @@ fn a_mesh_of_outlines_moves_and_a_run_goes_on_with_the_moved_one() {
     let mut second = trainer(Normals::Auto, &saved);
     second.restore(&checkpoint).unwrap();
     assert_eq!(
-        second.place.frame, first.place.frame,
+        second.model.place.frame, first.model.place.frame,
         "in the same environment"
     );
     assert!(

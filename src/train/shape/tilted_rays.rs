@@ -12,9 +12,9 @@ use crate::neif::EnvironmentTransform;
 use crate::neif::field::radiance_field::FieldBatch;
 use crate::neif::light::light_path::{LitVertex, first_lobe_ray};
 use crate::neif::light::shading::SurfacePoint;
+use crate::train::fast::step_context::StepContext;
 use crate::train::random::SlotRandom;
 use crate::train::step::loss::PixelLoss;
-use crate::train::step::step_context::StepContext;
 
 /// By how much a normal leans, radians.
 const TILT: f32 = 0.01;

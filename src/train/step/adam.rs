@@ -67,7 +67,15 @@ impl Adam {
         let (m_head, m_tail) = self.first.split_at_mut(rates.n_head);
         let (v_head, v_tail) = self.second.split_at_mut(rates.n_head);
         let (g_head, g_tail) = gradient.split_at_mut(rates.n_head);
-        adam_block(head, m_head, v_head, g_head, [rates.head * unbias, epsilon]);
+        let rate_epsilon = [rates.head * unbias, epsilon];
+        head.par_chunks_mut(BLOCK)
+            .zip(m_head.par_chunks_mut(BLOCK))
+            .zip(
+                v_head
+                    .par_chunks_mut(BLOCK)
+                    .zip(g_head.par_chunks_mut(BLOCK)),
+            )
+            .for_each(|((p, m), (v, g))| adam_block(p, m, v, g, rate_epsilon));
         let rate_epsilon = [rates.tail * unbias, epsilon];
         let blocks = tail
             .par_chunks_mut(BLOCK)

@@ -1,38 +1,152 @@
 //! A field under training, with all that its updates need.
 
-use super::adam::Adam;
+use std::fmt;
+
+use super::adam::{Adam, store_bf16};
+use super::now::Now;
+use super::part::{Part, finite, insert};
+use crate::data::files::tensor_file::TensorFile;
+use crate::neif::field::radiance_field::{FieldTransposed, RadianceField};
+use crate::neif::neilf::IncidentLight;
+use crate::neif::networks::mlp::Transposed;
+use crate::neif::paper::{PaperField, PaperMaterial};
+use crate::neif::surface::material::Material;
+use crate::train::TrainError;
+
+/// A field as the optimiser sees it: one vector, first the networks' parameters, then the grids'.
+pub(in crate::train) trait Network: fmt::Debug {
+    /// Its weights as the backward pass reads them.
+    type Transposed: Default + fmt::Debug;
+
+    /// All parameters.
+    fn params(&self) -> &[f32];
+    /// The same, to be changed.
+    fn params_mut(&mut self) -> &mut [f32];
+    /// How many of them are the networks'.
+    fn n_head(&self) -> usize;
+    /// Writes the transposed weights.
+    fn write_transposed(&self, out: &mut Self::Transposed);
+}
+
+macro_rules! networks {
+    ($($field:ty: $n_head:ident, $transposed:ty;)*) => {$(
+        impl Network for $field {
+            type Transposed = $transposed;
+
+            fn params(&self) -> &[f32] {
+                &self.params
+            }
+            fn params_mut(&mut self) -> &mut [f32] {
+                &mut self.params
+            }
+            fn n_head(&self) -> usize {
+                self.$n_head()
+            }
+            fn write_transposed(&self, out: &mut $transposed) {
+                self.transpose(out);
+            }
+        }
+    )*};
+}
+
+networks! {
+    RadianceField: n_network_params, FieldTransposed;
+    Material: n_network_params, Transposed;
+    PaperField: n_params, Vec<f32>;
+    PaperMaterial: n_params, Vec<f32>;
+    IncidentLight: n_network_params, Vec<f32>;
+}
 
 /// A field under training: its moments, gradient and transposed weights.
 #[derive(Debug)]
-pub(in crate::train) struct Learned<F, T> {
-    pub(in crate::train) value: F,
-    pub(in crate::train) adam: Adam,
+pub(in crate::train) struct Learned<N: Network> {
+    /// Of its arrays in a checkpoint.
+    name: &'static str,
+    pub(in crate::train) value: N,
+    adam: Adam,
     /// Zero between steps: [`Adam::update`] clears it.
     pub(in crate::train) gradient: Vec<f32>,
-    pub(in crate::train) transposed: T,
+    pub(in crate::train) transposed: N::Transposed,
+    /// The grids in bf16, where they are read from there: half the cache lines.
+    pub(in crate::train) rounded: Vec<u16>,
 }
 
-impl<F, T: Default> Learned<F, T> {
-    /// With zero moments; `n_params(&value)` is how many parameters it has.
-    pub(in crate::train) fn new(value: F, n_params: impl Fn(&F) -> usize) -> Self {
-        let n = n_params(&value);
-        Self {
-            value,
+impl<N: Network> Learned<N> {
+    /// With zero moments.
+    pub(in crate::train) fn new(name: &'static str, value: N) -> Self {
+        let n = value.params().len();
+        let mut learned = Self {
+            name,
             adam: Adam::new(n),
             gradient: vec![0.0; n],
-            transposed: T::default(),
+            transposed: N::Transposed::default(),
+            rounded: Vec::new(),
+            value,
+        };
+        learned.derive();
+        learned
+    }
+
+    /// With the grids in bf16 too.
+    pub(in crate::train) fn with_rounded_grids(mut self) -> Self {
+        self.rounded = vec![0; self.value.params().len() - self.value.n_head()];
+        self.derive();
+        self
+    }
+
+    /// The gradients of the networks and of the grids.
+    pub(in crate::train) fn split_gradient(&mut self) -> (&N, &mut [f32], &mut [f32]) {
+        let (networks, grids) = self.gradient.split_at_mut(self.value.n_head());
+        (&self.value, networks, grids)
+    }
+
+    /// All that follows from the parameters, after they were set from outside.
+    pub(in crate::train) fn derive(&mut self) {
+        if !self.rounded.is_empty() {
+            let grids = &self.value.params()[self.value.n_head()..];
+            store_bf16(grids, &mut self.rounded);
         }
+        self.value.write_transposed(&mut self.transposed);
+    }
+
+    /// The gradient; zeros are left in its place.
+    #[cfg(test)]
+    pub(in crate::train) fn take_gradient(&mut self) -> Vec<f32> {
+        let zeros = vec![0.0; self.gradient.len()];
+        std::mem::replace(&mut self.gradient, zeros)
+    }
+
+    fn array(&self, what: &str) -> String {
+        format!("{}.{what}", self.name)
     }
 }
 
-/// Adds the parts to the total, one after the other: floats depend on the order.
-pub(in crate::train) fn sum_in_order<'a>(
-    total: &mut [f32],
-    parts: impl Iterator<Item = &'a [f32]>,
-) {
-    for part in parts {
-        for (sum, value) in total.iter_mut().zip(part) {
-            *sum += value;
-        }
+impl<N: Network> Part for Learned<N> {
+    fn update(&mut self, now: &Now<'_>) {
+        let rates = now.rates(self.value.n_head());
+        self.adam.update_rounded(
+            self.value.params_mut(),
+            &mut self.gradient,
+            &mut self.rounded,
+            rates,
+            now.updates,
+        );
+        self.value.write_transposed(&mut self.transposed);
+    }
+
+    fn store(&self, file: &mut TensorFile) {
+        insert(file, &self.array("params"), self.value.params());
+        insert(file, &self.array("first"), &self.adam.first);
+        insert(file, &self.array("second"), &self.adam.second);
+    }
+
+    fn restore(&mut self, file: &TensorFile) -> Result<(), TrainError> {
+        let n = self.value.params().len();
+        let read = |what| finite(file, &self.array(what), n);
+        let [params, first, second] = [read("params")?, read("first")?, read("second")?];
+        self.value.params_mut().copy_from_slice(&params);
+        self.adam = Adam { first, second };
+        self.derive();
+        Ok(())
     }
 }

@@ -5,6 +5,9 @@ use glam::Vec3;
 use crate::color::{srgb_from_linear, srgb_slope};
 use crate::neif::light::display::Display;
 
+/// Distance of the two points of a smoothness difference, in sides of the material's cube.
+pub(in crate::train) const SMOOTHNESS_STEP: f32 = 0.004;
+
 /// Target from which a pixel counts as clipped.
 pub(in crate::train) const CLIPPED: f32 = 0.998;
 /// Radiance of a clipped colour beside one that is not.
@@ -63,7 +66,7 @@ pub(in crate::train) fn pixel_loss(display: Display, linear: Vec3, target: [f32;
 
 /// Turns the losses of pixels of which a photo knows each one's luma but only the mean of their chroma into what they are
 /// wrong by in that: each is off by its own luma and by the mean of all chroma.
-pub(super) fn share_chroma(losses: &mut [PixelLoss]) {
+pub(in crate::train) fn share_chroma(losses: &mut [PixelLoss]) {
     let n = losses.len().max(1) as f32;
     let luma = |loss: &PixelLoss| LUMA.dot(loss.difference);
     let chroma = |loss: &PixelLoss| loss.difference - luma(loss);
@@ -80,7 +83,7 @@ pub(super) fn share_chroma(losses: &mut [PixelLoss]) {
 }
 
 /// Turns the losses of pixels of whose chroma a photo knows nothing into what they are wrong by in their luma.
-pub(super) fn keep_luma(losses: &mut [PixelLoss]) {
+pub(in crate::train) fn keep_luma(losses: &mut [PixelLoss]) {
     for loss in losses {
         loss.difference = Vec3::splat(LUMA.dot(loss.difference));
         loss.value = loss.difference.length_squared();
@@ -119,7 +122,7 @@ pub(in crate::train) fn unclipped(srgb: [f32; 3], lamp: f32) -> f32 {
 
 /// `ln(radiance / light)²` in the colours whose target is clipped, and its gradient by the light. What shines on an object may
 /// show that a lamp is brighter: then it is pulled up only.
-pub(super) fn clipped_pull(
+pub(in crate::train) fn clipped_pull(
     light: Vec3,
     target: [f32; 3],
     radiance: f32,

@@ -1,22 +1,15 @@
-//! One optimisation step: draw pixels, predict them, compare, and follow the gradient.
+//! One optimisation step of whichever model: draw pixels, predict them, compare, and follow the gradient.
 //!
-//! `trainer` owns all parameters and takes the steps, in the memory of `work`; `chunk` is one share of a step, in which `loss`
-//! compares what is shown with the photo and `chunk_priors` asks for the rest; `update` follows the gradients by `adam` and
-//! `learned`. `step_context` and `batch_size` are what all shares read; `photo_model` and `surface` are what the trainer does with
-//! poses and exposures, and with the mesh.
+//! `trainer` is the loop; `model` is what it calls, and `part` what a model's parameters consist of: fields (`learned`), the
+//! `display` transform, and what else a model learns. `now` says where in its run a step is, `chunks` how it is cut and its
+//! gradients are summed, `adam` follows them, and `loss` compares a pixel with the photo.
 
 pub(super) mod adam;
-pub(super) mod batch_size;
-pub(super) mod chunk;
-mod chunk_priors;
+pub(super) mod chunks;
+pub(super) mod display;
 pub(super) mod learned;
 pub(super) mod loss;
-mod photo_model;
-pub mod skips;
-pub(super) mod step_context;
-mod surface;
+pub mod model;
+pub mod now;
+pub mod part;
 pub mod trainer;
-#[cfg(test)]
-mod trainer_tests;
-mod update;
-mod work;

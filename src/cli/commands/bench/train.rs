@@ -11,7 +11,7 @@ use neif::neif::networks::hash_grid::{
 };
 use neif::neif::networks::mlp::{Mlp, MlpBuffers, Transposed};
 use neif::train::config::TrainConfig;
-use neif::train::{Stage, Trainer};
+use neif::train::{Fast, Stage, Trainer};
 use serde_json::json;
 
 use super::trial::{load, on_threads};
@@ -165,7 +165,7 @@ fn time_in_turns(
     for &threads in counts {
         let trainer = on_threads(threads, || {
             let cancel = interrupt::install()?;
-            let mut trainer = Trainer::new(config, dataset, cancel, &|_| ()).or_unusable()?;
+            let mut trainer = Fast::trainer(config, dataset, cancel, &|_| ()).or_unusable()?;
             for _ in 0..steps {
                 trainer.step(STEADY);
             }
@@ -189,7 +189,11 @@ fn time_in_turns(
 }
 
 /// Adds a round's times.
-fn time_steps(trainer: &mut Trainer, steps: u64, times: &mut StepTimes) -> Result<(), Failure> {
+fn time_steps(
+    trainer: &mut Trainer<Fast>,
+    steps: u64,
+    times: &mut StepTimes,
+) -> Result<(), Failure> {
     let start = Instant::now();
     let mut last = start;
     let mut rays = 0;

@@ -8,8 +8,8 @@ use neif::train::config::TrainConfig;
 use neif::train::measure::eval::{Measures, evaluate_object, evaluate_views, mean_of_views};
 use neif::train::measure::lpips::Lpips;
 use neif::train::measure::metrics::ImageMetrics;
-use neif::train::neilf::{NeilfConfig, NeilfTrainer};
-use neif::train::{AnyTrainer, Snapshot};
+use neif::train::neilf::NeilfConfig;
+use neif::train::{Neilf, Snapshot, new_trainer};
 
 use crate::cli::capture::CaptureArgs;
 use crate::cli::failure::{Failure, OrUnusable as _};
@@ -80,7 +80,7 @@ pub(super) fn train(
 ) -> Result<Trial, Failure> {
     let cancel = interrupt::install()?;
     let begin = Instant::now();
-    let mut trainer = AnyTrainer::new(config, dataset, cancel, &|_| ()).or_unusable()?;
+    let mut trainer = new_trainer(config, dataset, cancel, &|_| ()).or_unusable()?;
     let (start, cpu_start) = (Instant::now(), process_cpu_secs());
     let mut rays = 0;
     let mut last_skipped = None;
@@ -113,12 +113,12 @@ pub(super) fn train_neilf(
 ) -> Result<NeilfModel, Failure> {
     let cancel = interrupt::install()?;
     let begin = Instant::now();
-    let mut trainer = NeilfTrainer::new(config, neilf, dataset, cancel).or_unusable()?;
+    let mut trainer = Neilf::trainer(config, neilf, dataset, cancel).or_unusable()?;
     take_steps(length, begin, &mut |done| {
         trainer.step(done);
         on_step(done);
     })?;
-    Ok(trainer.model())
+    Ok(trainer.trained())
 }
 
 /// Calls `step` with the share that is done, from the end of the setup that began at `begin` until the length is over.

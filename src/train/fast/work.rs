@@ -1,19 +1,18 @@
 //! Memory of a step, reused by the next.
 
 use super::batch_size::BatchSize;
-use super::chunk::{Chunk, N_CHUNKS};
+use super::chunk::Chunk;
 use crate::neif::field::radiance_field::{FieldBatch, RadianceField};
+use crate::train::step::chunks::N_CHUNKS;
 
 /// Memory of a step, reused by the next.
 #[derive(Debug)]
-pub(in crate::train) struct Work {
+pub(super) struct Work {
     /// Of the step at hand.
     pub(super) batch_size: BatchSize,
-    pub(in crate::train) chunks: Vec<Chunk>,
+    pub(super) chunks: Vec<Chunk>,
     /// Features of each level, `[n][4]` of all chunks.
     pub(super) encoded: Vec<Vec<f32>>,
-    /// The field's grid in bf16, rewritten with every update: what a step encodes from, at half the cache lines.
-    pub(super) tables: Vec<u16>,
     pub(super) probes: Vec<FieldBatch>,
 }
 
@@ -24,7 +23,6 @@ impl Work {
             batch_size: BatchSize::default(),
             chunks: (0..N_CHUNKS).map(Chunk::new).collect(),
             encoded: vec![Vec::new(); field.levels().len()],
-            tables: vec![0; field.params.len() - field.n_network_params()],
             probes: vec![FieldBatch::default(); N_CHUNKS],
         }
     }

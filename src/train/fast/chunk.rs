@@ -1,13 +1,9 @@
 //! One share of a training step: drawn pixels, their rays, the loss, and the way back.
-//!
-//! The batch is always cut into the same chunks, whichever thread takes them, and their gradients are summed in
-//! order: the result does not depend on the number of threads.
 
 use std::ops::Range;
 
 use glam::Vec3;
 
-use super::loss::{PixelLoss, clipped_pull, keep_luma, pixel_loss, share_chroma};
 use super::step_context::StepContext;
 use crate::geometry::orthonormal_basis;
 use crate::neif::EnvironmentTransform;
@@ -24,15 +20,13 @@ use crate::train::priors::unseen::{self, Triple};
 use crate::train::random::SlotRandom;
 use crate::train::shape::normal_offsets::OffsetBatch;
 use crate::train::shape::tilted_rays::{PixelError, TiltedRays};
+use crate::train::step::chunks::{N_CHUNKS, jitter_slot, share};
+use crate::train::step::loss::{
+    PixelLoss, SMOOTHNESS_STEP, clipped_pull, keep_luma, pixel_loss, share_chroma,
+};
 
 /// Every so many object pixels one takes part in the smoothness term.
 const SMOOTHNESS_STRIDE: usize = 4;
-/// Distance of the two points of a smoothness difference, in sides of the material's cube.
-pub(in crate::train) const SMOOTHNESS_STEP: f32 = 0.004;
-
-/// Chunks a step is cut into.
-pub(in crate::train) const N_CHUNKS: usize = 16;
-
 /// Roughness while it is not yet learned, and how strongly it is held there. Coming from sharp lobes, environment and
 /// roughness settle on sharper ones than coming from blurred lobes: 0.2 dB more of the object than from 0.3.
 const INITIAL_ROUGHNESS: f32 = 0.1;
@@ -112,17 +106,16 @@ pub(in crate::train) struct Chunk {
 impl Chunk {
     /// The `index`-th chunk.
     pub(in crate::train) fn new(index: usize) -> Self {
-        // Beyond the slots of the pixels, and a million rays apart.
         Self {
             index,
-            jitter_slot: (1 << 40) + ((index as u64) << 20),
+            jitter_slot: jitter_slot(index),
             ..Self::default()
         }
     }
 
     /// The chunk's share of `n` slots.
     fn share(&self, n: usize) -> Range<usize> {
-        n * self.index / N_CHUNKS..n * (self.index + 1) / N_CHUNKS
+        share(n, self.index)
     }
 
     /// Draws its share of so many object and background pixels, evaluates their surfaces and places the samples.

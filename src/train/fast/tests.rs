@@ -4,7 +4,7 @@ use std::sync::atomic::AtomicBool;
 
 use glam::Vec3;
 
-use super::trainer::{StepStats, Trainer};
+use super::Fast;
 use crate::color::{linear_from_srgb, srgb_from_linear};
 use crate::data::{Dataset, Photo};
 use crate::neif::field::floor::Floor;
@@ -13,34 +13,32 @@ use crate::neif::light::environment::LightScratch;
 use crate::neif::surface::material::MaterialBatch;
 use crate::render::{Layer, render};
 use crate::train::config::{PhotoFit, TrainConfig};
+use crate::train::scene_model::SceneModel as _;
+use crate::train::step::learned::Learned;
+use crate::train::step::model::StepStats;
+use crate::train::step::trainer::Trainer;
 use crate::train::test_scene::{FLOOR, TINT, small_fields, sphere_in_a_box, sphere_on_a_floor};
 
-impl Trainer {
-    /// Weighted loss of the next step and the gradients of both fields, without taking the step.
-    pub(in crate::train) fn loss_and_gradients(&mut self) -> (f64, Vec<f32>, Vec<f32>) {
-        let density = self.density.clone();
-        self.prepare(0.0);
-        // In single precision: the differences are smaller than the steps of bf16.
-        self.encode_by_level(RadianceField::encode_level);
-        self.run_chunks();
-        let loss = self.loss();
-        self.gather_gradients();
-        self.density = density;
-        let take = |gradient: &mut Vec<f32>| {
-            let zeros = vec![0.0; gradient.len()];
-            std::mem::replace(gradient, zeros)
-        };
-        let material = self.material.as_mut().map(|m| take(&mut m.gradient));
-        let field = take(&mut self.field.gradient);
-        (loss, field, material.unwrap_or_default())
-    }
+/// Weighted loss of the next step and the gradients of both fields, without taking the step.
+fn loss_and_gradients(trainer: &mut Trainer<Fast>) -> (f64, Vec<f32>, Vec<f32>) {
+    let (now, model) = trainer.now(0.0);
+    let density = model.density.clone();
+    model.prepare(&now);
+    // In single precision: the differences are smaller than the steps of bf16.
+    model.encode_by_level(RadianceField::encode_level);
+    model.run_chunks(&now);
+    model.gather_gradients(&now);
+    model.density = density;
+    let material = model.material.as_mut().map(Learned::take_gradient);
+    let field = model.field.take_gradient();
+    (model.loss(now.config), field, material.unwrap_or_default())
 }
 
-fn trainer(config: &TrainConfig, dataset: &Dataset) -> Trainer {
-    Trainer::new(config, dataset, &AtomicBool::new(false), &|_| ()).unwrap()
+fn trainer(config: &TrainConfig, dataset: &Dataset) -> Trainer<Fast> {
+    Fast::trainer(config, dataset, &AtomicBool::new(false), &|_| ()).unwrap()
 }
 
-fn train(trainer: &mut Trainer, steps: u64) -> StepStats {
+fn train(trainer: &mut Trainer<Fast>, steps: u64) -> StepStats {
     let mut last = StepStats::default();
     for step in 0..steps {
         last = trainer.step(step as f32 / steps as f32);
@@ -49,7 +47,7 @@ fn train(trainer: &mut Trainer, steps: u64) -> StepStats {
 }
 
 /// Mean over the validation views, object pixels and background pixels.
-fn validation_psnr(trainer: &Trainer, dataset: &Dataset) -> [f64; 2] {
+fn validation_psnr(trainer: &Trainer<Fast>, dataset: &Dataset) -> [f64; 2] {
     let scene = trainer.snapshot().scene();
     let (mut error, mut n) = ([0.0_f64; 2], [0_u32; 2]);
     for view in &dataset.val {
@@ -136,15 +134,21 @@ fn gradients_of_a_whole_step_agree_with_finite_differences() {
         &dataset,
     );
     train(&mut trainer, 150);
-    let (_, field, material) = trainer.loss_and_gradients();
+    let (_, field, material) = loss_and_gradients(&mut trainer);
     // The largest gradients of each kind: networks and grids of both fields.
     let largest = |gradient: &[f32], range: std::ops::Range<usize>| {
         let mut order: Vec<usize> = range.collect();
         order.sort_by(|&a, &b| gradient[b].abs().total_cmp(&gradient[a].abs()));
         order.into_iter().step_by(3).take(25).collect::<Vec<_>>()
     };
-    let n_field = trainer.field.value.n_network_params();
-    let n_material = trainer.material.as_ref().unwrap().value.n_network_params();
+    let n_field = trainer.model.field.value.n_network_params();
+    let n_material = trainer
+        .model
+        .material
+        .as_ref()
+        .unwrap()
+        .value
+        .n_network_params();
     let groups = [
         (true, largest(&field, 0..n_field)),
         (true, largest(&field, n_field..field.len())),
@@ -156,15 +160,15 @@ fn gradients_of_a_whole_step_agree_with_finite_differences() {
         for i in indices {
             let analytic = f64::from(if in_field { field[i] } else { material[i] });
             let mut loss = |shift: f32| {
-                let shift_by = |trainer: &mut Trainer, by: f32| {
+                let shift_by = |trainer: &mut Trainer<Fast>, by: f32| {
                     if in_field {
-                        trainer.field.value.params[i] += by;
+                        trainer.model.field.value.params[i] += by;
                     } else {
-                        trainer.material.as_mut().unwrap().value.params[i] += by;
+                        trainer.model.material.as_mut().unwrap().value.params[i] += by;
                     }
                 };
                 shift_by(&mut trainer, shift);
-                let loss = trainer.loss_and_gradients().0;
+                let loss = loss_and_gradients(&mut trainer).0;
                 shift_by(&mut trainer, -shift);
                 loss
             };
@@ -204,7 +208,7 @@ fn what_reflects_like_a_metal_loses_its_diffuse_part() {
             &dataset,
         );
         train(&mut trainer, 300);
-        let material = trainer.material.expect("there is an object").value;
+        let material = trainer.model.material.expect("there is an object").value;
         let points: Vec<Vec3> = dataset.mesh.as_ref().expect("a mesh").positions.clone();
         let mut batch = MaterialBatch::default();
         material.forward(&points, &mut batch, &mut Vec::new());
@@ -241,7 +245,7 @@ fn exposures_that_jump_from_photo_to_photo_are_found_in_part() {
     };
     let mut trainer = trainer(&config, &unevenly_exposed(0.6));
     train(&mut trainer, 500);
-    let gains = trainer.gains().unwrap();
+    let gains = trainer.model.gains().unwrap();
     let mean = |from: usize| {
         let logs = gains.iter().skip(from).step_by(2).map(|g| g.y.ln());
         logs.sum::<f32>() / gains.len().div_ceil(2) as f32
@@ -259,7 +263,7 @@ fn on_a_floor() -> Dataset {
 }
 
 /// The floor of a trainer's field.
-fn floor_of(trainer: &Trainer) -> Option<Floor> {
+fn floor_of(trainer: &Trainer<Fast>) -> Option<Floor> {
     trainer.snapshot().environment.floor()
 }
 
@@ -281,7 +285,7 @@ fn what_stands_on_a_floor_is_lit_over_an_opaque_one() {
     assert!(opacity > 0.999, "{opacity}");
     assert!(end <= 0.2 - floor + 0.01, "{end}");
     train(&mut learner, 20);
-    let error = |trainer: &Trainer| validation_psnr(trainer, &dataset)[1];
+    let error = |trainer: &Trainer<Fast>| validation_psnr(trainer, &dataset)[1];
     assert!(error(&learner).is_finite());
 
     let checkpoint = learner.checkpoint();
@@ -297,13 +301,13 @@ fn what_stands_on_a_floor_is_lit_over_an_opaque_one() {
 fn a_run_from_before_floors_goes_on_without_one() {
     let dataset = on_a_floor();
     let mut old = trainer(&small_fields(), &dataset);
-    old.density.floor = None;
-    old.photos.exposures = None;
+    old.model.density.floor = None;
+    old.model.photos.exposures = None;
     train(&mut old, 5);
     let mut resumed = trainer(&small_fields(), &dataset);
-    assert!(floor_of(&resumed).is_some() && resumed.gains().is_some());
+    assert!(floor_of(&resumed).is_some() && resumed.model.gains().is_some());
     resumed.restore(&old.checkpoint()).unwrap();
-    assert!(floor_of(&resumed).is_none() && resumed.gains().is_none());
+    assert!(floor_of(&resumed).is_none() && resumed.model.gains().is_none());
     train(&mut resumed, 5);
     train(&mut old, 5);
     assert!(resumed.checkpoint().to_bytes() == old.checkpoint().to_bytes());
@@ -387,17 +391,17 @@ fn steps_with_numbers_that_are_not_finite_are_skipped_and_counted() {
     let dataset = sphere_in_a_box(6, 24);
     let mut trainer = trainer(&small_fields(), &dataset);
     train(&mut trainer, 5);
-    let kept = trainer.field.value.params[3];
-    trainer.field.value.params[3] = f32::NAN;
-    let before = trainer.field.value.params[1000];
+    let kept = trainer.model.field.value.params[3];
+    trainer.model.field.value.params[3] = f32::NAN;
+    let before = trainer.model.field.value.params[1000];
     assert!(trainer.step(0.1).skipped, "a NaN weight must be noticed");
     assert_eq!((trainer.skipped_steps(), trainer.steps()), (1, 6));
     assert_eq!(
-        trainer.field.value.params[1000], before,
+        trainer.model.field.value.params[1000], before,
         "a skipped step learns nothing"
     );
-    trainer.field.value.params[3] = kept;
-    trainer.derive();
+    trainer.model.field.value.params[3] = kept;
+    trainer.model.field.derive();
     assert!(!trainer.step(0.1).skipped, "training goes on");
 }
 

@@ -2,7 +2,10 @@
 
 use serde::Serialize;
 
+use crate::neif::field::density_grid::DensityGrid;
+use crate::neif::field::radiance_field::FieldBatch;
 use crate::neif::field::skip_counts::SkipCounts;
+use crate::neif::networks::hash_grid::Level;
 
 /// Shares that the shortcuts left out, each in `[0, 1]` of what would be done without it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
@@ -20,8 +23,16 @@ pub struct SkipShares {
 }
 
 impl SkipShares {
-    /// The shares of some counts; 0 where nothing was counted.
-    pub fn of(counts: &SkipCounts) -> Self {
+    /// Of the rays of a step; 0 where nothing was done.
+    pub(super) fn of<'a>(
+        batches: impl Iterator<Item = &'a FieldBatch>,
+        levels: &[Level],
+        density: &DensityGrid,
+    ) -> Self {
+        let mut counts = SkipCounts::default();
+        for batch in batches {
+            counts.add(batch, levels, density);
+        }
         let share = |part: u64, whole: u64| part as f32 / whole.max(1) as f32;
         Self {
             empty_space: share(counts.empty_steps, counts.steps),
@@ -39,24 +50,25 @@ mod tests {
 
     use super::*;
     use crate::train::config::TrainConfig;
-    use crate::train::step::trainer::Trainer;
+    use crate::train::fast::Fast;
+    use crate::train::scene_model::SceneModel as _;
     use crate::train::test_scene::sphere_in_a_box;
 
     #[test]
     fn shares_tell_of_the_last_step() {
         let dataset = sphere_in_a_box(5, 16);
         let config = TrainConfig::preset("fast").expect("a preset");
-        let trainer = Trainer::new(&config, &dataset, &AtomicBool::new(false), &|_| {});
+        let trainer = Fast::trainer(&config, &dataset, &AtomicBool::new(false), &|_| {});
         let mut trainer = trainer.expect("a trainer");
         assert_eq!(
-            trainer.skips(),
+            trainer.model.skips().expect("it has shortcuts"),
             SkipShares::default(),
             "nothing was done yet"
         );
         for _ in 0..3 {
             trainer.step(0.0);
         }
-        let skips = trainer.skips();
+        let skips = trainer.model.skips().expect("it has shortcuts");
         let shares = [
             skips.empty_space,
             skips.behind_opaque,

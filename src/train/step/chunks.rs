@@ -1,0 +1,53 @@
+//! How a step is cut and its gradients are put together again: always into the same chunks, whichever thread takes them, and
+//! summed in order, so that the result does not depend on the number of threads.
+
+use std::ops::Range;
+
+use rayon::Scope;
+
+use crate::neif::networks::hash_grid::{FEATURES, Level};
+
+/// Chunks a step is cut into.
+pub(in crate::train) const N_CHUNKS: usize = 16;
+
+/// The share of the `index`-th chunk in `n` slots.
+pub(in crate::train) fn share(n: usize, index: usize) -> Range<usize> {
+    n * index / N_CHUNKS..n * (index + 1) / N_CHUNKS
+}
+
+/// First slot of the random numbers with which the `index`-th chunk places samples: beyond those of the pixels, and a million
+/// rays apart.
+pub(in crate::train) fn jitter_slot(index: usize) -> u64 {
+    (1 << 40) + ((index as u64) << 20)
+}
+
+/// Adds the parts to the total, one after the other: floats depend on the order.
+pub(in crate::train) fn sum_in_order<'a>(
+    total: &mut [f32],
+    parts: impl Iterator<Item = &'a [f32]>,
+) {
+    for part in parts {
+        for (sum, value) in total.iter_mut().zip(part) {
+            *sum += value;
+        }
+    }
+}
+
+/// Adds all chunks' gradients to the grids `[level][n_entries][4]`, each level by one task.
+pub(in crate::train) fn scatter_levels<'s, C: Sync>(
+    scope: &Scope<'s>,
+    levels: &[Level],
+    mut grids: &'s mut [f32],
+    chunks: &'s [C],
+    scatter: impl Fn(usize, &C, &mut [f32]) + Copy + Send + 's,
+) {
+    for (level, shape) in levels.iter().enumerate() {
+        let (table, rest) = grids.split_at_mut(shape.n_entries * FEATURES);
+        grids = rest;
+        scope.spawn(move |_| {
+            for chunk in chunks {
+                scatter(level, chunk, table);
+            }
+        });
+    }
+}

@@ -1,0 +1,43 @@
+//! Where in its run a step is, and how fast it learns there.
+
+use super::adam::Rates;
+use crate::train::config::TrainConfig;
+
+/// Where in its run a step is.
+#[derive(Clone, Copy, Debug)]
+pub struct Now<'a> {
+    pub(in crate::train) config: &'a TrainConfig,
+    /// Steps that were run.
+    pub(in crate::train) step: u64,
+    /// Optimiser updates, from the first on with the one at hand: steps less the skipped ones.
+    pub(in crate::train) updates: u64,
+    /// Share of the plan, 0 to 1.
+    pub(in crate::train) progress: f32,
+}
+
+impl Now<'_> {
+    /// What warm-up and decay leave of a learning rate.
+    fn decay(&self) -> f32 {
+        let warmup = (self.updates as f32 / self.config.warmup_steps.max(1) as f32).min(1.0);
+        warmup * self.config.final_rate.powf(self.progress.clamp(0.0, 1.0))
+    }
+
+    /// The rates of a field whose first `n_head` parameters are networks and the others a grid.
+    pub(super) fn rates(&self, n_head: usize) -> Rates {
+        let decay = self.decay();
+        Rates {
+            n_head,
+            head: decay * self.config.network_rate,
+            tail: decay * self.config.grid_rate,
+        }
+    }
+
+    /// The rate of the display transform's exponent.
+    pub(super) fn gamma_rate(&self) -> Rates {
+        Rates {
+            n_head: 1,
+            head: self.decay() * self.config.gamma_rate,
+            tail: 0.0,
+        }
+    }
+}
