@@ -134,7 +134,7 @@ fn nerf_synthetic_files_have_masks_by_alpha_and_no_surroundings() {
     };
     let (dataset, report) = load(&path);
     assert_eq!((dataset.train.len(), dataset.test.len()), (34, 10), "views");
-    assert!(!dataset.surroundings_visible, "cut out");
+    assert!(!dataset.environment_visible, "cut out");
     assert_eq!(report.masks.unwrap().n_views, 54, "alpha masks");
 }
 
@@ -190,7 +190,7 @@ fn reprojection_errors(model: &ColmapModel, frames: &[Frame]) -> Vec<f32> {
 }
 
 fn all_frames(listing: Listing) -> Vec<Frame> {
-    [listing.train, listing.val, listing.test].concat()
+    listing.frames().cloned().collect()
 }
 
 #[test]

@@ -122,7 +122,7 @@ fn dataset() -> Arc<Dataset> {
         mesh: Some(Arc::new(mesh)),
         first_box: None,
         mesh_path: None,
-        surroundings_visible: true,
+        environment_visible: true,
         problems: Vec::new(),
     })
 }

@@ -11,25 +11,22 @@ use tempfile::TempDir;
 static FOLDER: LazyLock<TempDir> =
     LazyLock::new(|| tempfile::tempdir().expect("a temporary folder"));
 
-/// A lens and one pose in COLMAP's text format, of the photo `0000.png`.
-const CAMERAS: &str = "7 PINHOLE 40 30 50 50 20 15\n";
-const IMAGES: &str = "1 1 0 0 0 0 0 0 7 0000.png\n\n";
-
-/// A lens in COLMAP's binary format, number 7 as in the tests' captures, and one pose of the photo `0000.png` by it.
+/// A lens of COLMAP, number 7 as in the tests' captures, and one pose of the photo `0000.png` by it.
 pub mod colmap {
     const LENS: u32 = 7;
     const PINHOLE: u32 = 1;
+    /// `cameras.txt`.
+    pub const CAMERAS: &str = "7 PINHOLE 40 30 50 50 20 15\n";
+    /// `images.txt`.
+    pub const IMAGES: &str = "1 1 0 0 0 0 0 0 7 0000.png\n\n";
 
     /// `cameras.bin`.
     pub fn cameras_bin() -> Vec<u8> {
         let mut bytes = 1_u64.to_le_bytes().to_vec();
-        bytes.extend([LENS, PINHOLE].iter().flat_map(|v| v.to_le_bytes()));
-        bytes.extend([40_u64, 30].iter().flat_map(|v| v.to_le_bytes()));
-        bytes.extend(
-            [50.0_f64, 50.0, 20.0, 15.0]
-                .iter()
-                .flat_map(|v| v.to_le_bytes()),
-        );
+        bytes.extend([LENS, PINHOLE].map(u32::to_le_bytes).as_flattened());
+        bytes.extend([40_u64, 30].map(u64::to_le_bytes).as_flattened());
+        let lens = [50.0_f64, 50.0, 20.0, 15.0];
+        bytes.extend(lens.map(f64::to_le_bytes).as_flattened());
         bytes
     }
 
@@ -38,7 +35,7 @@ pub mod colmap {
         let mut bytes = 1_u64.to_le_bytes().to_vec();
         bytes.extend(1_u32.to_le_bytes());
         let pose = [1.0_f64, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
-        bytes.extend(pose.iter().flat_map(|v| v.to_le_bytes()));
+        bytes.extend(pose.map(f64::to_le_bytes).as_flattened());
         bytes.extend(LENS.to_le_bytes());
         bytes.extend(b"0000.png\0");
         bytes.extend(0_u64.to_le_bytes());
@@ -73,14 +70,14 @@ pub fn load_with(name: &str, bytes: &[u8], beside: &[(&str, &[u8])]) {
 /// The same for a file beside a capture whose cameras are whole.
 pub fn load_beside_cameras(name: &str, bytes: &[u8]) {
     let images = match name.strip_prefix("images/") {
-        Some(photo) => IMAGES.replace("0000.png", photo),
-        None => IMAGES.to_owned(),
+        Some(photo) => colmap::IMAGES.replace("0000.png", photo),
+        None => colmap::IMAGES.to_owned(),
     };
     load_with(
         name,
         bytes,
         &[
-            ("sparse/cameras.txt", CAMERAS.as_bytes()),
+            ("sparse/cameras.txt", colmap::CAMERAS.as_bytes()),
             ("sparse/images.txt", images.as_bytes()),
         ],
     );
@@ -128,17 +125,12 @@ fn assert_names(error: &impl Display, root: &Path) {
 /// The photos of every layout: as many as the tests' captures have where the fuzzed file speaks of them all, and one
 /// where it speaks of one.
 fn write_photos(root: &Path) {
-    let write = |name: &str| {
+    let folders = ["images", "image", "inputs/images", "color"];
+    let names = folders.map(|folder| (0..9).map(move |i| format!("{folder}/{i:04}.png")));
+    let others = ["blended_images/0000.png", "0.png"].map(str::to_owned);
+    for name in names.into_iter().flatten().chain(others) {
         let path = root.join(name);
         fs::create_dir_all(path.parent().expect("a folder")).expect("a folder");
         write_png_srgb(&path, 40, 30, &[[0.5; 3]; 1200]).expect("a photo");
-    };
-    for folder in ["images", "image", "inputs/images", "color"] {
-        for i in 0..9 {
-            write(&format!("{folder}/{i:04}.png"));
-        }
-    }
-    for name in ["blended_images/0000.png", "0.png"] {
-        write(name);
     }
 }

@@ -38,17 +38,9 @@ pub enum DataError {
         /// What is wrong with it.
         problem: String,
     },
-    /// A picture that cannot be used.
+    /// A picture or mesh that cannot be used.
     #[error("{}: {problem}", path.display())]
-    Image {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong with it.
-        problem: String,
-    },
-    /// A mesh that cannot be used.
-    #[error("{}: {problem}", path.display())]
-    Mesh {
+    Unusable {
         /// The file.
         path: PathBuf,
         /// What is wrong with it.
@@ -80,15 +72,33 @@ impl DataError {
         }
     }
 
-    pub(super) fn image(path: &Path, problem: impl Into<String>) -> Self {
-        Self::Image {
+    /// `field`: what of the file is wrong or missing.
+    pub(super) fn field(path: &Path, field: impl Into<String>, problem: impl Into<String>) -> Self {
+        Self::Field {
+            path: path.to_owned(),
+            frame: None,
+            field: field.into(),
+            problem: problem.into(),
+        }
+    }
+
+    /// The same, about a frame of the file where one is given.
+    pub(super) fn in_frame(mut self, index: impl Into<Option<usize>>) -> Self {
+        if let Self::Field { frame, .. } = &mut self {
+            *frame = index.into();
+        }
+        self
+    }
+
+    pub(super) fn unusable(path: &Path, problem: impl Into<String>) -> Self {
+        Self::Unusable {
             path: path.to_owned(),
             problem: problem.into(),
         }
     }
 
-    pub(super) fn mesh(path: &Path, problem: impl Into<String>) -> Self {
-        Self::Mesh {
+    pub(super) fn no_capture(path: &Path, problem: impl Into<String>) -> Self {
+        Self::NotADataset {
             path: path.to_owned(),
             problem: problem.into(),
         }

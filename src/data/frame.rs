@@ -21,8 +21,6 @@ pub struct Frame {
     pub mask: Option<PathBuf>,
     /// The depth map, where there is one.
     pub depth: Option<DepthFile>,
-    /// For relighting ground truth: which test view the camera is that of.
-    pub test_index: Option<usize>,
     /// The pose: rotation and position.
     pub world_from_camera: Affine3A,
     /// The lens.
@@ -57,7 +55,6 @@ impl Frame {
             photo,
             mask: None,
             depth: None,
-            test_index: None,
             time_secs: None,
             world_from_camera,
             intrinsics,
@@ -112,12 +109,7 @@ impl Frame {
     }
 
     pub(super) fn error(&self, field: &str, problem: impl Into<String>) -> DataError {
-        DataError::Field {
-            path: self.listed_in.clone(),
-            frame: Some(self.index),
-            field: field.to_owned(),
-            problem: problem.into(),
-        }
+        DataError::field(&self.listed_in, field, problem).in_frame(self.index)
     }
 }
 

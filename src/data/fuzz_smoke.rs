@@ -9,7 +9,7 @@ use tempfile::TempDir;
 
 use super::files::npy::tests::npy_of;
 use super::formats::test_formats::{
-    cameras, folder, write_blended_mvs, write_colmap_binary, write_colmap_text, write_idr,
+    cameras, capture, write_blended_mvs, write_colmap_binary, write_colmap_text, write_idr,
     write_llff, write_neilf, write_nero, write_photos, write_rgbd, write_trajectory,
 };
 use super::test_capture::TestCapture;
@@ -100,20 +100,12 @@ fn write_depths(folder: &Path) {
     std::fs::write(folder.join("0002.npy"), npy).unwrap();
 }
 
-/// A capture of nine photos in the folder `photos`, with what `write` adds.
-fn with(photos: &str, write: &dyn Fn(&Path)) -> TempDir {
-    let folder = folder();
-    write_photos(&folder.path().join(photos), 9);
-    write(folder.path());
-    folder
-}
-
 /// Captures of depth cameras.
 fn depth_camera_captures() -> Vec<TempDir> {
     let trajectory =
-        |photos: &str, file: &str| with(photos, &|root| write_trajectory(root, file, &cameras()));
+        |photos: &str, file: &str| capture(photos, |root| write_trajectory(root, file, &cameras()));
     vec![
-        with("color", &|root| {
+        capture("color", |root| {
             write_rgbd(root, &cameras());
             write_depths(&root.join("depth"));
         }),
@@ -126,11 +118,11 @@ fn depth_camera_captures() -> Vec<TempDir> {
 /// One capture of each other layout.
 fn captures() -> Vec<TempDir> {
     vec![
-        with("images", &|root| {
+        capture("images", |root| {
             write_llff(root, &cameras());
             std::fs::write(root.join("mesh.ply"), PLY).unwrap();
         }),
-        with("images", &|root| {
+        capture("images", |root| {
             write_colmap_binary(&root.join("sparse/0"), &cameras());
             std::fs::write(
                 root.join("mesh.obj"),
@@ -138,19 +130,19 @@ fn captures() -> Vec<TempDir> {
             )
             .unwrap();
         }),
-        with("images", &|root| {
+        capture("images", |root| {
             write_colmap_text(&root.join("sparse"), &cameras());
         }),
-        with("image", &|root| {
+        capture("image", |root| {
             write_idr(root, &cameras());
             write_photos(&root.join("mask"), 9);
             let mesh = ellipsoid(glam::Vec3::ZERO, glam::Vec3::ONE, 4);
             write_glb(&root.join("mesh.glb"), &mesh).unwrap();
         }),
-        with("blended_images", &|root| {
+        capture("blended_images", |root| {
             write_blended_mvs(root, &cameras());
         }),
-        with("unused", &|root| {
+        capture("unused", |root| {
             write_nero(root, &cameras()[..2]);
             for i in 0..2 {
                 let photo = root.join(format!("{i}.png"));
@@ -159,41 +151,33 @@ fn captures() -> Vec<TempDir> {
             let depth = image::ImageBuffer::from_pixel(40, 30, image::Luma([9000_u16]));
             depth.save(root.join("0-depth.png")).unwrap();
         }),
-        with("inputs/images", &|root| {
+        capture("inputs/images", |root| {
             write_neilf(root, &cameras());
         }),
-        with("images", &|root| {
+        capture("images", |root| {
             write_colmap_text(root, &cameras()[..1]);
-            let photo = [[0.25; 3]; 40 * 30];
-            write_exr(
-                &root.join("images/0000.exr"),
-                40,
-                30,
-                &photo,
-                ExrSample::Half,
-            )
-            .unwrap();
-            let list = std::fs::read_to_string(root.join("images.txt")).unwrap();
-            std::fs::write(root.join("images.txt"), list.replace(".png", ".exr")).unwrap();
+            let photo = root.join("images/0000.exr");
+            write_exr(&photo, 40, 30, &[[0.25; 3]; 40 * 30], ExrSample::Half).unwrap();
+            rename_photo(root, "0000.png", "0000.exr");
         }),
-        with("images", &|root| {
+        capture("images", |root| {
             write_colmap_text(root, &cameras()[..2]);
             let picture =
                 image::RgbImage::from_fn(40, 30, |x, y| image::Rgb([x as u8, y as u8, 9]));
             picture.save(root.join("images/0000.jpg")).unwrap();
-            let mut hdr = Vec::new();
-            let pixels = [image::Rgb([0.5_f32; 3]); 40 * 30];
-            image::codecs::hdr::HdrEncoder::new(&mut hdr)
-                .encode(&pixels, 40, 30)
-                .unwrap();
-            std::fs::write(root.join("images/0001.hdr"), hdr).unwrap();
-            let list = std::fs::read_to_string(root.join("images.txt")).unwrap();
-            let list = list
-                .replace("0000.png", "0000.jpg")
-                .replace("0001.png", "0001.hdr");
-            std::fs::write(root.join("images.txt"), list).unwrap();
+            let picture = image::Rgb32FImage::from_pixel(40, 30, image::Rgb([0.5; 3]));
+            picture.save(root.join("images/0001.hdr")).unwrap();
+            rename_photo(root, "0000.png", "0000.jpg");
+            rename_photo(root, "0001.png", "0001.hdr");
         }),
     ]
+}
+
+/// Lists another photo in a COLMAP model.
+fn rename_photo(root: &Path, from: &str, to: &str) {
+    let file = root.join("images.txt");
+    let list = std::fs::read_to_string(&file).unwrap();
+    std::fs::write(file, list.replace(from, to)).unwrap();
 }
 
 const PLY: &str = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
@@ -273,18 +257,11 @@ fn damaged_files_are_errors_or_captures_and_never_panics() {
         .map(TempDir::path)
         .chain([json.root()])
         .collect();
-    for root in &roots {
-        assert_eq!(fault(root), None, "whole: {}", root.display());
-        assert!(
-            first_photo(root).is_some(),
-            "first photo: {}",
-            root.display()
-        );
-        assert!(
-            Dataset::load(root, &LoadOptions::default()).is_ok(),
-            "whole: {}",
-            root.display()
-        );
+    for path in &roots {
+        let (root, options) = (path.display(), LoadOptions::default());
+        assert_eq!(fault(path), None, "whole: {root}");
+        assert!(first_photo(path).is_some(), "first photo: {root}");
+        assert!(Dataset::load(path, &options).is_ok(), "whole: {root}");
     }
     if let Ok(seeds) = std::env::var("NEIF_FUZZ_SEEDS") {
         for (i, root) in roots.iter().enumerate() {

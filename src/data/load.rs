@@ -1,5 +1,6 @@
 //! Reads a capture: has its photos listed, decodes them in parallel, reads the mesh.
 
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -40,14 +41,16 @@ impl Dataset {
         let mut problems = listing.problems;
         let wanted =
             |is_wanted: bool, frames: Vec<Frame>| if is_wanted { frames } else { Vec::new() };
+        let split = listing.split;
         let frames = [
-            wanted(options.splits.train, listing.train),
-            wanted(options.splits.val, listing.val),
-            wanted(options.splits.test, listing.test),
+            wanted(options.splits.train, split.train),
+            wanted(options.splits.val, split.val),
+            wanted(options.splits.test, split.test),
         ];
         let noted_exposure_ev = noted_exposures(&frames[0]);
         let depths = frames[0].iter().filter_map(DepthView::of).collect();
-        let decoded = decode_splits(path, &frames, reduction, options, &mut problems)?;
+        let ([train, val, test], environment_visible) =
+            decode_splits(path, &frames, reduction, options, &mut problems)?;
         let root = listing.root;
         problems.extend(links_out(&root, &frames));
         let (mesh, mesh_path) = load_mesh(&root, options, &mut problems)?;
@@ -61,16 +64,16 @@ impl Dataset {
                 depths,
                 up: Some(up.unwrap_or(up_from_cameras)),
                 up_is_given: up.is_some(),
-                split_rule: listing.split_rule,
+                split_rule: split.rule,
                 noted_exposure_ev,
             },
-            train: decoded.train,
-            val: decoded.val,
-            test: decoded.test,
+            train,
+            val,
+            test,
             mesh,
             first_box: None,
             mesh_path,
-            surroundings_visible: decoded.surroundings_visible,
+            environment_visible,
             problems,
         })
     }
@@ -86,35 +89,26 @@ pub fn first_photo(path: &Path) -> Option<Photo> {
     tried.find_map(|frame| upright_photo(frame).ok())
 }
 
-/// The views by split.
-struct Decoded {
-    train: Vec<View>,
-    val: Vec<View>,
-    test: Vec<View>,
-    surroundings_visible: bool,
-}
-
-/// Decodes all splits in one parallel pass.
+/// The views by split, decoded in one parallel pass, and whether they show the environment.
 fn decode_splits(
     path: &Path,
-    [train, val, test]: &[Vec<Frame>; 3],
+    frames: &[Vec<Frame>; 3],
     reduction: Reduction,
     options: &LoadOptions<'_>,
     problems: &mut Vec<Problem>,
-) -> Result<Decoded, DataError> {
-    let (n_train, n_val) = (train.len(), val.len());
-    let all: Vec<Frame> = [train, val, test].into_iter().flatten().cloned().collect();
+) -> Result<([Vec<View>; 3], bool), DataError> {
+    let all = frames.concat();
     let n_done = AtomicUsize::new(0);
     let loaded = load_views(&all, reduction, &|| {
         let done = n_done.fetch_add(1, Ordering::Relaxed) + 1;
         (options.on_progress)(done, all.len());
     });
-    let surroundings_visible = !loaded.findings.are_cut_out();
+    let environment_visible = !loaded.findings.are_cut_out();
     problems.extend(loaded.findings.into_problems());
-    let mut views = loaded.views;
-    let test = of_split(Split::Test, views.split_off(n_train + n_val));
-    let val = of_split(Split::Val, views.split_off(n_train));
-    let train = of_split(Split::Train, views);
+    let mut views = loaded.views.into_iter();
+    let mut next = |split, i: usize| of_split(split, views.by_ref().take(frames[i].len()));
+    let (train, val) = (next(Split::Train, 0), next(Split::Val, 1));
+    let test = next(Split::Test, 2);
     let nothing_to_learn_from = options.splits.train && train.is_empty();
     if nothing_to_learn_from || (train.is_empty() && val.is_empty() && test.is_empty()) {
         return Err(DataError::NoViews {
@@ -122,12 +116,7 @@ fn decode_splits(
             problems: std::mem::take(problems),
         });
     }
-    Ok(Decoded {
-        train,
-        val,
-        test,
-        surroundings_visible,
-    })
+    Ok(([train, val, test], environment_visible))
 }
 
 fn load_mesh(
@@ -187,16 +176,15 @@ fn links_out(root: &Path, frames: &[Vec<Frame>; 3]) -> Option<Problem> {
 
 fn folder_name(root: &Path) -> String {
     let absolute = root.canonicalize().unwrap_or_else(|_| root.to_owned());
-    absolute.file_name().map_or_else(
-        || "capture".to_owned(),
-        |name| name.to_string_lossy().into_owned(),
-    )
+    let name = absolute.file_name().unwrap_or(OsStr::new("capture"));
+    name.to_string_lossy().into_owned()
 }
 
 #[cfg(test)]
 mod tests {
     use serde_json::json;
 
+    use super::super::test_asserts::{assert_contains, assert_error};
     use super::super::test_capture::{SIDE, TestCapture};
     use super::super::{Splits, write_png_srgb};
     use super::*;
@@ -221,21 +209,13 @@ mod tests {
             ..LoadOptions::default()
         };
         let dataset = Dataset::load(capture.root(), &options).unwrap();
-        assert_eq!(
-            (dataset.train.len(), dataset.val.len(), dataset.test.len()),
-            (12, 0, 4),
-            "splits"
-        );
+        let (train, val, test) = (&dataset.train, &dataset.val, &dataset.test);
+        assert_eq!((train.len(), val.len(), test.len()), (12, 0, 4), "splits");
         assert_eq!(n_calls.into_inner(), 16, "progress");
-        assert!(
-            dataset.mesh.is_some() && dataset.surroundings_visible,
-            "mesh, environment"
-        );
+        assert!(dataset.mesh.is_some(), "mesh");
+        assert!(dataset.environment_visible, "environment");
         assert!(dataset.problems.is_empty(), "{:?}", dataset.problems);
-        assert!(
-            dataset.train.iter().all(|view| view.mask.is_some()),
-            "masks"
-        );
+        assert!(train.iter().all(|view| view.mask.is_some()), "masks");
     }
 
     #[test]
@@ -254,40 +234,32 @@ mod tests {
         let dataset = load(&TestCapture::new(20)).unwrap();
         assert_eq!(names(&dataset.val), ["r_9", "r_19"], "validation");
         assert_eq!(dataset.train.len(), 18, "training");
-        let rule = &dataset.origin.split_rule;
-        assert!(rule.contains("transforms_val.json"), "{rule}");
+        assert_contains(&dataset.origin.split_rule, "transforms_val.json");
+    }
+
+    /// Without splits of its own.
+    fn in_a_single_file(n: usize) -> TestCapture {
+        let capture = TestCapture::new(n);
+        let from = capture.path("transforms_train.json");
+        std::fs::rename(from, capture.path("transforms.json")).unwrap();
+        capture
     }
 
     #[test]
     fn a_single_file_is_split_by_position_whatever_is_loaded() {
-        let capture = TestCapture::new(20);
-        std::fs::rename(
-            capture.path("transforms_train.json"),
-            capture.path("transforms.json"),
-        )
-        .unwrap();
+        let capture = in_a_single_file(20);
         std::fs::remove_file(capture.path("transforms_test.json")).unwrap();
         let dataset = load(&capture).unwrap();
         assert_eq!(names(&dataset.test), ["r_0", "r_8", "r_16"], "test");
         assert_eq!(names(&dataset.val), ["r_4", "r_12"], "validation");
-        let by_file =
-            Dataset::load(&capture.path("transforms.json"), &LoadOptions::default()).unwrap();
-        assert_eq!(
-            names(&by_file.train),
-            names(&dataset.train),
-            "by file as by folder"
-        );
+        let file = capture.path("transforms.json");
+        let by_file = Dataset::load(&file, &LoadOptions::default()).unwrap();
+        assert_eq!(names(&by_file.train), names(&dataset.train), "by file");
     }
 
     #[test]
     fn a_single_photo_trains() {
-        let capture = TestCapture::new(1);
-        std::fs::rename(
-            capture.path("transforms_train.json"),
-            capture.path("transforms.json"),
-        )
-        .unwrap();
-        let dataset = load(&capture).unwrap();
+        let dataset = load(&in_a_single_file(1)).unwrap();
         assert_eq!((dataset.train.len(), dataset.test.len()), (1, 0), "splits");
     }
 
@@ -303,18 +275,15 @@ mod tests {
         assert_eq!(dataset.train.len(), 7, "what is left");
         let text: Vec<String> = dataset.problems.iter().map(ToString::to_string).collect();
         assert_eq!(text.len(), 3, "{text:?}");
-        assert!(
-            text[0].starts_with("error") && text[0].contains("r_8.png"),
-            "{text:?}"
-        );
-        assert!(
-            text[1].contains("4 of 12") && text[1].contains("and 1 more"),
-            "{text:?}"
-        );
-        assert!(
-            text[2].contains("mask files are missing (1 views: r_9)"),
-            "{text:?}"
-        );
+        assert!(text[0].starts_with("error"), "{text:?}");
+        for (i, part) in [
+            (0, "r_8.png"),
+            (1, "4 of 12"),
+            (1, "and 1 more"),
+            (2, "mask files are missing (1 views: r_9)"),
+        ] {
+            assert_contains(&text[i], part);
+        }
     }
 
     #[test]
@@ -325,16 +294,8 @@ mod tests {
         write_png_srgb(&capture.path("train_mask/r_2.png"), SIDE, 8, &strip).unwrap();
         let dataset = load(&capture).unwrap();
         assert_eq!(names(&dataset.train), ["r_0", "r_3"], "what is left");
-        assert!(
-            dataset.problems[0]
-                .what
-                .contains("32 x 8, but w x h is 32 x 32"),
-            "photo"
-        );
-        assert!(
-            dataset.problems[1].what.contains("the mask is 32 x 8"),
-            "mask"
-        );
+        assert_contains(&dataset.problems[0].what, "32 x 8, but w x h is 32 x 32");
+        assert_contains(&dataset.problems[1].what, "the mask is 32 x 8");
     }
 
     #[test]
@@ -343,17 +304,10 @@ mod tests {
         for i in 0..2 {
             std::fs::write(capture.path(&format!("train/r_{i}.png")), b"").unwrap();
         }
-        let message = load(&capture).unwrap_err().to_string();
-        assert!(
-            message.contains("no usable view") && message.contains("r_1.png"),
-            "{message}"
-        );
+        assert_error(load(&capture), &["no usable view", "r_1.png"]);
         let empty = tempfile::tempdir().unwrap();
-        let message = Dataset::load(empty.path(), &LoadOptions::default()).unwrap_err();
-        assert!(
-            matches!(message, DataError::NotADataset { .. }),
-            "{message}"
-        );
+        let error = Dataset::load(empty.path(), &LoadOptions::default()).unwrap_err();
+        assert!(matches!(error, DataError::NotADataset { .. }), "{error}");
         let nowhere = Dataset::load(&empty.path().join("x"), &LoadOptions::default());
         assert!(matches!(nowhere, Err(DataError::Io { .. })), "{nowhere:?}");
     }
@@ -370,7 +324,10 @@ mod tests {
             ..LoadOptions::default()
         };
         let named = Dataset::load(capture.root(), &options);
-        assert!(matches!(named, Err(DataError::Mesh { .. })), "{named:?}");
+        assert!(
+            matches!(named, Err(DataError::Unusable { .. })),
+            "{named:?}"
+        );
     }
 
     #[cfg(unix)]
@@ -389,10 +346,8 @@ mod tests {
         assert_eq!(names(&dataset.train), ["r_0", "r_1", "r_2"], "all are used");
         let note = dataset.problems.iter().find(|p| p.what.contains("outside"));
         let note = &note.unwrap().what;
-        assert!(
-            note.starts_with("1 photos") && note.contains("r_1"),
-            "{note}"
-        );
+        assert!(note.starts_with("1 photos"), "{note}");
+        assert_contains(note, "r_1");
     }
 
     #[test]
@@ -400,16 +355,10 @@ mod tests {
         let capture = TestCapture::new(3);
         for (split, n) in [("train", 3), ("test", 4)] {
             for i in 0..n {
-                let photo = image::RgbaImage::from_fn(SIDE, SIDE, |x, y| {
-                    if x > y {
-                        image::Rgba([9, 99, 199, 255])
-                    } else {
-                        image::Rgba([0; 4])
-                    }
-                });
-                photo
-                    .save(capture.path(&format!("{split}/r_{i}.png")))
-                    .unwrap();
+                let color = |is_object| if is_object { [9, 99, 199, 255] } else { [0; 4] };
+                let photo = image::RgbaImage::from_fn(SIDE, SIDE, |x, y| image::Rgba(color(x > y)));
+                let path = capture.path(&format!("{split}/r_{i}.png"));
+                photo.save(path).unwrap();
             }
             capture.edit_json(&format!("transforms_{split}.json"), |json| {
                 for frame in json["frames"].as_array_mut().unwrap() {
@@ -418,12 +367,10 @@ mod tests {
             });
         }
         let dataset = load(&capture).unwrap();
-        assert!(!dataset.surroundings_visible, "environment");
+        assert!(!dataset.environment_visible, "environment");
         let mask = dataset.train[0].mask.as_ref().unwrap();
-        assert!(
-            mask.is_object(1) && !mask.is_object(SIDE as usize),
-            "alpha is the mask"
-        );
+        let object = [1, SIDE as usize].map(|i| mask.is_object(i));
+        assert_eq!(object, [true, false], "alpha is the mask");
         assert_eq!(dataset.problems[0].severity, Severity::Note, "it is said");
     }
 }

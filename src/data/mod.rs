@@ -1,6 +1,6 @@
 //! Captures: posed photos with masks and a mesh, read from disk into plain values.
 //!
-//! One file a format, reading and writing together. [`Dataset::load`] is the way in: it reads
+//! One file a format. [`Dataset::load`] is the way in: it reads
 //! what it can, reports what it could not as [`Problem`]s, and fails only when nothing is left.
 
 mod check;
@@ -18,6 +18,8 @@ mod photos;
 mod points;
 mod problem;
 mod relight;
+#[cfg(test)]
+mod test_asserts;
 #[cfg(test)]
 mod test_capture;
 mod world_up;
@@ -42,7 +44,8 @@ pub use self::formats::colmap::{
     ColmapCamera, ColmapImage, ColmapPoint, Keep, Model as ColmapModel, Observation,
     read_colmap_model,
 };
-pub use self::formats::listing::{Listing, list_capture, list_capture_as};
+pub use self::formats::listing::{Listing, list_capture};
+pub use self::formats::splits::SplitFrames;
 pub use self::formats::transforms_json::read_frames;
 pub use self::intrinsics::Intrinsics;
 pub use self::photos::depth::{DepthFile, DepthMap};
@@ -89,7 +92,7 @@ pub struct Dataset {
     /// Where the mesh was read from.
     pub mesh_path: Option<PathBuf>,
     /// Whether the photos show the environment; false for cut-out objects (transparent PNG).
-    pub surroundings_visible: bool,
+    pub environment_visible: bool,
     /// What was wrong or assumed, worst first.
     pub problems: Vec<Problem>,
 }
@@ -108,7 +111,7 @@ impl Dataset {
             mesh: None,
             first_box: None,
             mesh_path: None,
-            surroundings_visible: true,
+            environment_visible: true,
             problems: Vec::new(),
         }
     }
@@ -144,8 +147,9 @@ pub struct Origin {
     pub split_rule: String,
 }
 
-/// Which part of a capture a view belongs to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+/// Which part of a capture a view belongs to; named as in the files' names.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, strum::Display)]
+#[strum(serialize_all = "lowercase")]
 pub enum Split {
     /// Learned from.
     Train,
@@ -153,17 +157,6 @@ pub enum Split {
     Val,
     /// For the final measure.
     Test,
-}
-
-impl Split {
-    /// As in the files' names.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Train => "train",
-            Self::Val => "val",
-            Self::Test => "test",
-        }
-    }
 }
 
 /// One posed photo.
@@ -184,7 +177,7 @@ pub struct View {
 impl View {
     /// Its name with that of its split, which no other view has, for people.
     pub fn full_name(&self) -> String {
-        format!("{} / {}", self.split.name(), self.name)
+        format!("{} / {}", self.split, self.name)
     }
 }
 

@@ -6,8 +6,9 @@ use std::path::PathBuf;
 use serde::Serialize;
 
 /// How bad a [`Problem`] is; ordered from worst to mildest.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, strum::Display)]
 #[serde(rename_all = "lowercase")]
+#[strum(serialize_all = "lowercase")]
 pub enum Severity {
     /// Something is lost or the result will be wrong.
     Error,
@@ -48,16 +49,6 @@ impl Problem {
     }
 }
 
-impl fmt::Display for Severity {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Error => "error",
-            Self::Warning => "warning",
-            Self::Note => "note",
-        })
-    }
-}
-
 impl fmt::Display for Problem {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: ", self.severity)?;
@@ -75,10 +66,10 @@ impl fmt::Display for Problem {
 /// The first few of `names`, for a sentence.
 pub(super) fn first_names(names: &[String]) -> String {
     const N_SHOWN: usize = 3;
-    let shown = names[..names.len().min(N_SHOWN)].join(", ");
-    if names.len() > N_SHOWN {
-        format!("{shown} and {} more", names.len() - N_SHOWN)
-    } else {
-        shown
+    match names.split_at_checked(N_SHOWN) {
+        Some((shown, rest)) if !rest.is_empty() => {
+            format!("{} and {} more", shown.join(", "), rest.len())
+        }
+        _ => names.join(", "),
     }
 }

@@ -7,7 +7,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 use serde::Deserialize;
 
-use super::files::capture_path::read_text;
+use super::files::capture_path::{list_folder, read_json};
 use super::photos::photo_budget::Reduction;
 use super::photos::views::{load_views, of_split};
 use super::{CaptureChoices, DataError, Dataset, Problem, Split, View, read_frames};
@@ -74,25 +74,14 @@ impl Dataset {
         if !folder.is_dir() {
             return Ok(Vec::new());
         }
-        let mut edits = Vec::new();
-        for entry in folder.read_dir().map_err(|e| DataError::io(&folder, e))? {
-            let path = entry.map_err(|e| DataError::io(&folder, e))?.path();
-            if path.join("edit.json").is_file() {
-                edits.push(path);
-            }
-        }
-        edits.sort();
+        let edits = list_folder(&folder, |path| path.join("edit.json").is_file())?;
         edits.iter().map(|path| read_case(path)).collect()
     }
 }
 
 fn read_case(folder: &Path) -> Result<RelightCase, DataError> {
     let json = folder.join("edit.json");
-    let text = read_text(&json, MAX_BYTES)?;
-    let edit: EditFile = serde_json::from_str(&text).map_err(|source| DataError::Json {
-        path: json.clone(),
-        source,
-    })?;
+    let edit: EditFile = read_json(&json, MAX_BYTES)?;
     check_apply(&json, &edit.apply)?;
     let frames = read_frames(&json)?;
     let max_megapixels = CaptureChoices::default().max_megapixels;
@@ -110,34 +99,27 @@ fn read_case(folder: &Path) -> Result<RelightCase, DataError> {
 }
 
 fn check_apply(json: &Path, apply: &RelightApply) -> Result<(), DataError> {
-    let fail = |field: &str, problem: String| DataError::Field {
-        path: json.to_owned(),
-        frame: None,
-        field: format!("apply.{field}"),
-        problem,
-    };
-    match apply.roughness {
-        Some(r) if !(0.0..=1.0).contains(&r) => {
-            return Err(fail("roughness", format!("{r} is not within 0..1")));
-        }
-        _ => (),
+    let fail =
+        |field: &str, problem: String| DataError::field(json, format!("apply.{field}"), problem);
+    if let Some(r) = apply.roughness.filter(|r| !(0.0..=1.0).contains(r)) {
+        return Err(fail("roughness", format!("{r} is not within 0..1")));
     }
-    match apply.specular_scale {
-        Some(s) if !(s >= 0.0 && s.is_finite()) => {
-            return Err(fail("specular_scale", format!("{s} is not a factor")));
-        }
-        _ => (),
+    if let Some(s) = apply
+        .specular_scale
+        .filter(|s| !(0.0..=f32::MAX).contains(s))
+    {
+        return Err(fail("specular_scale", format!("{s} is not a factor")));
     }
-    match apply.environment_transform {
-        Some(m) if !(m.rotate_deg_xyz.is_finite() && m.translate.is_finite()) => {
-            Err(fail("environment_transform", "not finite".to_owned()))
-        }
-        _ => Ok(()),
+    let transform = apply.environment_transform.unwrap_or_default();
+    if !(transform.rotate_deg_xyz.is_finite() && transform.translate.is_finite()) {
+        return Err(fail("environment_transform", "not finite".to_owned()));
     }
+    Ok(())
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::test_asserts::assert_error;
     use super::super::test_capture::TestCapture;
     use super::*;
 
@@ -168,41 +150,28 @@ mod tests {
         let [case] = &cases[..] else {
             panic!("one case, not {}", cases.len());
         };
-        assert_eq!(
-            (case.name.as_str(), case.description.as_str()),
-            ("an_edit", "in words"),
-            "text"
-        );
+        assert_eq!((&*case.name, &*case.description), ("an_edit", "in words"));
         let moved = case.apply.environment_transform.unwrap();
         assert_eq!(moved.rotate_deg_xyz, Vec3::new(0.0, 0.0, 90.0), "rotation");
         assert_eq!(moved.translate, Vec3::new(0.3, 0.0, 0.0), "translation");
         assert_eq!(case.apply.roughness, Some(0.4), "roughness");
-        assert!(
-            case.apply.unknown.contains_key("glow"),
-            "what is unknown is kept"
-        );
-        assert!(
-            case.views[0].mask.is_some() && case.problems.is_empty(),
-            "mask by ../.."
-        );
+        assert!(case.apply.unknown.contains_key("glow"), "unknown is kept");
+        assert!(case.views[0].mask.is_some(), "mask by ../..");
+        assert!(case.problems.is_empty(), "{:?}", case.problems);
     }
 
     #[test]
     fn values_out_of_range_are_errors_that_name_the_field() {
         let capture = TestCapture::new(3);
         write_edit(&capture, &serde_json::json!({"roughness": 1.5}));
-        let message = Dataset::relight_cases(capture.root())
-            .unwrap_err()
-            .to_string();
-        assert!(message.contains("apply.roughness"), "{message}");
+        let cases = Dataset::relight_cases(capture.root());
+        assert_error(cases, &["apply.roughness"]);
     }
 
     #[test]
     fn a_capture_without_edits_has_none() {
         let capture = TestCapture::new(3);
-        assert!(
-            Dataset::relight_cases(capture.root()).unwrap().is_empty(),
-            "none"
-        );
+        let cases = Dataset::relight_cases(capture.root()).unwrap();
+        assert!(cases.is_empty(), "{cases:?}");
     }
 }

@@ -143,43 +143,32 @@ fn round(v: f32) -> f32 {
 
 /// The best of the 24 axis-aligned rotations about the world's origin.
 fn best_rotation(tracer: &SurfaceTracer, rasters: &[Raster<'_>]) -> Option<Guess> {
-    let guesses: Vec<MeshPlacement> = axis_rotations()
-        .into_iter()
-        .map(|rotate_deg_xyz| MeshPlacement {
-            rotate_deg_xyz,
-            ..MeshPlacement::default()
-        })
-        .collect();
-    best(tracer, rasters, &guesses)
+    best(tracer, rasters, &axis_rotations())
 }
 
-/// The 24 rotations that carry axes to axes, as degrees about x, y, z; simplest first.
-fn axis_rotations() -> Vec<Vec3> {
+/// The 24 rotations that carry axes to axes; simplest first.
+fn axis_rotations() -> Vec<MeshPlacement> {
     let turns = [0.0, 90.0, -90.0, 180.0];
     let mut candidates: Vec<Vec3> = Vec::new();
     for x in turns {
         for y in turns {
-            for z in turns {
-                candidates.push(Vec3::new(x, y, z));
-            }
+            candidates.extend(turns.map(|z| Vec3::new(x, y, z)));
         }
     }
     candidates.sort_by_key(|c| c.to_array().iter().filter(|turn| **turn != 0.0).count());
-    let mut kept: Vec<(Vec3, Affine3A)> = Vec::new();
+    let mut kept: Vec<MeshPlacement> = Vec::new();
     for rotate_deg_xyz in candidates {
         let placement = MeshPlacement {
             rotate_deg_xyz,
             ..MeshPlacement::default()
         };
         let rotation = placement.world_from_mesh();
-        if !kept
-            .iter()
-            .any(|(_, other)| other.abs_diff_eq(rotation, 1e-3))
-        {
-            kept.push((rotate_deg_xyz, rotation));
+        let is_new = |other: &MeshPlacement| !other.world_from_mesh().abs_diff_eq(rotation, 1e-3);
+        if kept.iter().all(is_new) {
+            kept.push(placement);
         }
     }
-    kept.into_iter().map(|(angles, _)| angles).collect()
+    kept
 }
 
 /// A shift and scale that put the mesh where the masks say the object is.
@@ -216,20 +205,16 @@ fn best(
     rasters: &[Raster<'_>],
     placements: &[MeshPlacement],
 ) -> Option<Guess> {
-    let guesses: Vec<Guess> = placements
-        .par_iter()
-        .map(|placement| {
-            let world_from_mesh = placement.world_from_mesh();
-            let ious: Vec<f32> = rasters
-                .iter()
-                .map(|raster| raster.iou(tracer, world_from_mesh))
-                .collect();
-            Guess {
-                placement: *placement,
-                iou: mean(&ious),
-            }
-        })
-        .collect();
+    let guess = |placement: &MeshPlacement| {
+        let world_from_mesh = placement.world_from_mesh();
+        let ious = rasters.iter();
+        let ious: Vec<f32> = ious.map(|r| r.iou(tracer, world_from_mesh)).collect();
+        Guess {
+            placement: *placement,
+            iou: mean(&ious),
+        }
+    };
+    let guesses: Vec<Guess> = placements.par_iter().map(guess).collect();
     // The first of equals wins: rotations are listed simplest first.
     guesses
         .into_iter()
@@ -247,14 +232,9 @@ struct Raster<'a> {
 /// At most `max_views` of the views, evenly picked, shrunk to `side` pixels.
 fn rasters<'a>(views: &[&'a View], max_views: usize, side: u32) -> Vec<Raster<'a>> {
     let step = views.len().div_ceil(max_views).max(1);
-    views
-        .iter()
-        .step_by(step)
-        .filter_map(|view| {
-            let mask = view.mask.as_ref()?;
-            Some(Raster::new(view, mask, side))
-        })
-        .collect()
+    let views = views.iter().step_by(step);
+    let rasters = views.filter_map(|view| Some(Raster::new(view, view.mask.as_ref()?, side)));
+    rasters.collect()
 }
 
 impl<'a> Raster<'a> {
@@ -290,21 +270,19 @@ impl<'a> Raster<'a> {
     /// Which pixels see the mesh placed by `world_from_mesh`.
     fn silhouette(&self, tracer: &SurfaceTracer, world_from_mesh: Affine3A) -> Vec<bool> {
         let mesh_from_world = world_from_mesh.inverse();
-        let (width, height) = (self.camera.width, self.camera.height);
-        let mut seen = Vec::with_capacity(self.object.len());
-        for y in 0..height {
-            for x in 0..width {
-                let ray = self.camera.ray(x as f32 + 0.5, y as f32 + 0.5);
-                let ray = Ray {
-                    origin: mesh_from_world.transform_point3(ray.origin),
-                    direction: mesh_from_world
-                        .transform_vector3(ray.direction)
-                        .normalize_or_zero(),
-                };
-                seen.push(tracer.occluded(&ray, 0.0, f32::INFINITY));
-            }
-        }
-        seen
+        let width = self.camera.width;
+        let is_seen = |i: u32| {
+            let ray = self
+                .camera
+                .ray((i % width) as f32 + 0.5, (i / width) as f32 + 0.5);
+            let direction = mesh_from_world.transform_vector3(ray.direction);
+            let ray = Ray {
+                origin: mesh_from_world.transform_point3(ray.origin),
+                direction: direction.normalize_or_zero(),
+            };
+            tracer.occluded(&ray, 0.0, f32::INFINITY)
+        };
+        (0..self.object.len() as u32).map(is_seen).collect()
     }
 
     fn iou(&self, tracer: &SurfaceTracer, world_from_mesh: Affine3A) -> f32 {
@@ -322,13 +300,9 @@ impl<'a> Raster<'a> {
 
     /// The ray towards the mask's centroid, as point and direction.
     fn axis_to_object(&self) -> (Vec3, Vec3) {
-        let (mut sum, mut n) = (Vec2::ZERO, 0.0_f32);
-        for (i, _) in self.object.iter().enumerate().filter(|(_, o)| **o) {
-            let i = i as u32;
-            sum += Vec2::new(
-                (i % self.camera.width) as f32,
-                (i / self.camera.width) as f32,
-            );
+        let (mut sum, mut n, width) = (Vec2::ZERO, 0.0_f32, self.camera.width);
+        for (i, _) in (0_u32..).zip(&self.object).filter(|(_, object)| **object) {
+            sum += Vec2::new((i % width) as f32, (i / width) as f32);
             n += 1.0;
         }
         let center = sum / n.max(1.0) + 0.5;
@@ -349,10 +323,8 @@ mod tests {
     fn there_are_24_axis_rotations_and_the_plain_one_is_first() {
         let rotations = axis_rotations();
         assert_eq!(rotations.len(), 24, "count");
-        assert_eq!(rotations[0], Vec3::ZERO, "first");
-        assert!(
-            rotations.contains(&Vec3::new(90.0, 0.0, 0.0)),
-            "y-up to z-up by name"
-        );
+        let mut angles = rotations.iter().map(|rotation| rotation.rotate_deg_xyz);
+        assert_eq!(angles.next(), Some(Vec3::ZERO), "first");
+        assert!(angles.any(|angles| angles == 90.0 * Vec3::X), "by name");
     }
 }

@@ -58,7 +58,7 @@ pub(super) struct Backdrop {
 impl Backdrop {
     /// Compares the backgrounds of the capture's training photos.
     pub(super) fn of(dataset: &Dataset, thumbs: &[Thumb]) -> Self {
-        if !dataset.surroundings_visible {
+        if !dataset.environment_visible {
             return Self::default();
         }
         let details: Vec<Detail> = thumbs.iter().map(Detail::new).collect();

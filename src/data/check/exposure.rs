@@ -5,8 +5,8 @@
 
 use glam::Vec3;
 
+use super::coverage::shows_object;
 use super::sharpness::median;
-use super::surroundings::shows_object;
 use super::thumb::Thumb;
 use crate::data::{Dataset, Problem, Severity};
 
@@ -153,7 +153,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn photos_that_jump_are_told_from_those_that_drift() {
+    fn photos_that_jump_differ_from_those_that_drift() {
         let pairs = |gain: &dyn Fn(usize) -> f32| -> Vec<Pair> {
             (0..20)
                 .flat_map(|i| [1, 2, 3].map(|step| (i, i + step)))

@@ -8,12 +8,12 @@ mod agreement;
 mod backdrop;
 #[cfg(test)]
 mod condition_tests;
+mod coverage;
 mod exposure;
 mod page;
 mod pixels;
 mod sharpness;
 mod statistics;
-mod surroundings;
 mod thumb;
 
 use std::path::PathBuf;
@@ -22,7 +22,7 @@ use glam::Vec3;
 use serde::Serialize;
 
 use self::backdrop::Backdrop;
-use super::{Dataset, Problem, Severity};
+use super::{Dataset, Problem};
 
 /// What [`check`] found.
 #[derive(Clone, Debug, Serialize)]
@@ -42,7 +42,8 @@ pub struct DatasetReport {
     /// Whether photos are linear and unclipped (EXR, HDR).
     pub hdr: bool,
     /// Whether photos show the environment.
-    pub surroundings_visible: bool,
+    #[serde(rename = "surroundings_visible")]
+    pub environment_visible: bool,
     /// The lenses.
     pub lens: LensSummary,
     /// Where the cameras are.
@@ -191,13 +192,6 @@ pub struct Conditions {
     pub blurred: Vec<String>,
 }
 
-impl DatasetReport {
-    /// Whether any finding is an error.
-    pub fn has_errors(&self) -> bool {
-        self.problems.iter().any(|p| p.severity == Severity::Error)
-    }
-}
-
 /// Measures and examines a capture. Runs on the current rayon pool; under a second for a hundred
 /// small views.
 pub fn check(dataset: &Dataset) -> DatasetReport {
@@ -230,7 +224,7 @@ pub fn check(dataset: &Dataset) -> DatasetReport {
         split_rule: dataset.origin.split_rule.clone(),
         resolutions: statistics::resolutions(dataset),
         hdr: dataset.views().any(|view| view.photo.is_linear_hdr()),
-        surroundings_visible: dataset.surroundings_visible,
+        environment_visible: dataset.environment_visible,
         lens: statistics::lens_summary(dataset),
         cameras,
         up: dataset.origin.up.map(|up| up.to_array()),
@@ -276,8 +270,8 @@ fn conditions(
     let backdrop = Backdrop::of(dataset, &thumbs);
     problems.extend(backdrop.problem());
     Conditions {
-        circle_covered_deg: surroundings::circle_covered_deg(dataset, center, up, problems),
-        directions_seen: surroundings::directions_seen(dataset, problems),
+        circle_covered_deg: coverage::circle_covered_deg(dataset, center, up, problems),
+        directions_seen: coverage::directions_seen(dataset, problems),
         same_background: backdrop.same_share,
         noted_exposure_range_ev: exposures.noted_range_ev,
         exposure_jitter_ev: exposures.seen_jitter_ev,
@@ -289,8 +283,9 @@ fn conditions(
 mod tests {
     use glam::{Affine3A, Vec3};
 
+    use super::super::test_asserts::assert_contains;
     use super::super::test_capture::{CENTER, SIDE, TestCapture, object};
-    use super::super::{LoadOptions, MeshPlacement, write_glb, write_png_srgb};
+    use super::super::{LoadOptions, MeshPlacement, Severity, write_glb, write_png_srgb};
     use super::*;
 
     fn report(capture: &TestCapture) -> DatasetReport {
@@ -310,21 +305,14 @@ mod tests {
     fn a_good_capture_is_described_and_clean() {
         let report = report(&TestCapture::new(12));
         assert!(report.problems.is_empty(), "{:?}", report.problems);
-        assert!(
-            report.agreement.as_ref().unwrap().worst_iou > 0.97,
-            "{:?}",
-            report.agreement
-        );
+        let agreement = report.agreement.as_ref().unwrap();
+        assert!(agreement.worst_iou > 0.97, "{agreement:?}");
         assert!(report.mesh.as_ref().unwrap().watertight, "mesh");
-        assert!(
-            Vec3::from(report.cameras.look_at).distance(CENTER) < 0.01,
-            "look-at point"
-        );
-        let [near, far] = report.cameras.distance;
-        assert!(
-            (near - 5.0).abs() < 0.02 && (far - 5.0).abs() < 0.02,
-            "distances"
-        );
+        let look_at = Vec3::from(report.cameras.look_at);
+        assert!(look_at.distance(CENTER) < 0.01, "{look_at}");
+        for distance in report.cameras.distance {
+            assert!((distance - 5.0).abs() < 0.02, "{distance}");
+        }
         let page = report.to_string();
         for part in [
             "12 train, 0 val, 4 test",
@@ -332,7 +320,7 @@ mod tests {
             "watertight",
             "no problems",
         ] {
-            assert!(page.contains(part), "{part} is missing in:\n{page}");
+            assert_contains(&page, part);
         }
         let json = serde_json::to_value(&report).unwrap();
         assert_eq!(json["views"]["train"], 12, "json");
@@ -343,11 +331,8 @@ mod tests {
         let y_up_from_world = Affine3A::from_rotation_x((-90.0_f32).to_radians());
         let (capture, report) = misplaced(y_up_from_world);
         let problem = &report.problems[0];
-        assert!(
-            problem.what.contains("a y-up file beside a z-up capture"),
-            "{problem}"
-        );
-        assert!(problem.advice.contains("--mesh-rotate 90,0,0"), "{problem}");
+        assert_contains(&problem.what, "a y-up file beside a z-up capture");
+        assert_contains(&problem.advice, "--mesh-rotate 90,0,0");
         let options = LoadOptions {
             mesh_placement: MeshPlacement {
                 rotate_deg_xyz: Vec3::new(90.0, 0.0, 0.0),
@@ -365,15 +350,9 @@ mod tests {
             Affine3A::from_translation(Vec3::X) * Affine3A::from_scale(Vec3::splat(2.0));
         let (_capture, report) = misplaced(file_from_world);
         let problem = &report.problems[0];
-        assert!(problem.what.contains("shifted or scaled"), "{problem}");
-        let scale: f32 = problem
-            .advice
-            .split_whitespace()
-            .skip_while(|word| *word != "--mesh-scale")
-            .nth(1)
-            .unwrap()
-            .parse()
-            .unwrap();
+        assert_contains(&problem.what, "shifted or scaled");
+        let (_, flags) = problem.advice.split_once("--mesh-scale ").unwrap();
+        let scale: f32 = flags.split(' ').next().unwrap().parse().unwrap();
         assert!((scale - 0.5).abs() < 0.03, "{problem}");
     }
 
@@ -397,12 +376,8 @@ mod tests {
     fn a_mesh_of_something_else_is_an_error() {
         let squashed = Affine3A::from_scale(Vec3::new(0.02, 3.0, 0.02));
         let (_capture, report) = misplaced(squashed);
-        assert!(report.has_errors(), "{:?}", report.problems);
-        assert!(
-            report.problems[0].what.contains("does not fit"),
-            "{:?}",
-            report.problems
-        );
+        assert_eq!(report.problems[0].severity, Severity::Error);
+        assert_contains(&report.problems[0].what, "does not fit");
     }
 
     #[test]
@@ -413,21 +388,14 @@ mod tests {
         write_png_srgb(&capture.path("train/r_4.png"), SIDE, SIDE, &flat).unwrap();
         std::fs::copy(capture.path("train/r_0.png"), capture.path("test/r_1.png")).unwrap();
         std::fs::copy(capture.path("train/r_5.png"), capture.path("train/r_6.png")).unwrap();
-        let text: Vec<String> = report(&capture)
-            .problems
-            .iter()
-            .map(ToString::to_string)
-            .collect();
+        let report = report(&capture).to_string();
         for part in [
             "all-black mask: train/r_3",
             "one colour all over: train/r_4",
             "another split has too: train/r_0 = test/r_1",
             "another pose: train/r_5 = train/r_6",
         ] {
-            assert!(
-                text.iter().any(|t| t.contains(part)),
-                "{part} is missing in {text:#?}"
-            );
+            assert_contains(&report, part);
         }
     }
 

@@ -14,7 +14,7 @@ const FEW_VIEWS: usize = 10;
 pub(super) fn find_problems(dataset: &Dataset) -> Vec<Problem> {
     let mut problems = Vec::new();
     find_mask_faults(dataset, &mut problems);
-    find_flat_photos(dataset, &mut problems);
+    problems.extend(flat_photos(dataset));
     find_copies(dataset, &mut problems);
     let n_train = dataset.train.len();
     if n_train > 0 && n_train < FEW_VIEWS {
@@ -26,12 +26,10 @@ pub(super) fn find_problems(dataset: &Dataset) -> Vec<Problem> {
 }
 
 fn find_mask_faults(dataset: &Dataset, problems: &mut Vec<Problem>) {
-    let n_views = dataset.views().count();
-    let views_whose_mask = |is_so: &dyn Fn(&Mask) -> bool| {
-        names(dataset, |view| view.mask.as_ref().is_some_and(is_so))
-    };
+    use Severity::{Error, Note, Warning};
+
     let without = names(dataset, |view| view.mask.is_none());
-    if without.len() == n_views {
+    if without.len() == dataset.views().count() {
         let advice = if dataset.mesh.is_some() {
             "the mesh's silhouette is used"
         } else if dataset.origin.points.is_some() {
@@ -40,144 +38,83 @@ fn find_mask_faults(dataset: &Dataset, problems: &mut Vec<Problem>) {
         } else {
             "without masks and mesh the object cannot be distinguished from the background"
         };
-        problems.push(Problem::new(Severity::Note, "no view has a mask", advice));
+        problems.push(Problem::new(Note, "no view has a mask", advice));
     } else {
-        add(problems, Severity::Warning, &without, "without a mask", "");
+        problems.extend(of_views(Warning, &without, "without a mask", ""));
         if dataset.mesh.is_none() {
             let what = "the views have masks, but there is no mesh of the object";
             let advice = "training makes one from the masks first; name your own with --mesh";
-            problems.push(Problem::new(Severity::Note, what, advice));
+            problems.push(Problem::new(Note, what, advice));
         }
     }
-    let black = views_whose_mask(&|mask| mask.mean() == 0.0);
+    let mut add = |severity, is_so: &dyn Fn(&Mask) -> bool, what: &str, advice: &str| {
+        let names = names(dataset, |view| view.mask.as_ref().is_some_and(is_so));
+        problems.extend(of_views(severity, &names, what, advice));
+    };
+    let is_black = |mask: &Mask| mask.mean() == 0.0;
     let advice = "no object is seen there; check the mask files";
-    add(
-        problems,
-        Severity::Error,
-        &black,
-        "with an all-black mask",
-        advice,
-    );
-    let tiny = views_whose_mask(&|mask| mask.mean() > 0.0 && mask.mean() < MIN_COVERAGE);
+    add(Error, &is_black, "with an all-black mask", advice);
+    let is_tiny = |mask: &Mask| mask.mean() > 0.0 && mask.mean() < MIN_COVERAGE;
     let advice = "the object covers a few pixels only";
-    add(
-        problems,
-        Severity::Warning,
-        &tiny,
-        "with a nearly empty mask",
-        advice,
-    );
-    let white = views_whose_mask(&|mask| mask.coverage.iter().all(|c| *c == 255));
+    add(Warning, &is_tiny, "with a nearly empty mask", advice);
+    let is_white = |mask: &Mask| mask.coverage.iter().all(|c| *c == 255);
     let advice = "no background is seen there; check the mask files";
-    add(
-        problems,
-        Severity::Warning,
-        &white,
-        "with an all-white mask",
-        advice,
-    );
+    add(Warning, &is_white, "with an all-white mask", advice);
 }
 
-fn find_flat_photos(dataset: &Dataset, problems: &mut Vec<Problem>) {
+fn flat_photos(dataset: &Dataset) -> Option<Problem> {
     let flat = names(dataset, |view| {
         let first = view.photo.srgb(0);
         (1..view.photo.n_pixels()).all(|i| view.photo.srgb(i) == first)
     });
     let advice = "they show nothing; check the files";
-    add(
-        problems,
-        Severity::Warning,
-        &flat,
-        "of one colour all over",
-        advice,
-    );
+    of_views(Severity::Warning, &flat, "of one colour all over", advice)
 }
 
 /// The same pixels, or the same pose, twice.
 fn find_copies(dataset: &Dataset, problems: &mut Vec<Problem>) {
-    let mut prints: Vec<(u64, Labelled<'_>)> = labelled(dataset)
-        .map(|view| (fingerprint(view.view), view))
+    let mut prints: Vec<(u64, &View)> = dataset
+        .views()
+        .map(|view| (fingerprint(view), view))
         .collect();
     // The stable sort keeps training before test.
     prints.sort_by_key(|(print, _)| *print);
     let (mut leaks, mut copies, mut moved) = (Vec::new(), Vec::new(), Vec::new());
-    for pair in prints.windows(2) {
-        let [(a, first), (b, second)] = pair else {
-            continue;
-        };
-        if a != b {
-            continue;
+    for same in prints.chunk_by(|a, b| a.0 == b.0) {
+        for pair in same.windows(2) {
+            let (first, second) = (pair[0].1, pair[1].1);
+            let lists = if first.split != second.split {
+                &mut leaks
+            } else if first.camera.world_from_camera == second.camera.world_from_camera {
+                &mut copies
+            } else {
+                &mut moved
+            };
+            lists.push(format!("{} = {}", label(first), label(second)));
         }
-        let label = format!("{} = {}", first.label(), second.label());
-        let same_pose = first.view.camera.world_from_camera == second.view.camera.world_from_camera;
-        let lists = if first.split != second.split {
-            &mut leaks
-        } else if same_pose {
-            &mut copies
-        } else {
-            &mut moved
-        };
-        lists.push(label);
     }
+    let what = "with a photo that another split has too";
     let advice = "the measure on these views means nothing";
-    add(
-        problems,
-        Severity::Warning,
-        &leaks,
-        "with a photo that another split has too",
-        advice,
-    );
-    add(problems, Severity::Warning, &copies, "listed twice", "");
+    problems.extend(of_views(Severity::Warning, &leaks, what, advice));
+    problems.extend(of_views(Severity::Warning, &copies, "listed twice", ""));
+    let what = "with another view's photo but another pose";
     let advice = "one of the poses must be wrong";
-    add(
-        problems,
-        Severity::Error,
-        &moved,
-        "with another view's photo but another pose",
-        advice,
-    );
+    problems.extend(of_views(Severity::Error, &moved, what, advice));
 }
 
-/// A view with its split's name.
-struct Labelled<'a> {
-    split: &'static str,
-    view: &'a View,
-}
-
-impl Labelled<'_> {
-    fn label(&self) -> String {
-        format!("{}/{}", self.split, self.view.name)
-    }
-}
-
-fn labelled(dataset: &Dataset) -> impl Iterator<Item = Labelled<'_>> {
-    let train = dataset.train.iter().map(|view| ("train", view));
-    let val = dataset.val.iter().map(|view| ("val", view));
-    let test = dataset.test.iter().map(|view| ("test", view));
-    train
-        .chain(val)
-        .chain(test)
-        .map(|(split, view)| Labelled { split, view })
+/// A view's name with its split's.
+fn label(view: &View) -> String {
+    format!("{}/{}", view.split, view.name)
 }
 
 fn names(dataset: &Dataset, is_so: impl Fn(&View) -> bool) -> Vec<String> {
-    labelled(dataset)
-        .filter(|labelled| is_so(labelled.view))
-        .map(|labelled| labelled.label())
-        .collect()
+    let views = dataset.views().filter(|view| is_so(view));
+    views.map(label).collect()
 }
 
-fn add(
-    problems: &mut Vec<Problem>,
-    severity: Severity,
-    names: &[String],
-    what: &str,
-    advice: &str,
-) {
-    if !names.is_empty() {
-        let what = format!("{} views {what}: {}", names.len(), first_names(names));
-        problems.push(Problem::new(severity, what, advice));
-    }
+fn of_views(severity: Severity, names: &[String], what: &str, advice: &str) -> Option<Problem> {
+    let what = format!("{} views {what}: {}", names.len(), first_names(names));
+    (!names.is_empty()).then(|| Problem::new(severity, what, advice))
 }
 
 /// A hash of the pixels; photos of one colour get their own, they are reported elsewhere.

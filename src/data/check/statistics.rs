@@ -203,6 +203,7 @@ pub(super) fn mesh_problems(mesh: &MeshSummary) -> Vec<Problem> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::data::test_asserts::assert_contains;
     use crate::geometry::meshes::test_mesh::ellipsoid;
 
     #[test]
@@ -216,10 +217,8 @@ mod tests {
             point_problem(&point_summary(&cloud).unwrap())
         };
         let text = finding(1.3).expect("off").to_string();
-        assert!(
-            text.contains("1.3 pixels") && text.contains("training corrects them"),
-            "{text}"
-        );
+        assert_contains(&text, "1.3 pixels");
+        assert_contains(&text, "training corrects them");
         assert!(finding(0.6).is_none());
     }
 

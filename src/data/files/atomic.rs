@@ -23,15 +23,20 @@ pub fn write_atomically(
 
 /// A file in the folder of `path` that is gone when dropped; its name ends in `suffix`.
 pub(super) fn temporary_beside(path: &Path, suffix: &str) -> io::Result<NamedTempFile> {
+    temporary(suffix, 0o666).tempfile_in(folder_of(path))
+}
+
+/// What makes temporary files or folders. They are private by default, but what is written should be as open as any other.
+#[cfg_attr(not(unix), expect(unused_variables, reason = "others have no modes"))]
+pub(super) fn temporary(suffix: &str, unix_mode: u32) -> tempfile::Builder<'static, '_> {
     let mut builder = tempfile::Builder::new();
     builder.prefix(".neif-").suffix(suffix);
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt as _;
-        // Temporary files are private by default; the result should be as open as any other.
-        builder.permissions(std::fs::Permissions::from_mode(0o666));
+        builder.permissions(std::fs::Permissions::from_mode(unix_mode));
     }
-    builder.tempfile_in(folder_of(path))
+    builder
 }
 
 /// Gives a temporary file, flushed to disk, its name.

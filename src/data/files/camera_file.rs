@@ -28,12 +28,8 @@ pub fn read_key_views(path: &Path) -> Result<Vec<KeyView>, DataError> {
     let frames = read_frames(path)?;
     let has_times = frames.iter().all(|frame| frame.time_secs.is_some());
     let key_view = |(i, frame): (usize, &Frame)| {
-        let (width, height) = frame.intrinsics.size.ok_or_else(|| DataError::Field {
-            path: path.to_owned(),
-            frame: Some(i),
-            field: "w".to_owned(),
-            problem: "w and h are missing".to_owned(),
-        })?;
+        let missing = || frame.error("w", "w and h are missing");
+        let (width, height) = frame.intrinsics.size.ok_or_else(missing)?;
         let (camera, _) = frame.camera(width, height)?;
         let time = frame.time_secs.filter(|_| has_times);
         Ok(KeyView {
@@ -45,9 +41,6 @@ pub fn read_key_views(path: &Path) -> Result<Vec<KeyView>, DataError> {
 }
 
 /// Writes key views so that [`read_key_views`] and [`read_frames`] read them; whole or not at all.
-///
-/// # Errors
-/// When the file cannot be written.
 pub fn write_key_views(path: &Path, keys: &[KeyView]) -> Result<(), DataError> {
     let frame = |(number, key): (usize, &KeyView)| {
         let mut frame = frame(&format!("key_{number:03}.png"), &key.camera);
@@ -59,9 +52,6 @@ pub fn write_key_views(path: &Path, keys: &[KeyView]) -> Result<(), DataError> {
 
 /// Writes the cameras of photos, with their names, so that [`read_key_views`] and [`read_frames`] read them; whole or not at
 /// all.
-///
-/// # Errors
-/// When the file cannot be written.
 pub fn write_cameras(path: &Path, photos: &[(String, Camera)]) -> Result<(), DataError> {
     let frame = |(name, camera): &(String, Camera)| frame(name, camera);
     write_frames(path, photos.iter().map(frame))

@@ -36,7 +36,7 @@ pub(in crate::data) struct Kind {
 /// Reads an `.npy` file; errors name it and the field of its header.
 pub(in crate::data) fn read_npy(path: &Path) -> Result<Array, DataError> {
     let bytes = read_bytes(path, MAX_BYTES)?;
-    parse(&bytes).map_err(|(field, problem)| fault(path, field, problem))
+    parse(&bytes).map_err(|(field, problem)| DataError::field(path, field, problem))
 }
 
 /// Reads the arrays of an `.npz` archive whose names `is_wanted`, by name without `.npy`.
@@ -44,7 +44,7 @@ pub(in crate::data) fn read_npz(
     path: &Path,
     is_wanted: impl Fn(&str) -> bool,
 ) -> Result<BTreeMap<String, Array>, DataError> {
-    let broken = |e: &dyn std::fmt::Display| fault(path, "archive", e.to_string());
+    let broken = |e: &dyn std::fmt::Display| DataError::field(path, "archive", e.to_string());
     let file = File::open(path).map_err(|e| DataError::io(path, e))?;
     let mut archive = ZipArchive::new(BufReader::new(file)).map_err(|e| broken(&e))?;
     if archive.len() > MAX_ARRAYS {
@@ -64,24 +64,16 @@ pub(in crate::data) fn read_npz(
         entry
             .take(n_left + 1)
             .read_to_end(&mut bytes)
-            .map_err(|e| fault(path, &name, e.to_string()))?;
+            .map_err(|e| DataError::field(path, &name, e.to_string()))?;
         n_left = n_left
             .checked_sub(bytes.len() as u64)
             .ok_or_else(|| broken(&format!("unpacks to more than {} MiB", MAX_BYTES >> 20)))?;
-        let array = parse(&bytes)
-            .map_err(|(field, problem)| fault(path, &format!("{name}, {field}"), problem))?;
+        let array = parse(&bytes).map_err(|(field, problem)| {
+            DataError::field(path, &format!("{name}, {field}"), problem)
+        })?;
         arrays.insert(name, array);
     }
     Ok(arrays)
-}
-
-fn fault(path: &Path, field: &str, problem: String) -> DataError {
-    DataError::Field {
-        path: path.to_owned(),
-        frame: None,
-        field: field.to_owned(),
-        problem,
-    }
 }
 
 /// The array in an `.npy` file's bytes, or the faulty field and what is wrong with it.
@@ -128,21 +120,14 @@ fn parse_kind(text: &str) -> Result<Kind, (&'static str, String)> {
 
 /// `(3, 4)` and the like.
 fn parse_shape(text: &str) -> Result<Vec<usize>, (&'static str, String)> {
-    let inner = text
-        .strip_prefix('(')
-        .and_then(|rest| rest.split_once(')'))
-        .map(|(inner, _)| inner)
-        .ok_or_else(|| ("shape", "not a list".to_owned()))?;
-    inner
-        .split(',')
-        .map(str::trim)
-        .filter(|side| !side.is_empty())
-        .map(|side| {
-            side.trim_end_matches('L')
-                .parse()
-                .map_err(|_unparsed| ("shape", format!("\"{side}\" is not a length")))
-        })
-        .collect()
+    let list = text.strip_prefix('(').and_then(|rest| rest.split_once(')'));
+    let (sides, _) = list.ok_or_else(|| ("shape", "not a list".to_owned()))?;
+    let sides = sides.split(',').map(str::trim);
+    let length = |side: &str| {
+        let length = side.trim_end_matches('L').parse();
+        length.map_err(|_unparsed| ("shape", format!("\"{side}\" is not a length")))
+    };
+    sides.filter(|side| !side.is_empty()).map(length).collect()
 }
 
 impl Kind {
@@ -156,24 +141,18 @@ impl Kind {
         let [letter, size @ ..] = rest else {
             return Err(fail());
         };
-        let n_bytes = match size {
-            b"1" => 1,
-            b"2" => 2,
-            b"4" => 4,
-            b"8" => 8,
+        let n_bytes = match (letter, size) {
+            (b'i' | b'u', b"1") => 1,
+            (b'i' | b'u', b"2") => 2,
+            (b'f' | b'i' | b'u', b"4") => 4,
+            (b'f' | b'i' | b'u', b"8") => 8,
             _ => return Err(fail()),
         };
-        let is_known = match letter {
-            b'f' => n_bytes >= 4,
-            b'i' | b'u' => true,
-            _ => false,
-        };
-        let kind = Self {
+        Ok(Self {
             letter: *letter,
             n_bytes,
             big_endian: order == b'>',
-        };
-        is_known.then_some(kind).ok_or_else(fail)
+        })
     }
 
     /// The same with another order of bytes: `>` or any other.
@@ -210,13 +189,9 @@ impl Kind {
 
     fn value(self, bytes: &[u8]) -> f64 {
         let mut little = [0; 8];
-        for (i, byte) in little[..self.n_bytes].iter_mut().enumerate() {
-            let from = if self.big_endian {
-                self.n_bytes - 1 - i
-            } else {
-                i
-            };
-            *byte = bytes[from];
+        little[..self.n_bytes].copy_from_slice(bytes);
+        if self.big_endian {
+            little[..self.n_bytes].reverse();
         }
         let raw = u64::from_le_bytes(little);
         let n_unused = 64 - 8 * self.n_bytes as u32;
@@ -256,6 +231,7 @@ pub(in crate::data) mod tests {
     use zip::write::SimpleFileOptions;
 
     use super::*;
+    use crate::data::test_asserts::assert_error;
 
     /// A `.npy` file of `f64`.
     pub(in crate::data) fn npy_of(shape: &[usize], values: &[f64]) -> Vec<u8> {
@@ -293,22 +269,10 @@ pub(in crate::data) mod tests {
             format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': (2,), }}")
         };
         for (descr, bytes) in [
-            (
-                "<f8",
-                [3.0_f64.to_le_bytes(), (-2.0_f64).to_le_bytes()].concat(),
-            ),
-            (
-                ">f4",
-                [3.0_f32.to_be_bytes(), (-2.0_f32).to_be_bytes()].concat(),
-            ),
-            (
-                "<i8",
-                [3_i64.to_le_bytes(), (-2_i64).to_le_bytes()].concat(),
-            ),
-            (
-                ">i2",
-                [3_i16.to_be_bytes(), (-2_i16).to_be_bytes()].concat(),
-            ),
+            ("<f8", [3.0_f64, -2.0].map(f64::to_le_bytes).concat()),
+            (">f4", [3.0_f32, -2.0].map(f32::to_be_bytes).concat()),
+            ("<i8", [3_i64, -2].map(i64::to_le_bytes).concat()),
+            (">i2", [3_i16, -2].map(i16::to_be_bytes).concat()),
             ("|i1", vec![3, 254]),
         ] {
             let array = parse(&npy_with_header(&header(descr), &bytes)).unwrap();
@@ -330,30 +294,16 @@ pub(in crate::data) mod tests {
     #[test]
     fn faults_name_the_field() {
         let bytes = |header: &str| npy_with_header(header, &[0; 16]);
-        for (header, field) in [
-            ("{'fortran_order': False, 'shape': (2,)}", "descr"),
-            (
-                "{'descr': '|O', 'fortran_order': False, 'shape': (2,)}",
-                "descr",
-            ),
-            (
-                "{'descr': [('a', '<f8')], 'fortran_order': False, 'shape': (2,)}",
-                "descr",
-            ),
-            (
-                "{'descr': '<f8', 'fortran_order': False, 'shape': (3,)}",
-                "shape",
-            ),
-            (
-                "{'descr': '<f8', 'fortran_order': False, 'shape': (-1,)}",
-                "shape",
-            ),
-            (
-                "{'descr': '<f8', 'fortran_order': False, 'shape': (9999999999, 9999999999, 9)}",
-                "shape",
-            ),
+        for (descr, shape, field) in [
+            ("", "(2,)", "descr"),
+            ("'descr': '|O', ", "(2,)", "descr"),
+            ("'descr': [('a', '<f8')], ", "(2,)", "descr"),
+            ("'descr': '<f8', ", "(3,)", "shape"),
+            ("'descr': '<f8', ", "(-1,)", "shape"),
+            ("'descr': '<f8', ", "(9999999999, 9999999999, 9)", "shape"),
         ] {
-            let (found, problem) = parse(&bytes(header)).unwrap_err();
+            let header = format!("{{{descr}'fortran_order': False, 'shape': {shape}}}");
+            let (found, problem) = parse(&bytes(&header)).unwrap_err();
             assert_eq!(found, field, "{header}: {problem}");
         }
     }
@@ -369,15 +319,10 @@ pub(in crate::data) mod tests {
         let whole = npz_of(&[("a".to_owned(), whole.clone()), ("b".to_owned(), whole)]);
         std::fs::write(&path, &whole).unwrap();
         let arrays = read_npz(&path, |name| name == "b").unwrap();
-        assert_eq!(
-            arrays.keys().collect::<Vec<_>>(),
-            ["b"],
-            "only what is wanted"
-        );
+        assert!(arrays.keys().eq(["b"]), "only what is wanted");
         for n in 0..whole.len() {
             std::fs::write(&path, &whole[..n]).unwrap();
-            let message = read_npz(&path, |_| true).unwrap_err().to_string();
-            assert!(message.contains("a.npz"), "{message}");
+            assert_error(read_npz(&path, |_| true), &["a.npz"]);
         }
     }
 
@@ -387,7 +332,6 @@ pub(in crate::data) mod tests {
         let path = folder.path().join("bomb.npz");
         let zeros = vec![0; MAX_BYTES as usize + 1];
         std::fs::write(&path, npz_of(&[("a".to_owned(), zeros)])).unwrap();
-        let message = read_npz(&path, |_| true).unwrap_err().to_string();
-        assert!(message.contains("more than 64 MiB"), "{message}");
+        assert_error(read_npz(&path, |_| true), &["more than 64 MiB"]);
     }
 }

@@ -1,6 +1,7 @@
 //! Python pickles of numpy arrays in tuples, lists and dictionaries, read without running anything.
 //!
-//! A pickle is a program for a small stack machine (`Lib/pickletools.py`). Only what builds plain values is known here; the
+//! A pickle is a program for a small stack machine (`Lib/pickletools.py`). Only what builds plain values is known here, in
+//! protocols 1 to 5 (numpy's arrays are binary); the
 //! names of functions are looked up in a list of four that numpy writes, and anything else is an error. What a file makes is
 //! no larger than its bytes allow: values are shared, never copied.
 
@@ -85,16 +86,20 @@ impl Machine<'_> {
         Ok(text)
     }
 
-    fn text(&mut self, n_length: usize) -> Result<Value, String> {
+    fn push_text(&mut self, n_length: usize) -> Result<(), String> {
         let n = self.number(n_length)?;
-        let bytes = self.take(n)?;
-        let text = std::str::from_utf8(bytes).map_err(|_not_utf8| "a text is not UTF-8")?;
-        Ok(Value::Text(text.to_owned()))
+        let text = String::from_utf8(self.take(n)?.to_vec());
+        self.push(Value::Text(
+            text.map_err(|_not_utf8| "a text is not UTF-8")?,
+        ));
+        Ok(())
     }
 
-    fn bytes(&mut self, n_length: usize) -> Result<Value, String> {
+    fn push_bytes(&mut self, n_length: usize) -> Result<(), String> {
         let n = self.number(n_length)?;
-        Ok(Value::Bytes(self.take(n)?.to_vec()))
+        let bytes = self.take(n)?.to_vec();
+        self.push(Value::Bytes(bytes));
+        Ok(())
     }
 
     fn push(&mut self, value: Value) {
@@ -156,26 +161,15 @@ impl Machine<'_> {
                     let top = *self.stack.last().ok_or("it doubles nothing")?;
                     self.stack.push(top);
                 }
-                b'N' | 0x88 | 0x89 => self.push_constant(code),
-                b'K' | b'M' | b'J' | b'I' | b'L' | b'F' | b'G' | 0x8a => self.push_number(code)?,
-                b'U' | b'C' | b'T' | b'B' | 0x8e | 0x96 => {
-                    let n_length = match code {
-                        b'U' | b'C' => 1,
-                        b'T' | b'B' => 4,
-                        _ => 8,
-                    };
-                    let value = self.bytes(n_length)?;
-                    self.push(value);
-                }
-                0x8c | b'X' | 0x8d => {
-                    let n_length = match code {
-                        0x8c => 1,
-                        b'X' => 4,
-                        _ => 8,
-                    };
-                    let value = self.text(n_length)?;
-                    self.push(value);
-                }
+                b'N' => self.push(Value::None),
+                0x88 | 0x89 => self.push(Value::Int(i64::from(code == 0x88))),
+                b'K' | b'M' | b'J' | b'I' | b'L' | b'G' | 0x8a => self.push_number(code)?,
+                b'U' | b'C' => self.push_bytes(1)?,
+                b'T' | b'B' => self.push_bytes(4)?,
+                0x8e | 0x96 => self.push_bytes(8)?,
+                0x8c => self.push_text(1)?,
+                b'X' => self.push_text(4)?,
+                0x8d => self.push_text(8)?,
                 b')' | b']' | b'}' => self.push(Value::Items(Vec::new())),
                 b't' | b'l' | b'd' => {
                     let items = self.pop_marked()?;
@@ -195,17 +189,13 @@ impl Machine<'_> {
                     let items = self.pop_marked()?;
                     self.append(items)?;
                 }
-                b'p' | b'g' => {
-                    let key = self.line()?.parse().map_err(|_no_number| cut())?;
-                    self.store_or_load(code == b'p', key)?;
+                b'q' | b'r' => {
+                    let key = self.number(if code == b'q' { 1 } else { 4 })?;
+                    self.remember(key)?;
                 }
-                b'q' | b'h' => {
-                    let key = self.number(1)?;
-                    self.store_or_load(code == b'q', key)?;
-                }
-                b'r' | b'j' => {
-                    let key = self.number(4)?;
-                    self.store_or_load(code == b'r', key)?;
+                b'h' | b'j' => {
+                    let key = self.number(if code == b'h' { 1 } else { 4 })?;
+                    self.recall(key)?;
                 }
                 // MEMOIZE
                 0x94 => self.remember(self.memo.len())?,
@@ -219,22 +209,6 @@ impl Machine<'_> {
                 _ => return Err(format!("operation 0x{code:02x} is none of plain arrays")),
             }
         }
-    }
-
-    fn store_or_load(&mut self, is_store: bool, key: usize) -> Result<(), String> {
-        if is_store {
-            self.remember(key)
-        } else {
-            self.recall(key)
-        }
-    }
-
-    fn push_constant(&mut self, code: u8) {
-        self.push(match code {
-            0x88 => Value::Int(1),
-            0x89 => Value::Int(0),
-            _ => Value::None,
-        });
     }
 
     fn push_number(&mut self, code: u8) -> Result<(), String> {
@@ -252,10 +226,6 @@ impl Machine<'_> {
             // Numbers in no array say nothing about cameras.
             b'G' => {
                 self.take(8)?;
-                Value::None
-            }
-            b'F' => {
-                self.line()?;
                 Value::None
             }
             _ => {
@@ -441,14 +411,11 @@ pub(in crate::data) mod tests {
         for hex in [PROTOCOL_2, PROTOCOL_4, PROTOCOL_5, FORTRAN] {
             let arrays = arrays(&bytes_of(hex)).unwrap();
             assert_eq!(arrays.len(), 2, "a pose and a lens");
-            assert_eq!(
-                (arrays[0].shape.as_slice(), arrays[0].values.as_slice()),
-                (&[3, 4][..], &POSE[..])
-            );
-            assert_eq!(
-                (arrays[1].shape.as_slice(), arrays[1].values.as_slice()),
-                (&[3, 3][..], &LENS[..])
-            );
+            for (array, shape, values) in
+                [(&arrays[0], [3, 4], &POSE[..]), (&arrays[1], [3, 3], &LENS)]
+            {
+                assert_eq!((&array.shape[..], &array.values[..]), (&shape[..], values));
+            }
         }
     }
 

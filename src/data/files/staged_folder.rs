@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use tempfile::TempDir;
 
+use super::atomic::temporary;
 use crate::data::DataError;
 
 /// Files on their way into a folder: they lie in a temporary one, which is gone when this is dropped.
@@ -25,17 +26,8 @@ impl StagedFolder {
             .ancestors()
             .find(|folder| folder.exists())
             .unwrap_or_else(|| Path::new("."));
-        let mut builder = tempfile::Builder::new();
-        builder.prefix(".neif-").suffix(".part");
-        #[cfg(unix)]
-        {
-            use std::os::unix::fs::PermissionsExt as _;
-            // Temporary folders are private by default; the result should be as open as any other.
-            builder.permissions(fs::Permissions::from_mode(0o777));
-        }
-        let stage = builder
-            .tempdir_in(nearest)
-            .map_err(|e| DataError::io(target, e))?;
+        let stage = temporary(".part", 0o777).tempdir_in(nearest);
+        let stage = stage.map_err(|e| DataError::io(target, e))?;
         Ok(Self {
             target: target.to_owned(),
             stage,
@@ -79,6 +71,7 @@ impl StagedFolder {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::data::test_asserts::assert_error;
 
     fn names(folder: &Path) -> Vec<String> {
         let mut names: Vec<_> = fs::read_dir(folder)
@@ -118,7 +111,6 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("taken");
         fs::write(&file, "").unwrap();
-        let message = StagedFolder::new(&file.join("x")).unwrap_err().to_string();
-        assert!(message.contains("taken"), "{message}");
+        assert_error(StagedFolder::new(&file.join("x")), &["taken"]);
     }
 }

@@ -27,31 +27,13 @@ pub enum TensorFileError {
         /// What the system said.
         source: io::Error,
     },
-    /// The bytes are no valid safetensors file (truncated, damaged or another format).
-    #[error("{path}: not a valid safetensors file ({source})", path = path.display())]
-    Format {
+    /// The file is none (truncated, damaged or another format), or something that is needed is not in it.
+    #[error("{path}: {problem}", path = path.display())]
+    Unusable {
         /// The file.
         path: PathBuf,
         /// What is wrong with it.
-        source: SafeTensorError,
-    },
-    /// An array has an element type that this program never writes.
-    #[error("{path}: tensor `{tensor}` has the unsupported element type {dtype}", path = path.display())]
-    ElementType {
-        /// The file.
-        path: PathBuf,
-        /// Name of the array.
-        tensor: String,
-        /// The type as the file names it.
-        dtype: String,
-    },
-    /// An array that is needed is absent.
-    #[error("{path}: tensor `{tensor}` is missing", path = path.display())]
-    Missing {
-        /// The file.
-        path: PathBuf,
-        /// Name of the array.
-        tensor: String,
+        problem: String,
     },
     /// An array has another shape or element type than the program needs.
     #[error("{path}: tensor `{tensor}` is {found}, expected {expected}", path = path.display())]
@@ -65,14 +47,22 @@ pub enum TensorFileError {
         /// What was asked for, in the same form.
         expected: String,
     },
-    /// A metadata entry that is needed is absent.
-    #[error("{path}: metadata entry `{key}` is missing", path = path.display())]
-    MissingMetadata {
-        /// The file.
-        path: PathBuf,
-        /// Name of the entry.
-        key: String,
-    },
+}
+
+impl TensorFileError {
+    fn io(path: &Path, source: io::Error) -> Self {
+        Self::Io {
+            path: path.to_owned(),
+            source,
+        }
+    }
+
+    fn unusable(path: &Path, problem: String) -> Self {
+        Self::Unusable {
+            path: path.to_owned(),
+            problem,
+        }
+    }
 }
 
 /// The elements of one array, row-major.
@@ -91,40 +81,19 @@ pub enum TensorValues {
 }
 
 impl TensorValues {
-    /// Number of elements.
-    pub fn len(&self) -> usize {
+    /// The element type as safetensors names it, bytes of one element, number of elements.
+    fn layout(&self) -> (&'static str, usize, usize) {
         match self {
-            Self::F32(values) => values.len(),
-            Self::F16(values) => values.len(),
-            Self::Bf16(values) => values.len(),
-            Self::U16(values) => values.len(),
-            Self::U64(values) => values.len(),
+            Self::F32(values) => ("F32", 4, values.len()),
+            Self::F16(values) => ("F16", 2, values.len()),
+            Self::Bf16(values) => ("BF16", 2, values.len()),
+            Self::U16(values) => ("U16", 2, values.len()),
+            Self::U64(values) => ("U64", 8, values.len()),
         }
     }
 
-    /// True when there is no element.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
-    /// The element type as safetensors names it.
-    fn dtype(&self) -> &'static str {
-        match self {
-            Self::F32(_) => "F32",
-            Self::F16(_) => "F16",
-            Self::Bf16(_) => "BF16",
-            Self::U16(_) => "U16",
-            Self::U64(_) => "U64",
-        }
-    }
-
-    /// Bytes of one element.
-    fn element_size(&self) -> usize {
-        match self {
-            Self::F32(_) => 4,
-            Self::F16(_) | Self::Bf16(_) | Self::U16(_) => 2,
-            Self::U64(_) => 8,
-        }
+    fn len(&self) -> usize {
+        self.layout().2
     }
 
     /// The values as 16-bit floats of the higher precision; `None` when one is beyond their range.
@@ -197,7 +166,7 @@ pub struct Tensor {
 impl Tensor {
     /// `F32 [4, 3]`, for messages.
     fn describe(&self) -> String {
-        format!("{} {:?}", self.values.dtype(), self.shape)
+        format!("{} {:?}", self.values.layout().0, self.shape)
     }
 }
 
@@ -218,10 +187,7 @@ impl TensorFile {
     /// # Errors
     /// When the file cannot be read, is no safetensors file, or holds an unknown element type.
     pub fn read(path: &Path) -> Result<Self, TensorFileError> {
-        let bytes = std::fs::read(path).map_err(|source| TensorFileError::Io {
-            path: path.to_owned(),
-            source,
-        })?;
+        let bytes = std::fs::read(path).map_err(|e| TensorFileError::io(path, e))?;
         Self::from_bytes(&bytes, path)
     }
 
@@ -230,20 +196,16 @@ impl TensorFile {
     /// # Errors
     /// When the bytes are no safetensors file or hold an unknown element type.
     pub fn from_bytes(bytes: &[u8], path: &Path) -> Result<Self, TensorFileError> {
-        let format_error = |source| TensorFileError::Format {
-            path: path.to_owned(),
-            source,
+        let format_error = |e: SafeTensorError| {
+            TensorFileError::unusable(path, format!("not a valid safetensors file ({e})"))
         };
         let (_, header) = SafeTensors::read_metadata(bytes).map_err(format_error)?;
         let parsed = SafeTensors::deserialize(bytes).map_err(format_error)?;
         let mut tensors = BTreeMap::new();
         for (name, view) in parsed.tensors() {
             let values = TensorValues::from_bytes(view.dtype(), view.data()).ok_or_else(|| {
-                TensorFileError::ElementType {
-                    path: path.to_owned(),
-                    tensor: name.clone(),
-                    dtype: format!("{:?}", view.dtype()),
-                }
+                let what = format!("the unsupported element type {:?}", view.dtype());
+                TensorFileError::unusable(path, format!("tensor `{name}` has {what}"))
             })?;
             let shape = view.shape().to_vec();
             tensors.insert(name, Tensor { shape, values });
@@ -268,15 +230,16 @@ impl TensorFile {
         }
         // Wide elements first, so that every array is aligned for readers that map the file.
         let mut ordered: Vec<_> = self.tensors.iter().collect();
-        ordered.sort_by_key(|(_, tensor)| std::cmp::Reverse(tensor.values.element_size()));
+        ordered.sort_by_key(|(_, tensor)| std::cmp::Reverse(tensor.values.layout().1));
         let mut end = 0;
         for (name, tensor) in &ordered {
+            let (dtype, element_size, n) = tensor.values.layout();
             let start = end;
-            end += tensor.values.len() * tensor.values.element_size();
+            end += n * element_size;
             header.insert(
                 (*name).clone(),
                 json!({
-                    "dtype": tensor.values.dtype(),
+                    "dtype": dtype,
                     "shape": tensor.shape,
                     "data_offsets": [start, end],
                 }),
@@ -302,12 +265,8 @@ impl TensorFile {
     /// # Errors
     /// When the system refuses, e.g. because the disk is full.
     pub fn write(&self, path: &Path) -> Result<(), TensorFileError> {
-        write_atomically(path, |file| file.write_all(&self.to_bytes())).map_err(|source| {
-            TensorFileError::Io {
-                path: path.to_owned(),
-                source,
-            }
-        })
+        write_atomically(path, |file| file.write_all(&self.to_bytes()))
+            .map_err(|e| TensorFileError::io(path, e))
     }
 
     /// Adds (or replaces) an array of floats.
@@ -345,13 +304,10 @@ impl TensorFile {
     /// # Errors
     /// Naming file and tensor, when it is absent or of another shape or type.
     pub fn f32(&self, name: &str, shape: &[usize]) -> Result<&[f32], TensorFileError> {
-        match self.tensor(name)? {
-            Tensor {
-                shape: found,
-                values: TensorValues::F32(values),
-            } if found == shape => Ok(values),
-            other => Err(self.mismatch(name, "F32", shape, other)),
-        }
+        self.values(name, "F32", shape, |values| match values {
+            TensorValues::F32(values) => Some(values),
+            _ => None,
+        })
     }
 
     /// All values of the array `name`, which must be one-dimensional and of floats of any size.
@@ -371,31 +327,32 @@ impl TensorFile {
     }
 
     /// The 16-bit words of the array `name`; errors as [`Self::f32`].
-    ///
-    /// # Errors
-    /// Naming file and tensor, when it is absent or of another shape or type.
     pub fn u16(&self, name: &str, shape: &[usize]) -> Result<&[u16], TensorFileError> {
-        match self.tensor(name)? {
-            Tensor {
-                shape: found,
-                values: TensorValues::U16(values),
-            } if found == shape => Ok(values),
-            other => Err(self.mismatch(name, "U16", shape, other)),
-        }
+        self.values(name, "U16", shape, |values| match values {
+            TensorValues::U16(values) => Some(values),
+            _ => None,
+        })
     }
 
     /// The 64-bit words of the array `name`; errors as [`Self::f32`].
-    ///
-    /// # Errors
-    /// Naming file and tensor, when it is absent or of another shape or type.
     pub fn u64(&self, name: &str, shape: &[usize]) -> Result<&[u64], TensorFileError> {
-        match self.tensor(name)? {
-            Tensor {
-                shape: found,
-                values: TensorValues::U64(values),
-            } if found == shape => Ok(values),
-            other => Err(self.mismatch(name, "U64", shape, other)),
-        }
+        self.values(name, "U64", shape, |values| match values {
+            TensorValues::U64(values) => Some(values),
+            _ => None,
+        })
+    }
+
+    fn values<'a, T>(
+        &'a self,
+        name: &str,
+        dtype: &str,
+        shape: &[usize],
+        of_type: impl Fn(&'a TensorValues) -> Option<&'a Vec<T>>,
+    ) -> Result<&'a [T], TensorFileError> {
+        let tensor = self.tensor(name)?;
+        let values = of_type(&tensor.values).filter(|_| tensor.shape == shape);
+        let values = values.ok_or_else(|| self.mismatch(name, dtype, shape, tensor));
+        values.map(Vec::as_slice)
     }
 
     /// The array `name` with whatever shape and type it has.
@@ -403,12 +360,9 @@ impl TensorFile {
     /// # Errors
     /// Naming file and tensor, when it is absent.
     pub fn tensor(&self, name: &str) -> Result<&Tensor, TensorFileError> {
-        self.tensors
-            .get(name)
-            .ok_or_else(|| TensorFileError::Missing {
-                path: self.origin.clone(),
-                tensor: name.to_owned(),
-            })
+        let missing = || format!("tensor `{name}` is missing");
+        let tensor = self.tensors.get(name);
+        tensor.ok_or_else(|| TensorFileError::unusable(&self.origin, missing()))
     }
 
     /// The text entry `key`.
@@ -416,13 +370,9 @@ impl TensorFile {
     /// # Errors
     /// Naming file and entry, when it is absent.
     pub fn text(&self, key: &str) -> Result<&str, TensorFileError> {
-        self.metadata
-            .get(key)
-            .map(String::as_str)
-            .ok_or_else(|| TensorFileError::MissingMetadata {
-                path: self.origin.clone(),
-                key: key.to_owned(),
-            })
+        let missing = || format!("metadata entry `{key}` is missing");
+        let text = self.metadata.get(key).map(String::as_str);
+        text.ok_or_else(|| TensorFileError::unusable(&self.origin, missing()))
     }
 
     /// Where it was read from; empty for one made in memory.

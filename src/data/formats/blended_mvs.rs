@@ -10,9 +10,9 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
 
-use super::found::{Found, Listed};
-use super::photo_folder::{list_pictures, photo_folders};
-use crate::data::files::capture_path::read_text;
+use super::found::{Found, Layout, Listed};
+use super::photo_folder::{list_pictures, photo_folder};
+use crate::data::files::capture_path::{list_folder, read_text};
 use crate::data::frame::{rotation_and_translation, world_from_opencv};
 use crate::data::{DataError, DepthFile, Frame, Intrinsics};
 
@@ -22,40 +22,29 @@ const FOLDERS: [&str; 2] = ["cams", "cams_1"];
 const ENDING: &str = "_cam.txt";
 /// Such files have about 300 bytes.
 const MAX_BYTES: u64 = 64 << 10;
-/// Most files listed.
-const MAX_FILES: usize = 200_000;
 
-pub(super) const LOOKED_FOR: &str =
-    "BlendedMVS, MVSNet: cams/*_cam.txt with blended_images/ or images/";
-
-pub(in crate::data) fn find(root: &Path) -> Option<Found> {
-    let folder = FOLDERS
-        .iter()
-        .map(|name| root.join(name))
-        .find(|folder| !camera_files(folder).is_empty())?;
-    Some(Found {
-        root: root.to_owned(),
-        file: folder,
-    })
-}
+pub(super) const LAYOUT: Layout = Layout {
+    name: "BlendedMVS",
+    looked_for: "BlendedMVS, MVSNet: cams/*_cam.txt with blended_images/ or images/",
+    find: |root| {
+        let mut folders = FOLDERS.iter().map(|name| root.join(name));
+        let has_cameras = |folder: &PathBuf| camera_files(folder).is_ok_and(|c| !c.is_empty());
+        let folder = folders.find(has_cameras)?;
+        Some(Found::new(root, &folder))
+    },
+    of_file: |_| None,
+    list,
+};
 
 /// Lists the cameras in the order of names, each with the photo of the same name.
-pub(in crate::data) fn list(found: &Found) -> Result<Listed, DataError> {
-    let blended = found.root.join("blended_images");
-    let folders = [blended].into_iter().chain(photo_folders(&found.root));
-    let folders: Vec<PathBuf> = folders.filter(|folder| folder.is_dir()).collect();
-    let Some(folder) = folders.first() else {
-        return Err(DataError::NotADataset {
-            path: found.root.clone(),
-            problem: "cams/ is there, but no folder blended_images/ or images/".to_owned(),
-        });
-    };
+fn list(found: &Found) -> Result<Listed, DataError> {
+    let folder = &photo_folder(&found.root, "blended_images", "cams/ is")?;
     let photos: HashMap<OsString, PathBuf> = list_pictures(folder)?
         .into_iter()
         .rev()
         .filter_map(|photo| Some((photo.file_stem()?.to_owned(), photo)))
         .collect();
-    let frames = camera_files(&found.file)
+    let frames = camera_files(&found.file)?
         .into_iter()
         .enumerate()
         .map(|(index, file)| read_camera(&file, index, folder, &photos))
@@ -67,25 +56,17 @@ pub(in crate::data) fn list(found: &Found) -> Result<Listed, DataError> {
     );
     Ok(Listed {
         frames,
-        points: None,
         recognised,
-        problems: Vec::new(),
+        ..Listed::default()
     })
 }
 
 /// The camera files in a folder, by name.
-fn camera_files(folder: &Path) -> Vec<PathBuf> {
-    let entries = folder.read_dir().into_iter().flatten().take(MAX_FILES);
-    let is_camera = |path: &PathBuf| {
-        path.file_name()
-            .is_some_and(|name| name.as_encoded_bytes().ends_with(ENDING.as_bytes()))
-    };
-    let mut files: Vec<PathBuf> = entries
-        .filter_map(|entry| Some(entry.ok()?.path()))
-        .filter(is_camera)
-        .collect();
-    files.sort();
-    files
+fn camera_files(folder: &Path) -> Result<Vec<PathBuf>, DataError> {
+    list_folder(folder, |path| {
+        let name = path.file_name().unwrap_or_default().as_encoded_bytes();
+        name.ends_with(ENDING.as_bytes())
+    })
 }
 
 fn read_camera(
@@ -97,23 +78,12 @@ fn read_camera(
     let name = file.file_name().unwrap_or_default().to_string_lossy();
     let name = name.trim_end_matches(ENDING).to_owned();
     let photo = photos.get(OsStr::new(&name)).cloned();
-    let fail = |(field, problem): (&str, String)| DataError::Field {
-        path: file.to_owned(),
-        frame: None,
-        field: field.to_owned(),
-        problem,
-    };
+    let fail = |(field, problem): (&str, String)| DataError::field(file, field, problem);
     let camera = parse(&read_text(file, MAX_BYTES)?).map_err(fail)?;
     let [fx, fy, cx, cy] = camera.lens;
     let pose = world_from_opencv(camera.rotation, camera.translation);
-    let lens = Intrinsics {
-        fl_x: Some(fx as f32),
-        fl_y: Some(fy as f32),
-        // Ours has the first pixel's centre at one half.
-        cx: Some((cx + 0.5) as f32),
-        cy: Some((cy + 0.5) as f32),
-        ..Intrinsics::default()
-    };
+    // Ours has the first pixel's centre at one half.
+    let lens = Intrinsics::pinhole([fx, fy, cx + 0.5, cy + 0.5].map(|v| v as f32));
     let photo = photo.unwrap_or_else(|| folder.join(format!("{name}.jpg")));
     let depths = DEPTH_FOLDERS.iter().filter_map(|folder| {
         let folder = file.parent()?.parent()?.join(folder);
@@ -182,37 +152,30 @@ fn parse(text: &str) -> Result<CameraText, (&'static str, String)> {
 #[cfg(test)]
 mod tests {
     use super::super::test_formats::{
-        assert_cameras, folder, shifted_cameras, write_blended_mvs, write_photos,
+        assert_cameras, capture, folder, shifted_cameras, write_blended_mvs, write_photos,
     };
     use super::*;
     use crate::data::list_capture;
+    use crate::data::test_asserts::{assert_contains, assert_error};
 
     #[test]
     fn camera_files_go_with_photos_of_the_same_name() {
-        let folder = folder();
-        write_blended_mvs(folder.path(), &shifted_cameras());
-        write_photos(&folder.path().join("blended_images"), 9);
+        let folder = capture("blended_images", |root| {
+            write_blended_mvs(root, &shifted_cameras());
+        });
         // The same photo with everything but the reconstruction blackened lies beside each.
         let photo = |name: &str| folder.path().join("blended_images").join(name);
         std::fs::copy(photo("0000.png"), photo("0000_masked.png")).unwrap();
         std::fs::remove_file(photo("0004.png")).unwrap();
         let listing = list_capture(folder.path()).unwrap();
-        assert!(
-            listing.recognised.contains("BlendedMVS"),
-            "{}",
-            listing.recognised
-        );
-        let missing = &listing.problems[0].what;
-        assert!(
-            missing.contains("1 of 9") && missing.contains("0004"),
-            "{missing}"
-        );
-        let frames = [listing.train, listing.val, listing.test].concat();
-        assert_eq!(frames[0].depth_range, Some([1.5, 9.0]), "depths");
+        assert_contains(&listing.recognised, "BlendedMVS");
+        assert_contains(&listing.problems[0].what, "1 of 9");
+        assert_contains(&listing.problems[0].what, "0004");
+        let first = listing.frames().next().unwrap();
+        assert_eq!(first.depth_range, Some([1.5, 9.0]), "depths");
         std::fs::write(photo("0004.png"), "").unwrap();
         let listing = list_capture(folder.path()).unwrap();
-        let frames = [listing.train, listing.val, listing.test].concat();
-        assert_cameras(&frames, &shifted_cameras());
+        assert_cameras(&listing, &shifted_cameras());
     }
 
     #[test]
@@ -233,25 +196,15 @@ mod tests {
             ("0 0 0 1", "0 0 0 one", "\"one\" is not a finite number"),
         ] {
             let (field, problem) = parse(&text.replacen(from, to, 1)).unwrap_err();
-            assert!(
-                format!("{field}: {problem}").contains(expected),
-                "{field}: {problem}"
-            );
+            assert_contains(format!("{field}: {problem}"), expected);
         }
         let path = folder.path().join("cams/0002_cam.txt");
         write_photos(&folder.path().join("images"), 9);
         std::fs::write(&path, " ".repeat(MAX_BYTES as usize + 1)).unwrap();
-        let message = list_capture(folder.path()).unwrap_err().to_string();
-        assert!(message.contains("larger than 64 KiB"), "{message}");
-        std::fs::write(
-            path,
-            "extrinsic\n1 0 0 0 0 2 0 0 0 0 1 0 0 0 0 1 intrinsic 1 0 0 0 1 0 0 0 1",
-        )
-        .unwrap();
-        let message = list_capture(folder.path()).unwrap_err().to_string();
-        assert!(
-            message.contains("0002_cam.txt: extrinsic: not a rotation"),
-            "{message}"
-        );
+        assert_error(list_capture(folder.path()), &["larger than 64 KiB"]);
+        let text = "extrinsic\n1 0 0 0 0 2 0 0 0 0 1 0 0 0 0 1 intrinsic 1 0 0 0 1 0 0 0 1";
+        std::fs::write(path, text).unwrap();
+        let problem = "0002_cam.txt: extrinsic: not a rotation";
+        assert_error(list_capture(folder.path()), &[problem]);
     }
 }

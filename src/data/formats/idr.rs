@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DMat4, DVec3};
 
-use super::found::{Found, Listed};
-use super::photo_folder::{list_pictures, match_by_position, photo_folders};
+use super::found::{Found, Layout, Listed};
+use super::photo_folder::{list_pictures, match_by_position, photo_folder};
 use crate::data::files::npy::{Array, read_npz};
 use crate::data::frame::world_from_opencv;
 use crate::data::{DataError, Frame, Intrinsics, Problem, Severity};
@@ -20,30 +20,19 @@ const MAX_CAMERAS: usize = 100_000;
 /// Share of the focal length up to which a sheared pixel grid counts as rounding.
 const MAX_SKEW: f64 = 0.005;
 
-pub(super) const LOOKED_FOR: &str =
-    "IDR, NeuS: cameras_sphere.npz or cameras.npz with image/ and mask/";
-
-pub(in crate::data) fn find(root: &Path) -> Option<Found> {
-    let file = FILES
-        .iter()
-        .map(|name| root.join(name))
-        .find(|file| file.is_file())?;
-    Some(Found {
-        root: root.to_owned(),
-        file,
-    })
-}
+pub(super) const LAYOUT: Layout = Layout {
+    name: "IDR or NeuS",
+    looked_for: "IDR, NeuS: cameras_sphere.npz or cameras.npz with image/ and mask/",
+    find: |root| Found::first(root, &FILES),
+    of_file: |file| Found::with_extension(file, "npz"),
+    list,
+};
 
 /// Lists the photos in the order of the matrices.
-pub(in crate::data) fn list(found: &Found) -> Result<Listed, DataError> {
+fn list(found: &Found) -> Result<Listed, DataError> {
     let is_wanted = |name: &str| name.starts_with("world_mat_") || name.starts_with("scale_mat_");
     let arrays = read_npz(&found.file, is_wanted)?;
-    let fail = |field: String, problem: String| DataError::Field {
-        path: found.file.clone(),
-        frame: None,
-        field,
-        problem,
-    };
+    let fail = |field: String, problem: String| DataError::field(&found.file, field, problem);
     let n = (0..MAX_CAMERAS)
         .take_while(|i| arrays.contains_key(&format!("world_mat_{i}")))
         .count();
@@ -99,20 +88,9 @@ fn missing_photos(n: usize, n_there: usize) -> Vec<Problem> {
 
 fn photos_of(root: &Path) -> Result<(PathBuf, Vec<PathBuf>), DataError> {
     // NeuS's own converter leaves `images` (as taken) beside `image` (as meant).
-    let meant = root.join("image");
-    let folders = photo_folders(root);
-    let folder = if meant.is_dir() {
-        Some(&meant)
-    } else {
-        folders.first()
-    };
-    let Some(folder) = folder else {
-        return Err(DataError::NotADataset {
-            path: root.to_owned(),
-            problem: "cameras are there, but no folder image/ with photos".to_owned(),
-        });
-    };
-    Ok((folder.clone(), list_pictures(folder)?))
+    let folder = photo_folder(root, "image", "cameras are")?;
+    let photos = list_pictures(&folder)?;
+    Ok((folder, photos))
 }
 
 /// A 4 x 4 or 3 x 4 array as a matrix.
@@ -183,14 +161,9 @@ fn decompose(projection: DMat4) -> Result<Decomposed, &'static str> {
 fn frame(file: &Path, index: usize, photo: PathBuf, camera: &Decomposed) -> Frame {
     let k = &camera.k;
     let pose = world_from_opencv(camera.rotation, camera.translation);
-    let lens = Intrinsics {
-        fl_x: Some(k.x_axis.x as f32),
-        fl_y: Some(k.y_axis.y as f32),
-        // Ours has the first pixel's centre at one half.
-        cx: Some((k.z_axis.x + 0.5) as f32),
-        cy: Some((k.z_axis.y + 0.5) as f32),
-        ..Intrinsics::default()
-    };
+    // Ours has the first pixel's centre at one half.
+    let lens = [k.x_axis.x, k.y_axis.y, k.z_axis.x + 0.5, k.z_axis.y + 0.5];
+    let lens = Intrinsics::pinhole(lens.map(|v| v as f32));
     Frame::new(index, photo, pose, lens, file)
 }
 
@@ -200,56 +173,41 @@ mod tests {
     use proptest::prelude::*;
 
     use super::super::test_formats::{
-        assert_cameras, folder, shifted_cameras, write_idr, write_photos,
+        assert_cameras, capture, folder, shifted_cameras, write_idr, write_photos,
     };
     use super::*;
     use crate::data::files::npy::tests::{npy_of, npz_of};
     use crate::data::list_capture;
+    use crate::data::test_asserts::{assert_contains, assert_error};
 
     #[test]
     fn matrices_are_taken_apart_and_masks_are_paired_by_number() {
-        let folder = folder();
-        write_idr(folder.path(), &shifted_cameras());
-        write_photos(&folder.path().join("image"), 9);
+        let folder = capture("image", |root| write_idr(root, &shifted_cameras()));
         write_photos(&folder.path().join("mask"), 9);
         for i in 0..9 {
             let mask = folder.path().join(format!("mask/{i:04}.png"));
             std::fs::rename(mask, folder.path().join(format!("mask/{i:03}.png"))).unwrap();
         }
         let listing = list_capture(folder.path()).unwrap();
-        let frames = [listing.train, listing.val, listing.test].concat();
-        assert_cameras(&frames, &shifted_cameras());
-        let last = frames.iter().find(|frame| frame.name == "0007").unwrap();
+        assert_cameras(&listing, &shifted_cameras());
+        let last = listing.frames().find(|frame| frame.name == "0007").unwrap();
         let mask = last.mask.as_ref().unwrap();
         assert!(mask.ends_with("mask/007.png"), "{mask:?}");
     }
 
     #[test]
-    fn missing_photos_are_told_by_number() {
-        let folder = folder();
-        write_idr(folder.path(), &shifted_cameras());
-        write_photos(&folder.path().join("image"), 9);
+    fn missing_photos_are_recognised_by_number() {
+        let folder = capture("image", |root| write_idr(root, &shifted_cameras()));
         std::fs::remove_file(folder.path().join("image/0003.png")).unwrap();
         let listing = list_capture(folder.path()).unwrap();
-        assert!(
-            listing.problems[0]
-                .what
-                .contains("1 of 9 cameras have no photo"),
-            "{:?}",
-            listing.problems
-        );
+        assert_contains(&listing.problems[0].what, "1 of 9 cameras have no photo");
         let cameras = shifted_cameras();
-        let frames = [listing.train, listing.val, listing.test].concat();
-        assert_eq!(frames.len(), 8, "what is left");
-        for frame in frames {
+        assert_eq!(listing.frames().count(), 8, "what is left");
+        for frame in listing.frames() {
             assert!(frame.name.ends_with(&frame.index.to_string()), "{frame:?}");
             let expected = cameras[frame.index].position();
-            let position = frame.world_from_camera.translation;
-            assert!(
-                Vec3::from(position).distance(expected) < 1e-3,
-                "{}",
-                frame.name
-            );
+            let position = Vec3::from(frame.world_from_camera.translation);
+            assert!(position.distance(expected) < 1e-3, "{}", frame.name);
         }
     }
 
@@ -261,7 +219,7 @@ mod tests {
         let with = |name: &str, shape: &[usize], values: &[f64]| {
             let array = (name.to_owned(), npy_of(shape, values));
             std::fs::write(&path, npz_of(&[array])).unwrap();
-            list_capture(folder.path()).unwrap_err().to_string()
+            list_capture(folder.path())
         };
         let mut sheared = [0.0; 16];
         for (at, value) in [(0, 50.0), (1, 20.0), (5, 50.0), (10, 1.0), (15, 1.0)] {
@@ -286,12 +244,8 @@ mod tests {
             ("world_mat_0", &[4, 4], &[0.0; 16], "the matrix is singular"),
             ("world_mat_0", &[2, 8], &[0.0; 16], "is not 4 x 4"),
         ] {
-            let message = with(name, shape, values);
-            assert!(message.contains(expected), "{message}");
-            assert!(
-                message.contains(FILES[0]) && message.contains("world_mat_0"),
-                "{message}"
-            );
+            let result = with(name, shape, values);
+            assert_error(result, &[expected, FILES[0], "world_mat_0"]);
         }
     }
 

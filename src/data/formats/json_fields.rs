@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use serde_json::{Map, Value};
+use serde_json::Value;
 
 use crate::data::DataError;
 use crate::data::frame::is_side_px;
@@ -14,22 +14,26 @@ pub(in crate::data) struct Fields<'a> {
     pub(in crate::data) value: &'a Value,
 }
 
-impl Fields<'_> {
-    pub(in crate::data) fn error(&self, field: &str, problem: impl Into<String>) -> DataError {
-        DataError::Field {
-            path: self.json.to_owned(),
-            frame: self.frame,
-            field: field.to_owned(),
-            problem: problem.into(),
+impl<'a> Fields<'a> {
+    pub(in crate::data) fn new(
+        json: &'a Path,
+        frame: impl Into<Option<usize>>,
+        value: &'a Value,
+    ) -> Self {
+        Self {
+            json,
+            frame: frame.into(),
+            value,
         }
+    }
+
+    pub(in crate::data) fn error(&self, field: &str, problem: impl Into<String>) -> DataError {
+        DataError::field(self.json, field, problem).in_frame(self.frame)
     }
 
     /// The field, where it is present and not null.
     fn get(&self, field: &str) -> Option<&Value> {
-        self.value
-            .as_object()
-            .and_then(|object: &Map<String, Value>| object.get(field))
-            .filter(|value| !value.is_null())
+        self.value.get(field).filter(|value| !value.is_null())
     }
 
     pub(in crate::data) fn string(&self, field: &str) -> Result<Option<&str>, DataError> {

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{Affine3A, DMat3, DVec3};
 
-use super::found::{Found, Listed};
+use super::found::{Found, Layout, Listed};
 use super::photo_folder::{list_pictures, photo_folders};
 use crate::data::files::npy::{Array, read_npy};
 use crate::data::frame::{is_rotation, is_side_px};
@@ -16,25 +16,18 @@ use crate::data::{DataError, Frame, Intrinsics};
 
 const FILE: &str = "poses_bounds.npy";
 
-pub(super) const LOOKED_FOR: &str = "LLFF: poses_bounds.npy with images/";
-
-pub(in crate::data) fn find(root: &Path) -> Option<Found> {
-    let file = root.join(FILE);
-    file.is_file().then(|| Found {
-        root: root.to_owned(),
-        file,
-    })
-}
+pub(super) const LAYOUT: Layout = Layout {
+    name: "LLFF",
+    looked_for: "LLFF: poses_bounds.npy with images/",
+    find: |root| Found::first(root, &[FILE]),
+    of_file: |file| Found::with_extension(file, "npy"),
+    list,
+};
 
 /// Lists the photos in the order of names.
-pub(in crate::data) fn list(found: &Found) -> Result<Listed, DataError> {
+fn list(found: &Found) -> Result<Listed, DataError> {
     let array = read_npy(&found.file)?;
-    let fail = |field: &str, problem: String| DataError::Field {
-        path: found.file.clone(),
-        frame: None,
-        field: field.to_owned(),
-        problem,
-    };
+    let fail = |field: &str, problem: String| DataError::field(&found.file, field, problem);
     let &[n, 17] = array.shape.as_slice() else {
         return Err(fail("shape", format!("{:?} is not N x 17", array.shape)));
     };
@@ -59,9 +52,8 @@ pub(in crate::data) fn list(found: &Found) -> Result<Listed, DataError> {
     let recognised = format!("LLFF: {FILE}, photos in {}", found.shown(&folder));
     Ok(Listed {
         frames,
-        points: None,
         recognised,
-        problems: Vec::new(),
+        ..Listed::default()
     })
 }
 
@@ -75,20 +67,13 @@ fn photos_of(root: &Path, n: usize) -> Result<(PathBuf, Vec<PathBuf>), DataError
         }
         first = first.or(Some((folder, photos)));
     }
-    first.ok_or_else(|| DataError::NotADataset {
-        path: root.to_owned(),
-        problem: format!("{FILE} is there, but no folder images/ with photos"),
-    })
+    let problem = format!("{FILE} is there, but no folder images/ with photos");
+    first.ok_or_else(|| DataError::no_capture(root, problem))
 }
 
 fn frame(file: &Path, array: &Array, index: usize, photo: PathBuf) -> Result<Frame, DataError> {
     let row = &array.values[17 * index..17 * (index + 1)];
-    let fail = |field: &str, problem: &str| DataError::Field {
-        path: file.to_owned(),
-        frame: Some(index),
-        field: field.to_owned(),
-        problem: problem.to_owned(),
-    };
+    let fail = |field: &str, problem| DataError::field(file, field, problem).in_frame(index);
     if !row.iter().all(|v| (*v as f32).is_finite()) {
         return Err(fail("row", "not finite"));
     }
@@ -124,6 +109,7 @@ mod tests {
     use super::*;
     use crate::data::files::npy::tests::npy_of;
     use crate::data::list_capture;
+    use crate::data::test_asserts::{assert_contains, assert_error};
 
     #[test]
     fn poses_go_with_photos_in_the_order_of_names() {
@@ -133,29 +119,21 @@ mod tests {
         // A folder with another number of photos is not the one that was measured.
         write_photos(&folder.path().join("images"), 11);
         let listing = list_capture(folder.path()).unwrap();
-        assert!(
-            listing.recognised.contains("images_4"),
-            "{}",
-            listing.recognised
-        );
-        let frames = [listing.train, listing.val, listing.test].concat();
-        assert_cameras(&frames, &cameras());
-        assert_eq!(frames[0].depth_range, Some([1.5, 9.0]), "depths");
+        assert_contains(&listing.recognised, "images_4");
+        assert_cameras(&listing, &cameras());
+        let first = listing.frames().next().unwrap();
+        assert_eq!(first.depth_range, Some([1.5, 9.0]), "depths");
     }
 
     #[test]
     fn faults_name_the_file_and_the_field() {
         let folder = folder();
         let path = folder.path().join(FILE);
-        let fails = || list_capture(folder.path()).unwrap_err().to_string();
+        let assert_error = |part: &str| assert_error(list_capture(folder.path()), &[part, FILE]);
         write_llff(folder.path(), &cameras());
-        assert!(fails().contains("no folder images/"), "{}", fails());
+        assert_error("no folder images/");
         write_photos(&folder.path().join("images"), 8);
-        assert!(
-            fails().contains("rows: 9 poses, but 8 photos in images"),
-            "{}",
-            fails()
-        );
+        assert_error("rows: 9 poses, but 8 photos in images");
         write_photos(&folder.path().join("images"), 1);
         let mut row = [0.0; 17];
         (row[0], row[6], row[12]) = (1.0, 1.0, 1.0);
@@ -170,13 +148,12 @@ mod tests {
             row[at] = value;
             std::fs::write(&path, npy_of(&[9, 17], &row)).unwrap();
             write_photos(&folder.path().join("images"), 9);
-            assert!(fails().contains(expected), "{expected}: {}", fails());
-            assert!(fails().contains(FILE), "{}", fails());
+            assert_error(expected);
         }
         for shape in [&[9, 15][..], &[0, 17], &[153]] {
             let n = shape.iter().product();
             std::fs::write(&path, npy_of(shape, &vec![0.0; n])).unwrap();
-            assert!(fails().contains("shape"), "{shape:?}: {}", fails());
+            assert_error("shape");
         }
     }
 }

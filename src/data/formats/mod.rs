@@ -14,7 +14,7 @@ mod neilf;
 mod nero;
 mod photo_folder;
 mod rgbd;
-mod splits;
+pub(super) mod splits;
 #[cfg(test)]
 pub(super) mod test_formats;
 pub(super) mod transforms_json;

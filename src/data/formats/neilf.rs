@@ -8,9 +8,9 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-use super::found::{Found, Listed};
+use super::found::{Found, Layout, Listed};
 use super::json_fields::Fields;
-use crate::data::files::capture_path::{path_below, read_text, with_extension};
+use crate::data::files::capture_path::{path_below, read_json, with_extension};
 use crate::data::frame::{is_side_px, rotation_and_translation, world_from_opencv};
 use crate::data::{DataError, Frame, Intrinsics};
 
@@ -20,43 +20,24 @@ const MAX_BYTES: u64 = 128 << 20;
 /// Set for cameras that were registered.
 const REGISTERED: u64 = 2;
 
-pub(super) const LOOKED_FOR: &str = "NeILF: inputs/sfm_scene.json or sfm_scene.json";
-
-pub(in crate::data) fn find(root: &Path) -> Option<Found> {
-    [root.join("inputs"), root.to_owned()]
-        .into_iter()
-        .find(|inputs| inputs.join(FILE).is_file())
-        .map(|inputs| Found {
-            file: inputs.join(FILE),
-            root: inputs,
-        })
-}
-
-/// Whether a file is such a scene.
-pub(super) fn is_scene(path: &Path) -> bool {
-    path.file_name().is_some_and(|name| name == FILE)
-}
-
-pub(super) fn found_at(path: &Path) -> Found {
-    Found {
-        root: path.parent().unwrap_or_else(|| Path::new("")).to_owned(),
-        file: path.to_owned(),
-    }
-}
+pub(super) const LAYOUT: Layout = Layout {
+    name: "NeILF",
+    looked_for: "NeILF: inputs/sfm_scene.json or sfm_scene.json",
+    find: |root| {
+        let folders = [root.join("inputs"), root.to_owned()];
+        folders
+            .iter()
+            .find_map(|inputs| Found::first(inputs, &[FILE]))
+    },
+    of_file: |file| Found::with_extension(file, "json").filter(|_| file.ends_with(FILE)),
+    list,
+};
 
 /// Lists the registered photos by index.
-pub(in crate::data) fn list(found: &Found) -> Result<Listed, DataError> {
+fn list(found: &Found) -> Result<Listed, DataError> {
     let json = &found.file;
-    let text = read_text(json, MAX_BYTES)?;
-    let scene: Value = serde_json::from_str(&text).map_err(|source| DataError::Json {
-        path: json.clone(),
-        source,
-    })?;
-    let top = Fields {
-        json,
-        frame: None,
-        value: &scene,
-    };
+    let scene: Value = read_json(json, MAX_BYTES)?;
+    let top = Fields::new(json, None, &scene);
     let object = |pointer: &str| {
         let value = scene.pointer(pointer).and_then(Value::as_object);
         value.ok_or_else(|| top.error(&pointer[1..].replace('/', "."), "missing"))
@@ -67,17 +48,13 @@ pub(in crate::data) fn list(found: &Found) -> Result<Listed, DataError> {
     );
     let mut frames = Vec::new();
     for (key, value) in cameras {
-        let index = key.parse().map_err(|_unparsed| {
+        let index: usize = key.parse().map_err(|_unparsed| {
             top.error(
                 "camera_track_map.images",
                 format!("\"{key}\" is not an index"),
             )
         })?;
-        let fields = Fields {
-            json,
-            frame: Some(index),
-            value,
-        };
+        let fields = Fields::new(json, index, value);
         if value.get("flg").and_then(Value::as_u64) == Some(REGISTERED) {
             let photo = photos.get(key).and_then(Value::as_str);
             let photo = photo.ok_or_else(|| fields.error("image_path.file_paths", "missing"))?;
@@ -92,8 +69,7 @@ pub(in crate::data) fn list(found: &Found) -> Result<Listed, DataError> {
     Ok(Listed {
         recognised: format!("NeILF: {FILE}, {} registered photos", frames.len()),
         frames,
-        points: None,
-        problems: Vec::new(),
+        ..Listed::default()
     })
 }
 
@@ -131,24 +107,16 @@ fn frame(fields: &Fields<'_>, index: usize, photo: PathBuf) -> Result<Frame, Dat
     }
     let (rotation, translation) = rotation_and_translation(&e)
         .ok_or_else(|| fields.error("extrinsic", "not a rotation and a position"))?;
-    let size = match fields.value.get("size") {
-        None => None,
-        Some(_) => Some(numbers("size", "/size", 2)?),
-    };
-    if size
-        .as_ref()
-        .is_some_and(|size| !size.iter().all(|v| is_side_px(*v)))
-    {
+    let size = fields.value.get("size");
+    let size = size.map(|_| numbers("size", "/size", 2)).transpose()?;
+    if size.iter().flatten().any(|side| !is_side_px(*side)) {
         return Err(fields.error("size", "not a picture size"));
     }
     let pose = world_from_opencv(rotation, translation);
+    let lens = [focal[0], focal[1], center[0], center[1]];
     let lens = Intrinsics {
         size: size.map(|size| (size[0] as u32, size[1] as u32)),
-        fl_x: Some(focal[0] as f32),
-        fl_y: Some(focal[1] as f32),
-        cx: Some(center[0] as f32),
-        cy: Some(center[1] as f32),
-        ..Intrinsics::default()
+        ..Intrinsics::pinhole(lens.map(|v| v as f32))
     };
     Ok(Frame::new(index, photo, pose, lens, fields.json))
 }
@@ -172,6 +140,7 @@ mod tests {
     };
     use super::*;
     use crate::data::list_capture;
+    use crate::data::test_asserts::assert_error;
 
     #[test]
     fn registered_photos_are_listed_wherever_they_were_once() {
@@ -180,8 +149,7 @@ mod tests {
         write_photos(&inputs.join("images"), 9);
         for path in [folder.path(), &inputs, &inputs.join(FILE)] {
             let listing = list_capture(path).unwrap();
-            let frames = [listing.train, listing.val, listing.test].concat();
-            assert_cameras(&frames, &shifted_cameras());
+            assert_cameras(&listing, &shifted_cameras());
         }
     }
 
@@ -191,50 +159,42 @@ mod tests {
         let inputs = write_neilf(folder.path(), &shifted_cameras());
         let path = inputs.join(FILE);
         let scene: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
-        let camera = "/camera_track_map/images/3";
-        for (pointer, value, expected) in [
+        let camera = "/camera_track_map/images/3/camera";
+        let missing = "image_path.file_paths: missing";
+        for (below, pointer, value, expected) in [
+            ("", "/image_path", json!(1), missing),
             (
-                "/image_path".to_owned(),
-                json!(1),
-                "image_path.file_paths: missing",
-            ),
-            (
-                format!("{camera}/camera/extrinsic"),
+                camera,
+                "/extrinsic",
                 json!([1]),
                 "frame 3, extrinsic: not 16",
             ),
             (
-                format!("{camera}/camera/extrinsic"),
+                camera,
+                "/extrinsic",
                 json!(vec![0; 16]),
                 "extrinsic: not a rotation",
             ),
             (
-                format!("{camera}/camera/intrinsic/focal"),
+                camera,
+                "/intrinsic/focal",
                 json!([0, 1]),
                 "focal: not greater",
             ),
+            (camera, "/intrinsic/ppt", json!(null), "ppt: missing"),
             (
-                format!("{camera}/camera/intrinsic/ppt"),
-                json!(null),
-                "ppt: missing",
-            ),
-            (
-                format!("{camera}/size"),
+                "/camera_track_map/images/3",
+                "/size",
                 json!([-1, 5]),
                 "size: not a picture size",
             ),
-            (
-                "/image_path/file_paths/3".to_owned(),
-                json!(".."),
-                "file_paths",
-            ),
+            ("/image_path", "/file_paths/3", json!(".."), "file_paths"),
         ] {
+            let pointer = format!("{below}{pointer}");
             let mut broken = scene.clone();
             *broken.pointer_mut(&pointer).unwrap() = value;
             std::fs::write(&path, broken.to_string()).unwrap();
-            let message = list_capture(folder.path()).unwrap_err().to_string();
-            assert!(message.contains(expected), "{pointer}: {message}");
-            assert!(message.contains(FILE), "{message}");
+            assert_error(list_capture(folder.path()), &[expected, FILE]);
         }
     }
 }

@@ -6,9 +6,8 @@
 
 use std::path::Path;
 
-use super::found::{Found, Listed};
+use super::found::{Found, Layout, Listed};
 use crate::data::files::capture_path::read_bytes;
-use crate::data::files::npy::Array;
 use crate::data::files::pickle;
 use crate::data::frame::{rotation_and_translation, world_from_opencv};
 use crate::data::{DataError, DepthFile, Frame, Intrinsics};
@@ -20,18 +19,16 @@ const MAX_CAMERAS: usize = 100_000;
 const DEPTH_UNIT: f32 = 15.0 / 65535.0;
 const NOTHING_FROM: f32 = 14.5;
 
-pub(super) const LOOKED_FOR: &str = "NeRO: 0-camera.pkl with 0.png and 0-depth.png";
-
-pub(in crate::data) fn find(root: &Path) -> Option<Found> {
-    let file = root.join(FIRST);
-    file.is_file().then(|| Found {
-        root: root.to_owned(),
-        file,
-    })
-}
+pub(super) const LAYOUT: Layout = Layout {
+    name: "NeRO",
+    looked_for: "NeRO: 0-camera.pkl with 0.png and 0-depth.png",
+    find: |root| Found::first(root, &[FIRST]),
+    of_file: |file| Found::with_extension(file, "pkl"),
+    list,
+};
 
 /// Lists the photos in the order of their numbers.
-pub(in crate::data) fn list(found: &Found) -> Result<Listed, DataError> {
+fn list(found: &Found) -> Result<Listed, DataError> {
     let files = (0..MAX_CAMERAS).map(|i| found.root.join(format!("{i}-camera.pkl")));
     let files = files.take_while(|file| file.is_file()).enumerate();
     let frames = files.map(|(i, file)| read_frame(&found.root, i, &file));
@@ -46,24 +43,21 @@ pub(in crate::data) fn list(found: &Found) -> Result<Listed, DataError> {
 }
 
 fn read_frame(root: &Path, index: usize, file: &Path) -> Result<Frame, DataError> {
-    let fail = |field: &str, problem: String| DataError::Field {
-        path: file.to_owned(),
-        frame: None,
-        field: field.to_owned(),
-        problem,
-    };
+    let fail = |field: &str, problem: &str| DataError::field(file, field, problem);
     let bytes = read_bytes(file, pickle::MAX_BYTES)?;
-    let arrays = pickle::arrays(&bytes).map_err(|problem| fail("pickle", problem))?;
+    let arrays = pickle::arrays(&bytes).map_err(|problem| fail("pickle", &problem))?;
     let of_shape = |shape: &[usize]| arrays.iter().find(|array| array.shape == shape);
     let (Some(pose), Some(lens)) = (of_shape(&[3, 4]), of_shape(&[3, 3])) else {
         let shapes: Vec<&[usize]> = arrays.iter().map(|array| array.shape.as_slice()).collect();
         let problem = format!("a pose of 3 x 4 and a lens of 3 x 3 were expected, not {shapes:?}");
-        return Err(fail("pickle", problem));
+        return Err(fail("pickle", &problem));
     };
     let pose = rotation_and_translation(&pose.values);
     let (rotation, translation) =
-        pose.ok_or_else(|| fail("pose", "not a rotation and a translation".to_owned()))?;
-    let lens = lens_of(lens).ok_or_else(|| fail("lens", "no focal lengths".to_owned()))?;
+        pose.ok_or_else(|| fail("pose", "not a rotation and a translation"))?;
+    let lens = [0, 4, 2, 5].map(|i| lens.values[i] as f32);
+    let lens = Intrinsics::pinhole_at_whole_centers(lens);
+    let lens = lens.ok_or_else(|| fail("lens", "no focal lengths"))?;
     let photo = root.join(format!("{index}.png"));
     let pose = world_from_opencv(rotation, translation);
     let depth = DepthFile::find(&root.join(format!("{index}-depth")), DEPTH_UNIT);
@@ -76,28 +70,14 @@ fn read_frame(root: &Path, index: usize, file: &Path) -> Result<Frame, DataError
     })
 }
 
-fn lens_of(matrix: &Array) -> Option<Intrinsics> {
-    let at = |i: usize| matrix.values[i] as f32;
-    let lens = [at(0), at(4), at(2), at(5)];
-    let is_usable = lens.iter().all(|v| v.is_finite()) && at(0) > 0.0 && at(4) > 0.0;
-    is_usable.then(|| Intrinsics {
-        fl_x: Some(at(0)),
-        fl_y: Some(at(4)),
-        // Ours has the first pixel's centre at one half.
-        cx: Some(at(2) + 0.5),
-        cy: Some(at(5) + 0.5),
-        ..Intrinsics::default()
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::test_formats::{
         SIZE, assert_cameras, folder, shifted_cameras, write_nero, write_photos,
     };
     use super::*;
-    use crate::data::list_capture;
-    use crate::data::{Dataset, LoadOptions};
+    use crate::data::test_asserts::assert_error;
+    use crate::data::{Dataset, LoadOptions, list_capture};
 
     #[test]
     fn cameras_are_those_of_other_formats_and_depths_are_masks() {
@@ -116,9 +96,9 @@ mod tests {
         write_nero(root, &shifted_cameras());
         let listing = list_capture(root).unwrap();
         assert!(listing.recognised.contains("NeRO: 9 cameras, 9 depth maps"));
-        let frames: Vec<Frame> = listing.frames().cloned().collect();
-        assert_cameras(&frames, &shifted_cameras());
-        let (_, _, depths) = frames[0].depth.as_ref().unwrap().read().unwrap();
+        assert_cameras(&listing, &shifted_cameras());
+        let first = listing.frames().next().unwrap();
+        let (_, _, depths) = first.depth.as_ref().unwrap().read().unwrap();
         assert!((depths[0] - 2.0).abs() < 1e-3, "{}", depths[0]);
         let dataset = Dataset::load(root, &LoadOptions::default()).unwrap();
         let mask = dataset.train[0].mask.as_ref().unwrap();
@@ -132,15 +112,11 @@ mod tests {
         let file = folder.path().join(FIRST);
         for (bytes, expected) in [
             (&b"N."[..], "a pose of 3 x 4 and a lens of 3 x 3"),
-            (
-                &b"cposix\nsystem\n)R."[..],
-                "0-camera.pkl: pickle: it calls posix.system",
-            ),
-            (&b""[..], "ends early"),
+            (b"cposix\nsystem\n)R.", "pickle: it calls posix.system"),
+            (b"", "ends early"),
         ] {
             std::fs::write(&file, bytes).unwrap();
-            let message = list_capture(folder.path()).unwrap_err().to_string();
-            assert!(message.contains(expected), "{message}");
+            assert_error(list_capture(folder.path()), &[expected, "0-camera.pkl"]);
         }
     }
 }

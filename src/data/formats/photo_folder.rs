@@ -4,7 +4,9 @@ use std::collections::HashMap;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-use crate::data::files::capture_path::{PICTURE_EXTENSIONS, is_picture, trailing_number};
+use crate::data::files::capture_path::{
+    PICTURE_EXTENSIONS, first_extended, first_folder, is_picture, list_folder, trailing_number,
+};
 use crate::data::{DataError, Frame, Problem, Severity};
 
 /// Names of folders of photos in full size, in the order in which they are tried.
@@ -17,50 +19,43 @@ const MASK_FOLDERS: [&str; 5] = [
     "object_mask",
     "silhouettes",
 ];
-/// Most files looked at in a folder: a capture of 10,000 photos passes, a whole disk does not.
-const MAX_FILES: usize = 200_000;
 
 /// The folders below `root` that hold photos: full size first, then scaled copies (`images_4`),
 /// the largest first.
 pub(super) fn photo_folders(root: &Path) -> Vec<PathBuf> {
     let full = PHOTO_FOLDERS.iter().map(|name| root.join(name));
     let mut folders: Vec<PathBuf> = full.filter(|folder| folder.is_dir()).collect();
-    let mut scaled: Vec<(u32, PathBuf)> = root
-        .read_dir()
-        .into_iter()
-        .flatten()
-        .take(MAX_FILES)
-        .filter_map(|entry| {
-            let path = entry.ok()?.path();
-            let factor = path.file_name()?.to_str()?.strip_prefix("images_")?;
-            let factor = factor.parse().ok()?;
-            path.is_dir().then_some((factor, path))
-        })
-        .collect();
-    scaled.sort();
-    folders.extend(scaled.into_iter().map(|(_, folder)| folder));
+    let factor = |path: &Path| {
+        let factor = path.file_name()?.to_str()?.strip_prefix("images_")?;
+        factor.parse::<u32>().ok()
+    };
+    let scaled = list_folder(root, |path| factor(path).is_some() && path.is_dir());
+    let mut scaled = scaled.unwrap_or_default();
+    scaled.sort_by_key(|path| factor(path));
+    folders.extend(scaled);
     folders
+}
+
+/// The folder `preferred` of photos, else the first of the usual ones. `there`: what else was found, for the error.
+pub(super) fn photo_folder(
+    root: &Path,
+    preferred: &str,
+    there: &str,
+) -> Result<PathBuf, DataError> {
+    let usual = || photo_folders(root).into_iter().next();
+    let found = first_folder(root, &[preferred]).or_else(usual);
+    found.ok_or_else(|| {
+        let problem = format!("{there} there, but no folder {preferred}/ or images/ with photos");
+        DataError::no_capture(root, problem)
+    })
 }
 
 /// The pictures in a folder, sorted by name; hidden files are passed over.
 pub(super) fn list_pictures(folder: &Path) -> Result<Vec<PathBuf>, DataError> {
-    let io = |e| DataError::io(folder, e);
-    let mut pictures = Vec::new();
-    for (i, entry) in folder.read_dir().map_err(io)?.enumerate() {
-        if i == MAX_FILES {
-            let problem = format!("more than {MAX_FILES} files in the folder");
-            return Err(DataError::image(folder, problem));
-        }
-        let path = entry.map_err(io)?.path();
-        let is_hidden = path
-            .file_name()
-            .is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
-        if !is_hidden && is_picture(&path) && path.is_file() {
-            pictures.push(path);
-        }
-    }
-    pictures.sort();
-    Ok(pictures)
+    list_folder(folder, |path| {
+        let name = path.file_name().unwrap_or_default().as_encoded_bytes();
+        !name.starts_with(b".") && is_picture(path) && path.is_file()
+    })
 }
 
 /// Photos for cameras that are known by their position only.
@@ -72,18 +67,26 @@ pub(super) fn match_by_position(photos: &[PathBuf], n: usize) -> Option<Vec<Opti
     if photos.len() == n {
         return Some(photos.iter().cloned().map(Some).collect());
     }
-    let numbers: Option<Vec<u64>> = photos.iter().map(|photo| trailing_number(photo)).collect();
-    let mut by_number: HashMap<u64, &PathBuf> = HashMap::new();
-    for (number, photo) in numbers?.into_iter().zip(photos) {
-        if number >= n as u64 || by_number.insert(number, photo).is_some() {
+    let by_number = by_number(photos)?;
+    if by_number.keys().any(|number| *number >= n as u64) {
+        return None;
+    }
+    let photo = |i| by_number.get(&i).map(|photo| photo.to_path_buf());
+    Some((0..n as u64).map(photo).collect())
+}
+
+/// Files by the numbers in their names, where each has one of its own.
+fn by_number(files: &[PathBuf]) -> Option<HashMap<u64, &Path>> {
+    let mut by_number = HashMap::new();
+    for file in files {
+        if by_number
+            .insert(trailing_number(file)?, file.as_path())
+            .is_some()
+        {
             return None;
         }
     }
-    Some(
-        (0..n as u64)
-            .map(|i| by_number.get(&i).map(|photo| (*photo).clone()))
-            .collect(),
-    )
+    Some(by_number)
 }
 
 /// Gives frames without a mask the one from the capture's folder of masks, if it has one.
@@ -92,8 +95,7 @@ pub(super) fn match_by_position(photos: &[PathBuf], n: usize) -> Option<Vec<Opti
 /// that with the same number at the end, else, where there are as many masks as photos, to that
 /// at the same position in the order of names.
 pub(super) fn assign_masks(root: &Path, frames: &mut [Frame], problems: &mut Vec<Problem>) {
-    let folders = MASK_FOLDERS.iter().map(|name| root.join(name));
-    let Some(folder) = folders.into_iter().find(|folder| folder.is_dir()) else {
+    let Some(folder) = first_folder(root, &MASK_FOLDERS) else {
         return;
     };
     if frames.iter().any(|frame| frame.mask.is_some()) {
@@ -114,7 +116,7 @@ pub(super) fn assign_masks(root: &Path, frames: &mut [Frame], problems: &mut Vec
             return;
         }
     };
-    let how = if assign_by_number(&masks, frames) {
+    let how = if assign_by_number(&masks, frames).is_some() {
         "by number"
     } else if masks.len() == frames.len() {
         for (frame, mask) in frames.iter_mut().zip(masks) {
@@ -146,45 +148,26 @@ fn mask_by_name(folder: &Path, photo: &Path) -> Option<PathBuf> {
         .iter()
         .flat_map(|folder| names.iter().map(move |name| (folder, name)))
         .find_map(|(folder, (base, ending))| {
-            PICTURE_EXTENSIONS.iter().find_map(|extension| {
-                let mut name = OsString::from(base);
-                name.push(ending);
-                name.push(".");
-                name.push(extension);
-                let path = folder.join(name);
-                path.is_file().then_some(path)
-            })
+            let mut name = OsString::from(base);
+            name.push(ending);
+            first_extended(&folder.join(name), &PICTURE_EXTENSIONS)
         })
 }
 
-/// Whether all masks and photos have numbers of their own; then they are paired by them.
-fn assign_by_number(masks: &[PathBuf], frames: &mut [Frame]) -> bool {
-    let mut by_number: HashMap<u64, &PathBuf> = HashMap::new();
-    for mask in masks {
-        let Some(number) = trailing_number(mask) else {
-            return false;
-        };
-        if by_number.insert(number, mask).is_some() {
-            return false;
-        }
-    }
-    let numbers: Option<Vec<u64>> = frames
-        .iter()
-        .map(|frame| trailing_number(&frame.photo))
-        .collect();
-    let Some(numbers) = numbers else {
-        return false;
-    };
-    let mut sorted = numbers.clone();
-    sorted.sort_unstable();
-    sorted.dedup();
+/// Pairs masks and photos by their numbers, where all have one of their own.
+fn assign_by_number(masks: &[PathBuf], frames: &mut [Frame]) -> Option<()> {
+    let masks_by_number = by_number(masks)?;
+    let photos: Vec<PathBuf> = frames.iter().map(|frame| frame.photo.clone()).collect();
+    let photos_by_number = by_number(&photos)?;
     // Numbers that run alike but start apart would pair all but one, and all wrongly.
-    let n_paired = sorted.iter().filter(|n| by_number.contains_key(n)).count();
-    if sorted.len() < numbers.len() || n_paired < masks.len().min(frames.len()) {
-        return false;
+    let paired = |number: &&u64| masks_by_number.contains_key(number);
+    let n_paired = photos_by_number.keys().filter(paired).count();
+    if n_paired < masks.len().min(frames.len()) {
+        return None;
     }
-    for (frame, number) in frames.iter_mut().zip(numbers) {
-        frame.mask = by_number.get(&number).map(|mask| (*mask).clone());
+    for frame in frames {
+        let mask = masks_by_number.get(&trailing_number(&frame.photo)?);
+        frame.mask = mask.map(|mask| mask.to_path_buf());
     }
-    true
+    Some(())
 }

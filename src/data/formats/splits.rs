@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use serde_json::Value;
 
 use super::transforms_json::read_value;
-use crate::data::files::capture_path::read_text;
+use crate::data::files::capture_path::{first_file, read_text};
 use crate::data::problem::first_names;
 use crate::data::{CaptureChoices, DataError, Frame, Problem, Severity, read_frames};
 
@@ -29,21 +29,21 @@ const MIN_TRAIN_FOR_VAL: usize = 20;
 const MAX_LIST_BYTES: u64 = 16 << 20;
 
 /// The listed frames by split.
-#[derive(Debug, Default)]
-pub(in crate::data) struct SplitFrames {
-    pub(in crate::data) train: Vec<Frame>,
-    pub(in crate::data) val: Vec<Frame>,
-    pub(in crate::data) test: Vec<Frame>,
+#[derive(Clone, Debug, Default)]
+pub struct SplitFrames {
+    /// Photos to learn from.
+    pub train: Vec<Frame>,
+    /// Photos for early stopping and choosing settings.
+    pub val: Vec<Frame>,
+    /// Photos for the final measure only.
+    pub test: Vec<Frame>,
     /// Why they are split so, for people.
-    pub(in crate::data) rule: String,
+    pub rule: String,
 }
 
 /// The file of the transforms family in a folder.
 pub(super) fn find_transforms(root: &Path) -> Option<PathBuf> {
-    ["transforms_train.json", "transforms.json"]
-        .iter()
-        .map(|name| root.join(name))
-        .find(|json| json.is_file())
+    first_file(root, &["transforms_train.json", "transforms.json"])
 }
 
 /// What `json` and the files of the other splits beside it list, and what they are, for people.
@@ -71,12 +71,12 @@ pub(super) fn read_transforms(
 
 /// Which photos a capture itself assigns to splits, by name.
 #[derive(Debug, Default)]
-pub(in crate::data) struct SplitLists {
+struct SplitLists {
     /// Where the lists stand, for people.
-    pub(in crate::data) source: String,
-    pub(in crate::data) train: Option<HashSet<String>>,
-    pub(in crate::data) val: Option<HashSet<String>>,
-    pub(in crate::data) test: Option<HashSet<String>>,
+    source: String,
+    train: Option<HashSet<String>>,
+    val: Option<HashSet<String>>,
+    test: Option<HashSet<String>>,
 }
 
 impl SplitLists {
@@ -85,18 +85,22 @@ impl SplitLists {
         is_in(self.val.as_ref(), frame) || is_in(self.test.as_ref(), frame)
     }
 
+    fn new(source: &str, list: impl Fn(&str) -> Option<HashSet<String>>) -> Self {
+        Self {
+            source: source.to_owned(),
+            train: list("train"),
+            val: list("val"),
+            test: list("test"),
+        }
+    }
+
     /// The lists in `train.txt`, `val.txt` and `test.txt`.
     fn in_text_files(root: &Path) -> Self {
-        let list = |name: &str| {
-            let text = read_text(&root.join(name), MAX_LIST_BYTES).ok()?;
+        Self::new("train.txt, val.txt and test.txt", |split| {
+            let file = root.join(format!("{split}.txt"));
+            let text = read_text(&file, MAX_LIST_BYTES).ok()?;
             Some(text.lines().map(photo_key).collect())
-        };
-        Self {
-            source: "train.txt, val.txt and test.txt".to_owned(),
-            train: list("train.txt"),
-            val: list("val.txt"),
-            test: list("test.txt"),
-        }
+        })
     }
 }
 
@@ -133,10 +137,8 @@ pub(super) fn split_as_chosen(
             ..SplitLists::in_text_files(folder)
         };
         if !frames.iter().any(|frame| lists.hold_out(frame)) {
-            return Err(DataError::NotADataset {
-                path: folder.clone(),
-                problem: "no val.txt or test.txt there names a photo of the capture".to_owned(),
-            });
+            let problem = "no val.txt or test.txt there names a photo of the capture";
+            return Err(DataError::no_capture(folder, problem));
         }
         return Ok(split_by_lists(&lists, frames));
     }
@@ -177,7 +179,7 @@ fn is_in(names: Option<&HashSet<String>>, frame: &Frame) -> bool {
 }
 
 /// What a photo is called in lists: its path without extension, folders parted by slashes.
-pub(super) fn photo_key(path: &str) -> String {
+fn photo_key(path: &str) -> String {
     let portable = path.trim().replace('\\', "/");
     let path = portable.trim_start_matches("./");
     let name_at = path.rfind('/').map_or(0, |slash| slash + 1);
@@ -200,39 +202,33 @@ fn read_split_files(
 ) -> Result<SplitFrames, DataError> {
     let mut read = |split: &str| {
         let json = split_file(split);
-        if json.is_file() {
-            Ok(Some(keep_existing(read_frames(&json)?, problems)))
-        } else {
-            Ok::<_, DataError>(None)
-        }
+        let frames = json.is_file().then(|| read_frames(&json)).transpose()?;
+        Ok::<_, DataError>(frames.map(|frames| keep_existing(frames, problems)))
     };
-    let mut train = read("train")?.unwrap_or_default();
-    let val = read("val")?;
-    let mut rule = "by transforms_train.json, _val and _test";
-    let test = read("test")?.unwrap_or_default();
-    let val = val.unwrap_or_else(|| {
-        if train.len() < MIN_TRAIN_FOR_VAL {
-            return Vec::new();
+    let (train, val, test) = (read("train")?, read("val")?, read("test")?);
+    let mut split = SplitFrames {
+        train: train.unwrap_or_default(),
+        val: Vec::new(),
+        test: test.unwrap_or_default(),
+        rule: "by transforms_train.json, _val and _test".to_owned(),
+    };
+    if let Some(val) = val {
+        split.val = val;
+    } else if split.train.len() >= MIN_TRAIN_FOR_VAL {
+        for (i, frame) in std::mem::take(&mut split.train).into_iter().enumerate() {
+            let validates = i % 10 == 9;
+            let part = if validates {
+                &mut split.val
+            } else {
+                &mut split.train
+            };
+            part.push(frame);
         }
-        let (val, rest) = std::mem::take(&mut train)
-            .into_iter()
-            .enumerate()
-            .partition::<Vec<_>, _>(|(i, _)| i % 10 == 9);
-        train = without_index(rest);
-        rule = "by transforms_train.json and _test; there is no transforms_val.json, so every 10th training photo \
-                validates";
-        without_index(val)
-    });
-    Ok(SplitFrames {
-        train,
-        val,
-        test,
-        rule: rule.to_owned(),
-    })
-}
-
-fn without_index(frames: Vec<(usize, Frame)>) -> Vec<Frame> {
-    frames.into_iter().map(|(_, frame)| frame).collect()
+        split.rule = "by transforms_train.json and _test; there is no transforms_val.json, so every 10th training \
+                      photo validates"
+            .to_owned();
+    }
+    Ok(split)
 }
 
 /// Splits frames by position: every `every`-th tests (0 for none) where there are `at_least` photos, and where there
@@ -290,17 +286,12 @@ pub(super) fn keep_existing(frames: Vec<Frame>, problems: &mut Vec<Problem>) -> 
 }
 
 /// nerfstudio's `train_filenames`, `val_filenames` and `test_filenames`, where a file has them.
-pub(in crate::data) fn split_lists(json: &Path) -> Result<Option<SplitLists>, DataError> {
+fn split_lists(json: &Path) -> Result<Option<SplitLists>, DataError> {
     let value = read_value(json)?;
-    let list = |name: &str| {
-        let names = value.get(name)?.as_array()?.iter();
-        Some(names.filter_map(Value::as_str).map(photo_key).collect())
-    };
-    let lists = SplitLists {
-        source: "the file's own lists".to_owned(),
-        train: list("train_filenames"),
-        val: list("val_filenames"),
-        test: list("test_filenames"),
-    };
+    let lists = SplitLists::new("the file's own lists", |split| {
+        let names = value.get(format!("{split}_filenames"))?.as_array()?;
+        let names = names.iter().filter_map(Value::as_str);
+        Some(names.map(photo_key).collect())
+    });
     Ok((lists.val.is_some() || lists.test.is_some()).then_some(lists))
 }

@@ -3,13 +3,13 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use glam::{DMat3, DMat4, DVec3, DVec4, Vec3};
+use glam::{DMat3, DMat4, DVec3, DVec4, Mat4, Vec3};
 use serde_json::json;
 use tempfile::TempDir;
 
 use crate::data::files::npy::tests::{npy_of, npz_of};
 use crate::data::files::pickle::tests::{LENS, POSE, PROTOCOL_4, bytes_of};
-use crate::data::{Frame, write_png_srgb};
+use crate::data::{Listing, write_png_srgb};
 use crate::geometry::{Camera, Distortion};
 
 /// Size of the photos.
@@ -55,33 +55,28 @@ pub(in crate::data) fn write_photos(folder: &Path, n: usize) {
     }
 }
 
-/// From world to camera with x right, y down, z forward: rotation and translation.
-fn opencv_pose(camera: &Camera) -> (DMat3, DVec3) {
-    let axes = camera.world_from_camera.matrix3;
-    let rotation = DMat3::from_cols(
-        Vec3::from(axes.x_axis).as_dvec3(),
-        -Vec3::from(axes.y_axis).as_dvec3(),
-        -Vec3::from(axes.z_axis).as_dvec3(),
-    )
-    .transpose();
-    let translation = -(rotation * camera.position().as_dvec3());
-    (rotation, translation)
+/// A capture of nine photos in the folder `photos`, with what `write` adds.
+pub(in crate::data) fn capture(photos: &str, write: impl Fn(&Path)) -> TempDir {
+    let folder = folder();
+    write_photos(&folder.path().join(photos), 9);
+    write(folder.path());
+    folder
 }
 
-/// That pose as 16 numbers, row by row.
-fn opencv_rows(camera: &Camera) -> Vec<f64> {
-    let (rotation, translation) = opencv_pose(camera);
-    let columns = [
-        rotation.x_axis,
-        rotation.y_axis,
-        rotation.z_axis,
-        translation,
-    ];
-    let mut rows: Vec<f64> = (0..3)
-        .flat_map(|i| columns.iter().map(move |column| column[i]))
-        .collect();
-    rows.extend([0.0, 0.0, 0.0, 1.0]);
-    rows
+/// From camera to world with x right, y down, z forward.
+fn world_from_opencv(camera: &Camera) -> DMat4 {
+    let world_from_camera = Mat4::from(camera.world_from_camera).as_dmat4();
+    world_from_camera * DMat4::from_scale(DVec3::new(1.0, -1.0, -1.0))
+}
+
+/// The other way.
+fn extrinsic(camera: &Camera) -> DMat4 {
+    world_from_opencv(camera).inverse()
+}
+
+/// A matrix row by row.
+fn rows(m: DMat4) -> [f64; 16] {
+    m.transpose().to_cols_array()
 }
 
 /// The lens as a matrix whose pixel centres are whole numbers.
@@ -95,8 +90,7 @@ fn k_of(camera: &Camera) -> DMat3 {
 
 /// `w, x, y, z` and translation, as COLMAP has it.
 fn colmap_pose(camera: &Camera) -> ([f64; 4], [f64; 3]) {
-    let (rotation, translation) = opencv_pose(camera);
-    let q = glam::DQuat::from_mat3(&rotation);
+    let (_, q, translation) = extrinsic(camera).to_scale_rotation_translation();
     ([q.w, q.x, q.y, q.z], translation.to_array())
 }
 
@@ -113,36 +107,32 @@ fn colmap_params(camera: &Camera) -> Vec<f64> {
 /// Writes `cameras.bin`, `images.bin` and `points3D.bin`, images in reverse order of names.
 pub(in crate::data) fn write_colmap_binary(folder: &Path, cameras: &[Camera]) {
     std::fs::create_dir_all(folder).unwrap();
+    let f64s =
+        |values: &[f64]| -> Vec<u8> { values.iter().flat_map(|v| v.to_le_bytes()).collect() };
     let mut bytes = 1_u64.to_le_bytes().to_vec();
-    bytes.extend(7_u32.to_le_bytes());
-    bytes.extend(4_u32.to_le_bytes());
-    bytes.extend(u64::from(SIZE.0).to_le_bytes());
-    bytes.extend(u64::from(SIZE.1).to_le_bytes());
-    bytes.extend(
-        colmap_params(&cameras[0])
-            .iter()
-            .flat_map(|v| v.to_le_bytes()),
-    );
+    bytes.extend([7_u32, 4].map(u32::to_le_bytes).as_flattened());
+    let size = [SIZE.0, SIZE.1].map(u64::from);
+    bytes.extend(size.map(u64::to_le_bytes).as_flattened());
+    bytes.extend(f64s(&colmap_params(&cameras[0])));
     std::fs::write(folder.join("cameras.bin"), bytes).unwrap();
     let mut bytes = (cameras.len() as u64).to_le_bytes().to_vec();
     for (i, camera) in cameras.iter().enumerate().rev() {
         let (q, t) = colmap_pose(camera);
         bytes.extend((i as u32 + 100).to_le_bytes());
-        bytes.extend(q.iter().chain(&t).flat_map(|v| v.to_le_bytes()));
+        bytes.extend([f64s(&q), f64s(&t)].concat());
         bytes.extend(7_u32.to_le_bytes());
         bytes.extend(format!("{i:04}.png\0").as_bytes());
         bytes.extend(1_u64.to_le_bytes());
-        bytes.extend([3.5_f64, 4.5].iter().flat_map(|v| v.to_le_bytes()));
+        bytes.extend(f64s(&[3.5, 4.5]));
         bytes.extend(5_u64.to_le_bytes());
     }
     std::fs::write(folder.join("images.bin"), bytes).unwrap();
-    let mut bytes = 1_u64.to_le_bytes().to_vec();
-    bytes.extend(5_u64.to_le_bytes());
-    bytes.extend([0.1_f64, 0.2, 0.3].iter().flat_map(|v| v.to_le_bytes()));
+    let mut bytes = [1_u64, 5].map(u64::to_le_bytes).concat();
+    bytes.extend(f64s(&[0.1, 0.2, 0.3]));
     bytes.extend([10, 20, 30]);
     bytes.extend(0.5_f64.to_le_bytes());
     bytes.extend(1_u64.to_le_bytes());
-    bytes.extend([100_u32, 0].iter().flat_map(|v| v.to_le_bytes()));
+    bytes.extend([100_u32, 0].map(u32::to_le_bytes).as_flattened());
     std::fs::write(folder.join("points3D.bin"), bytes).unwrap();
 }
 
@@ -205,16 +195,15 @@ pub(in crate::data) fn write_idr(root: &Path, cameras: &[Camera]) {
         DVec4::Z * SPHERE_SCALE,
         DVec4::new(-28.0, 30.0, 640.0, 1.0),
     );
-    let rows = |m: DMat4| npy_of(&[4, 4], &m.transpose().to_cols_array());
+    let matrix = |m: DMat4| npy_of(&[4, 4], &rows(m));
     let mut arrays = Vec::new();
     for (i, camera) in cameras.iter().enumerate() {
-        let extrinsic: [f64; 16] = opencv_rows(camera).try_into().unwrap();
-        let extrinsic = DMat4::from_cols_array(&extrinsic).transpose();
-        let projection = DMat4::from_mat3(k_of(camera)) * extrinsic * scale_mat.inverse();
+        let k = DMat4::from_mat3(k_of(camera));
+        let projection = k * extrinsic(camera) * scale_mat.inverse();
         // A projection is known up to a factor, of either sign.
         let factor = if i % 2 == 0 { 3.0 } else { -0.1 };
-        arrays.push((format!("world_mat_{i}"), rows(projection * factor)));
-        arrays.push((format!("scale_mat_{i}"), rows(scale_mat)));
+        arrays.push((format!("world_mat_{i}"), matrix(projection * factor)));
+        arrays.push((format!("scale_mat_{i}"), matrix(scale_mat)));
     }
     std::fs::write(root.join("cameras_sphere.npz"), npz_of(&arrays)).unwrap();
 }
@@ -224,10 +213,7 @@ pub(in crate::data) fn write_blended_mvs(root: &Path, cameras: &[Camera]) {
     let folder = root.join("cams");
     std::fs::create_dir_all(&folder).unwrap();
     for (i, camera) in cameras.iter().enumerate() {
-        let mut text = "extrinsic\n".to_owned();
-        for row in opencv_rows(camera).chunks(4) {
-            writeln!(text, "{} {} {} {} ", row[0], row[1], row[2], row[3]).unwrap();
-        }
+        let mut text = format!("extrinsic\n{}", lines_of(extrinsic(camera)));
         let k = k_of(camera).transpose();
         writeln!(text, "\nintrinsic").unwrap();
         for row in [k.x_axis, k.y_axis, k.z_axis] {
@@ -238,15 +224,9 @@ pub(in crate::data) fn write_blended_mvs(root: &Path, cameras: &[Camera]) {
     }
 }
 
-/// From camera to world with x right, y down, z forward.
-fn world_from_opencv_camera(camera: &Camera) -> DMat4 {
-    let rows: [f64; 16] = opencv_rows(camera).try_into().unwrap();
-    DMat4::from_cols_array(&rows).transpose().inverse()
-}
-
 /// A matrix as text, four numbers a line.
 fn lines_of(m: DMat4) -> String {
-    let rows = m.transpose().to_cols_array();
+    let rows = rows(m);
     let lines = rows
         .chunks(4)
         .map(|row| format!("{} {} {} {}\n", row[0], row[1], row[2], row[3]));
@@ -260,7 +240,7 @@ pub(in crate::data) fn write_rgbd(root: &Path, cameras: &[Camera]) {
     let lens = lines_of(DMat4::from_mat3(k_of(&cameras[0])));
     std::fs::write(root.join("intrinsic/intrinsic_color.txt"), lens).unwrap();
     for (i, camera) in cameras.iter().enumerate() {
-        let pose = lines_of(world_from_opencv_camera(camera));
+        let pose = lines_of(world_from_opencv(camera));
         std::fs::write(root.join(format!("pose/{i:04}.txt")), pose).unwrap();
     }
 }
@@ -273,7 +253,7 @@ pub(in crate::data) fn write_trajectory(root: &Path, file: &str, cameras: &[Came
     let (mut poses, mut photos, mut depths) =
         ("# poses\n".to_owned(), String::new(), String::new());
     for (i, camera) in cameras.iter().enumerate() {
-        let pose = world_from_opencv_camera(camera);
+        let pose = world_from_opencv(camera);
         match file {
             "trajectory.log" => writeln!(poses, "{i} {i} {}\n{}", i + 1, lines_of(pose)).unwrap(),
             "traj.txt" => writeln!(poses, "{}", lines_of(pose).replace('\n', " ")).unwrap(),
@@ -327,7 +307,7 @@ pub(in crate::data) fn write_nero(root: &Path, cameras: &[Camera]) {
         |lens: &[f64]| -> Vec<u8> { lens.iter().flat_map(|v| v.to_le_bytes()).collect() };
     let (pose_at, lens_at) = (place(&pose_bytes(&POSE)), place(&lens_bytes(&LENS)));
     for (i, camera) in cameras.iter().enumerate() {
-        let pose = pose_bytes(&opencv_rows(camera)[..12]);
+        let pose = pose_bytes(&rows(extrinsic(camera))[..12]);
         let lens = lens_bytes(&k_of(camera).transpose().to_cols_array());
         let mut bytes = whole.clone();
         bytes[pose_at..pose_at + pose.len()].copy_from_slice(&pose);
@@ -342,7 +322,7 @@ pub(in crate::data) fn write_neilf(root: &Path, cameras: &[Camera]) -> PathBuf {
     std::fs::create_dir_all(&inputs).unwrap();
     let mut scene = json!({"camera_track_map": {"images": {}}, "image_path": {"file_paths": {}}});
     for (i, camera) in cameras.iter().enumerate() {
-        let rows: Vec<Vec<f64>> = opencv_rows(camera).chunks(4).map(<[f64]>::to_vec).collect();
+        let rows = extrinsic(camera).transpose().to_cols_array_2d();
         scene["camera_track_map"]["images"][i.to_string()] = json!({
             "camera": {
                 "intrinsic": {"focal": [camera.fx, camera.fy], "ppt": [camera.cx, camera.cy]},
@@ -358,30 +338,19 @@ pub(in crate::data) fn write_neilf(root: &Path, cameras: &[Camera]) -> PathBuf {
     inputs
 }
 
-/// Fails unless the frames' cameras see what `cameras` do, to a hundredth of a pixel.
-pub(super) fn assert_cameras(frames: &[Frame], cameras: &[Camera]) {
-    assert_eq!(frames.len(), cameras.len(), "cameras");
-    for frame in frames {
-        let number: usize = frame
-            .photo
-            .file_stem()
-            .unwrap()
-            .to_str()
-            .unwrap()
-            .parse()
-            .unwrap();
+/// Fails unless the listed cameras see what `cameras` do, to a hundredth of a pixel. Photos are named by their numbers.
+pub(super) fn assert_cameras(listing: &Listing, cameras: &[Camera]) {
+    assert_eq!(listing.frames().count(), cameras.len(), "cameras");
+    for frame in listing.frames() {
+        let name = frame.photo.file_name().unwrap().to_string_lossy();
+        let number: usize = name.split('.').next().unwrap().parse().unwrap();
         let (camera, rescaled) = frame.camera(SIZE.0, SIZE.1).unwrap();
         assert!(!rescaled, "{}: the lens fits the photo", frame.name);
-        for p in [
-            Vec3::ZERO,
-            Vec3::new(0.3, -0.4, 0.5),
-            Vec3::new(-0.5, 0.2, 0.1),
-        ] {
-            let (a, b) = (
-                camera.project(p).unwrap(),
-                cameras[number].project(p).unwrap(),
-            );
-            assert!(a.distance(b) < 0.01, "{}: {a}, not {b}", frame.name);
+        for p in [[0.0, 0.0, 0.0], [0.3, -0.4, 0.5], [-0.5, 0.2, 0.1]].map(Vec3::from) {
+            let found = camera.project(p).unwrap();
+            let expected = cameras[number].project(p).unwrap();
+            let is_near = found.distance(expected) < 0.01;
+            assert!(is_near, "{}: {found}, not {expected}", frame.name);
         }
     }
 }

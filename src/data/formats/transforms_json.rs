@@ -10,7 +10,7 @@ use glam::{Affine3A, Mat3, Vec3};
 use serde_json::Value;
 
 use super::json_fields::Fields;
-use crate::data::files::capture_path::{path_below, read_text, with_extension};
+use crate::data::files::capture_path::{folder_of, path_below, read_json, with_extension};
 use crate::data::photos::depth::MILLIMETRE;
 use crate::data::{DataError, DepthFile, Frame, Intrinsics};
 use crate::geometry::{Distortion, LensModel};
@@ -37,11 +37,7 @@ const CAMERA_MODELS: [&str; 8] = [
 /// Errors name the frame's index and the field. Paths that are absolute or lead out of the file's folder are refused.
 pub fn read_frames(json: &Path) -> Result<Vec<Frame>, DataError> {
     let value = read_value(json)?;
-    let top = Fields {
-        json,
-        frame: None,
-        value: &value,
-    };
+    let top = Fields::new(json, None, &value);
     if value.as_object().is_none() {
         return Err(top.error("(top level)", "not an object"));
     }
@@ -56,22 +52,14 @@ pub fn read_frames(json: &Path) -> Result<Vec<Frame>, DataError> {
         .iter()
         .enumerate()
         .map(|(index, value)| {
-            let fields = Fields {
-                json,
-                frame: Some(index),
-                value,
-            };
+            let fields = Fields::new(json, index, value);
             read_frame(&fields, index, lens)
         })
         .collect()
 }
 
 pub(super) fn read_value(json: &Path) -> Result<Value, DataError> {
-    let text = read_text(json, MAX_BYTES)?;
-    serde_json::from_str(&text).map_err(|source| DataError::Json {
-        path: json.to_owned(),
-        source,
-    })
+    read_json(json, MAX_BYTES)
 }
 
 fn read_frame(fields: &Fields<'_>, index: usize, lens: Intrinsics) -> Result<Frame, DataError> {
@@ -79,17 +67,13 @@ fn read_frame(fields: &Fields<'_>, index: usize, lens: Intrinsics) -> Result<Fra
         .string("file_path")?
         .ok_or_else(|| fields.error("file_path", "missing"))?;
     let photo = resolve(fields, "file_path", declared)?;
-    let mask = match fields.string("mask_path")? {
-        Some(declared) => Some(resolve(fields, "mask_path", declared)?),
-        None => None,
-    };
+    let mask = fields.string("mask_path")?;
+    let mask = mask.map(|declared| resolve(fields, "mask_path", declared));
     let depth = read_depth(fields)?;
     let (pose, lens) = (read_pose(fields)?, read_intrinsics(fields, lens)?);
-    let test_index = fields.value.get("test_index").and_then(Value::as_u64);
     Ok(Frame {
-        mask,
+        mask: mask.transpose()?,
         depth,
-        test_index: test_index.map(|i| i as usize),
         time_secs: fields.value.get("time").and_then(Value::as_f64),
         ..Frame::new(index, photo, pose, lens, fields.json)
     })
@@ -99,12 +83,8 @@ fn read_frame(fields: &Fields<'_>, index: usize, lens: Intrinsics) -> Result<Fra
 fn read_depth(fields: &Fields<'_>) -> Result<Option<DepthFile>, DataError> {
     for field in ["depth_file_path", "depth_path"] {
         if let Some(declared) = fields.string(field)? {
-            return Ok(Some(DepthFile {
-                path: resolve(fields, field, declared)?,
-                unit: MILLIMETRE,
-                nothing_from: f32::INFINITY,
-                lens: None,
-            }));
+            let path = resolve(fields, field, declared)?;
+            return Ok(Some(DepthFile::new(path, MILLIMETRE)));
         }
     }
     Ok(None)
@@ -219,13 +199,9 @@ fn rotation_of(x: Vec3, y: Vec3, z: Vec3) -> Result<Mat3, &'static str> {
 
 /// The file that a declared relative path means, without leaving the capture.
 fn resolve(fields: &Fields<'_>, field: &str, declared: &str) -> Result<PathBuf, DataError> {
-    let folder = fields.json.parent().unwrap_or_else(|| Path::new(""));
-    let is_edit = fields
-        .json
-        .file_name()
-        .is_some_and(|name| name == "edit.json");
+    let is_edit = fields.json.ends_with("edit.json");
     let max_climb = if is_edit { EDIT_CLIMB } else { 0 };
-    let path = path_below(folder, declared, max_climb);
+    let path = path_below(folder_of(fields.json), declared, max_climb);
     path.map(with_extension)
         .map_err(|problem| fields.error(field, problem))
 }
@@ -235,6 +211,8 @@ mod tests {
     use serde_json::json;
 
     use super::*;
+    use crate::data::test_asserts::assert_error;
+    use crate::geometry::Camera;
 
     fn pose() -> Value {
         json!([[1, 0, 0, 5], [0, 1, 0, 6], [0, 0, 1, 7], [0, 0, 0, 1]])
@@ -261,18 +239,13 @@ mod tests {
     fn a_frames_own_lens_wins_over_the_files() {
         let frames = read(&valid()).unwrap();
         let lens = |i: usize| frames[i].camera(320, 240).unwrap().0;
-        assert_eq!(
-            (lens(0).fx, lens(0).fy, lens(0).cx),
-            (300.5, 300.5, 161.0),
-            "file"
-        );
+        let Camera { fx, fy, cx, .. } = lens(0);
+        assert_eq!((fx, fy, cx), (300.5, 300.5, 161.0), "file");
         assert_eq!((lens(1).fx, lens(1).distortion.k1), (200.0, 0.01), "frame");
         assert_eq!(lens(0).position(), Vec3::new(5.0, 6.0, 7.0), "position");
         assert_eq!(frames[1].name, "r_1", "name");
-        assert!(
-            frames[1].photo.ends_with("train/r_1.png"),
-            "backslashes are folders"
-        );
+        let photo = &frames[1].photo;
+        assert!(photo.ends_with("train/r_1.png"), "{photo:?}: backslashes");
     }
 
     #[test]
@@ -280,31 +253,18 @@ mod tests {
         let json = json!({"camera_angle_x": std::f32::consts::FRAC_PI_2,
                           "frames": [{"file_path": "a", "transform_matrix": pose()}]});
         let (camera, rescaled) = read(&json).unwrap()[0].camera(400, 300).unwrap();
-        assert!(
-            (camera.fx - 200.0).abs() < 1e-3 && camera.fx == camera.fy,
-            "focal length"
-        );
-        assert_eq!(
-            (camera.cx, camera.cy, rescaled),
-            (200.0, 150.0, false),
-            "centre"
-        );
+        let Camera { fx, fy, cx, cy, .. } = camera;
+        assert!((fx - 200.0).abs() < 1e-3 && fx == fy, "{fx}, {fy}");
+        assert_eq!((cx, cy, rescaled), (200.0, 150.0, false), "centre");
     }
 
     #[test]
     fn lenses_shrink_with_their_photos_but_not_to_another_aspect() {
         let frames = read(&valid()).unwrap();
         let (camera, rescaled) = frames[0].camera(160, 120).unwrap();
-        assert_eq!(
-            (camera.fx, camera.cx, rescaled),
-            (150.25, 80.5, true),
-            "half size"
-        );
-        let message = frames[0].camera(320, 320).unwrap_err().to_string();
-        assert!(
-            message.contains("320 x 320") && message.contains("frame 0"),
-            "{message}"
-        );
+        assert_eq!((camera.fx, camera.cx), (150.25, 80.5), "half size");
+        assert!(rescaled);
+        assert_error(frames[0].camera(320, 320), &["320 x 320", "frame 0"]);
     }
 
     #[test]
@@ -312,7 +272,7 @@ mod tests {
         let with = |pointer: &str, value: Value| {
             let mut json = valid();
             *json.pointer_mut(pointer).unwrap() = value;
-            read(&json).unwrap_err().to_string()
+            read(&json)
         };
         let mut row = pose();
         row[3] = json!([0, 0, 1, 1]);
@@ -320,6 +280,7 @@ mod tests {
         mirrored[0][0] = json!(-1);
         let mut flat = pose();
         flat[2][2] = json!(0);
+        let (file, matrix) = ("/frames/1/file_path", "/frames/0/transform_matrix");
         for (pointer, value, expected) in [
             ("/w", json!(-3), "w: -3 is not a picture size"),
             ("/w", json!(null), "w: missing"),
@@ -333,46 +294,26 @@ mod tests {
             ("/frames", json!([]), "frames: the list is empty"),
             ("/frames/1", json!(7), "frame 1, file_path: missing"),
             (
-                "/frames/1/file_path",
-                json!("/etc/passwd"),
-                "frame 1, file_path: \"/etc/passwd\" is an absolute",
+                file,
+                json!("/etc/x"),
+                "frame 1, file_path: \"/etc/x\" is an absolute",
             ),
+            (file, json!("../x.png"), "leads out of the capture"),
+            (file, json!("c:/x.png"), "not a relative file path"),
             (
-                "/frames/1/file_path",
-                json!("../x.png"),
-                "leads out of the capture",
-            ),
-            (
-                "/frames/1/file_path",
-                json!("c:/x.png"),
-                "not a relative file path",
-            ),
-            (
-                "/frames/0/transform_matrix",
+                matrix,
                 json!([[1]]),
                 "frame 0, transform_matrix: not 4 rows",
             ),
-            (
-                "/frames/0/transform_matrix",
-                row,
-                "the last row is not 0 0 0 1",
-            ),
-            ("/frames/0/transform_matrix", mirrored, "left-handed"),
-            ("/frames/0/transform_matrix", flat, "not invertible"),
+            (matrix, row, "the last row is not 0 0 0 1"),
+            (matrix, mirrored, "left-handed"),
+            (matrix, flat, "not invertible"),
         ] {
-            let message = with(pointer, value);
-            assert!(message.contains(expected), "{pointer}: {message}");
-            assert!(message.contains("transforms.json"), "{message}");
+            assert_error(with(pointer, value), &[expected, "transforms.json"]);
         }
         let mut fisheye = valid();
         fisheye["camera_model"] = json!("EQUIRECTANGULAR");
-        assert!(
-            read(&fisheye)
-                .unwrap_err()
-                .to_string()
-                .contains("camera_model"),
-            "equirectangular"
-        );
+        assert_error(read(&fisheye), &["camera_model"]);
     }
 
     #[test]
@@ -380,11 +321,8 @@ mod tests {
         let mut json = valid();
         json["camera_model"] = json!("OPENCV_FISHEYE");
         let lens = |json: &Value| read(json).unwrap()[0].intrinsics.distortion;
-        assert_eq!(
-            (lens(&json).model, lens(&json).k1),
-            (LensModel::Fisheye, 0.01),
-            "by name"
-        );
+        assert_eq!(lens(&json).model, LensModel::Fisheye, "by name");
+        assert_eq!(lens(&json).k1, 0.01);
         let mut json = valid();
         json["is_fisheye"] = json!(true);
         assert_eq!(lens(&json).model, LensModel::Fisheye, "by flag");
@@ -398,12 +336,8 @@ mod tests {
             let photo = folder.path().join(format!("train/000{i}.png"));
             std::fs::rename(photo, folder.path().join(format!("train/r_{i}.png"))).unwrap();
         }
-        let listing = crate::data::list_capture(&path).unwrap();
-        assert_eq!(
-            (listing.train[0].index, listing.test[0].index),
-            (0, 1),
-            "splits"
-        );
+        let split = crate::data::list_capture(&path).unwrap().split;
+        assert_eq!((split.train[0].index, split.test[0].index), (0, 1));
     }
 
     #[test]
@@ -416,10 +350,7 @@ mod tests {
         assert!((determinant - 1.0).abs() < 1e-5, "{determinant}");
         json["frames"][0]["transform_matrix"] =
             json!([[1, 0.5, 0, 5], [0, 1, 0, 6], [0, 0, 1, 7], [0, 0, 0, 1]]);
-        assert!(
-            read(&json).unwrap_err().to_string().contains("sheared"),
-            "sheared"
-        );
+        assert_error(read(&json), &["sheared"]);
     }
 
     #[test]
@@ -428,8 +359,7 @@ mod tests {
         let path = folder.path().join("transforms.json");
         for text in ["", "{\"frames\": [", "\u{0}", "{\"fl_x\": NaN}", "[]", "3"] {
             std::fs::write(&path, text).unwrap();
-            let message = read_frames(&path).unwrap_err().to_string();
-            assert!(message.contains("transforms.json"), "{text}: {message}");
+            assert_error(read_frames(&path), &["transforms.json"]);
         }
     }
 

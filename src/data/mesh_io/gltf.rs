@@ -1,16 +1,14 @@
-//! glTF 2.0: `.glb` and `.gltf` in (all meshes of the scene, node transforms applied), `.glb` out.
+//! glTF 2.0, `.glb` and `.gltf`: all meshes of the scene, node transforms applied.
 
-use std::io::Write as _;
 use std::path::Path;
 
 use glam::{Affine3A, Mat4, Vec3};
 use gltf::accessor::{DataType, Dimensions};
 use gltf::mesh::{Mode, Semantic};
-use serde_json::{Value, json};
+use serde_json::Value;
 
 use super::Soup;
-use crate::data::{DataError, write_atomically};
-use crate::geometry::Mesh;
+use crate::data::DataError;
 
 /// Deepest nesting of nodes followed; recursion beyond would overflow the stack.
 const MAX_DEPTH: usize = 64;
@@ -20,7 +18,7 @@ pub(super) fn read(path: &Path) -> Result<Soup, DataError> {
     let bytes = std::fs::read(path).map_err(|e| DataError::io(path, e))?;
     let text = json_chunk(path, &bytes)?;
     check_accessor_indices(path, text)?;
-    let fail = |e: gltf::Error| DataError::mesh(path, format!("not a readable glTF: {e}"));
+    let fail = |e: gltf::Error| DataError::unusable(path, format!("not a readable glTF: {e}"));
     let file = gltf::Gltf::from_slice(&bytes).map_err(fail)?;
     let buffers = gltf::import_buffers(&file.document, path.parent(), file.blob).map_err(fail)?;
     let document = file.document;
@@ -63,7 +61,7 @@ fn json_chunk<'a>(path: &Path, bytes: &'a [u8]) -> Result<&'a [u8], DataError> {
     number(12)
         .filter(|_| whole)
         .and_then(|length| bytes.get(20..20_usize.checked_add(length)?))
-        .ok_or_else(|| DataError::mesh(path, "the GLB is truncated"))
+        .ok_or_else(|| DataError::unusable(path, "the GLB is truncated"))
 }
 
 /// Refuses primitives that name accessors which do not exist.
@@ -71,7 +69,7 @@ fn json_chunk<'a>(path: &Path, bytes: &'a [u8]) -> Result<&'a [u8], DataError> {
 /// The crate's own validation looks POSITION accessors up without checking, and panics.
 fn check_accessor_indices(path: &Path, text: &[u8]) -> Result<(), DataError> {
     let root: Value = serde_json::from_slice(text)
-        .map_err(|e| DataError::mesh(path, format!("not valid JSON inside: {e}")))?;
+        .map_err(|e| DataError::unusable(path, format!("not valid JSON inside: {e}")))?;
     let list = |value: &Value, field: &str| match value.get(field) {
         Some(Value::Array(list)) => list.clone(),
         _ => Vec::new(),
@@ -85,10 +83,8 @@ fn check_accessor_indices(path: &Path, text: &[u8]) -> Result<(), DataError> {
         let named = attributes.into_iter().flat_map(|map| map.values());
         for index in named.chain(primitive.get("indices")) {
             if index.as_u64().is_none_or(|index| index >= n_accessors) {
-                return Err(DataError::mesh(
-                    path,
-                    format!("there is no accessor {index}"),
-                ));
+                let problem = format!("there is no accessor {index}");
+                return Err(DataError::unusable(path, problem));
             }
         }
     }
@@ -173,7 +169,7 @@ impl Reader<'_> {
             let face = if mirrored { [a, c, b] } else { [a, b, c] };
             // An index beyond this primitive must not reach into the next one's vertices.
             if let Some(bad) = face.iter().find(|v| **v as usize >= n_vertices) {
-                return Err(self.error(&format!(
+                return Err(self.error(format!(
                     "a face names vertex {bad} of a primitive with {n_vertices} vertices"
                 )));
             }
@@ -202,7 +198,7 @@ impl Reader<'_> {
         data_types: &[DataType],
     ) -> Result<(), DataError> {
         if accessor.dimensions() != dimensions || !data_types.contains(&accessor.data_type()) {
-            return Err(self.error(&format!("accessor {} has the wrong type", accessor.index())));
+            return Err(self.error(format!("accessor {} has the wrong type", accessor.index())));
         }
         let Some(view) = accessor.view().filter(|_| accessor.sparse().is_none()) else {
             return Err(self.error("sparse accessors are not supported"));
@@ -227,15 +223,12 @@ impl Reader<'_> {
         if fits {
             Ok(())
         } else {
-            Err(self.error(&format!(
-                "accessor {} overruns its buffer",
-                accessor.index()
-            )))
+            Err(self.error(format!("accessor {} overruns its buffer", accessor.index())))
         }
     }
 
-    fn error(&self, problem: &str) -> DataError {
-        DataError::mesh(self.path, problem)
+    fn error(&self, problem: impl Into<String>) -> DataError {
+        DataError::unusable(self.path, problem)
     }
 }
 
@@ -257,79 +250,4 @@ fn triangles(mode: Mode, indices: &[u32]) -> Vec<[u32; 3]> {
         Mode::TriangleFan => super::fan(indices).collect(),
         Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip => Vec::new(),
     }
-}
-
-/// Writes positions, normals and triangles as a binary glTF, atomically. No up axis is converted.
-pub fn write_glb(path: &Path, mesh: &Mesh) -> Result<(), DataError> {
-    let vectors = |list: &[Vec3]| -> Vec<u8> {
-        list.iter()
-            .flat_map(Vec3::to_array)
-            .flat_map(f32::to_le_bytes)
-            .collect()
-    };
-    let positions = vectors(&mesh.positions);
-    let normals = vectors(&mesh.normals);
-    let indices: Vec<u8> = mesh
-        .triangles
-        .iter()
-        .flatten()
-        .flat_map(|i| i.to_le_bytes())
-        .collect();
-    let header = glb_json(mesh, positions.len(), indices.len());
-    write_chunks(path, &header, &[positions, normals, indices].concat())
-}
-
-/// Writes a GLB of its JSON and a binary chunk of whole words, atomically.
-pub(super) fn write_chunks(path: &Path, header: &Value, binary: &[u8]) -> Result<(), DataError> {
-    let mut text = header.to_string().into_bytes();
-    text.resize(text.len().next_multiple_of(4), b' ');
-    let length = 12 + 8 + text.len() + 8 + binary.len();
-    let Ok(length) = u32::try_from(length) else {
-        return Err(DataError::mesh(
-            path,
-            "larger than the 4 GiB that a GLB can hold",
-        ));
-    };
-    write_atomically(path, |file| {
-        file.write_all(b"glTF")?;
-        file.write_all(&2_u32.to_le_bytes())?;
-        file.write_all(&length.to_le_bytes())?;
-        file.write_all(&(text.len() as u32).to_le_bytes())?;
-        file.write_all(b"JSON")?;
-        file.write_all(&text)?;
-        file.write_all(&(binary.len() as u32).to_le_bytes())?;
-        file.write_all(b"BIN\0")?;
-        file.write_all(binary)
-    })
-    .map_err(|e| DataError::io(path, e))
-}
-
-/// The JSON chunk for a buffer of positions, normals and indices in this order.
-fn glb_json(mesh: &Mesh, vector_bytes: usize, index_bytes: usize) -> Value {
-    let bounds = crate::geometry::Aabb::from_points(mesh.positions.iter().copied());
-    let (float, unsigned_int) = (5126, 5125);
-    let (array_buffer, element_buffer) = (34962, 34963);
-    let n_vertices = mesh.positions.len();
-    json!({
-        "asset": {"version": "2.0", "generator": concat!("neif ", env!("CARGO_PKG_VERSION"))},
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0, "name": "object"}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "NORMAL": 1}, "indices": 2}]}],
-        "accessors": [
-            {"bufferView": 0, "componentType": float, "count": n_vertices, "type": "VEC3",
-             "min": bounds.min.to_array(), "max": bounds.max.to_array()},
-            {"bufferView": 1, "componentType": float, "count": n_vertices, "type": "VEC3"},
-            {"bufferView": 2, "componentType": unsigned_int, "count": 3 * mesh.triangles.len(),
-             "type": "SCALAR"},
-        ],
-        "bufferViews": [
-            {"buffer": 0, "byteOffset": 0, "byteLength": vector_bytes, "target": array_buffer},
-            {"buffer": 0, "byteOffset": vector_bytes, "byteLength": vector_bytes,
-             "target": array_buffer},
-            {"buffer": 0, "byteOffset": 2 * vector_bytes, "byteLength": index_bytes,
-             "target": element_buffer},
-        ],
-        "buffers": [{"byteLength": 2 * vector_bytes + index_bytes}],
-    })
 }

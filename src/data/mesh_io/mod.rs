@@ -1,6 +1,7 @@
 //! Mesh files: glTF, PLY and OBJ in, GLB out. Coordinates are taken as they stand: no up-axis is
 //! converted, since a mesh beside a capture is in the capture's frame whatever its format says.
 
+mod glb;
 mod gltf;
 mod obj;
 mod ply;
@@ -11,9 +12,10 @@ use std::path::{Path, PathBuf};
 use glam::Vec3;
 
 use super::DataError;
+use super::files::capture_path::first_file;
 use crate::geometry::Mesh;
 
-pub use gltf::write_glb;
+pub use glb::write_glb;
 pub use textured::{Texture, TexturedMesh, write_textured_glb};
 
 /// Names looked for in a capture's folder, in this order.
@@ -21,10 +23,7 @@ const NAMES: [&str; 4] = ["mesh.glb", "mesh.gltf", "mesh.ply", "mesh.obj"];
 
 /// The mesh in a capture's folder: `mesh.glb`, `.gltf`, `.ply` or `.obj`, the first that exists.
 pub fn find_mesh(root: &Path) -> Option<PathBuf> {
-    NAMES
-        .iter()
-        .map(|name| root.join(name))
-        .find(|path| path.is_file())
+    first_file(root, &NAMES)
 }
 
 /// Reads a mesh; the format follows the extension.
@@ -40,11 +39,11 @@ pub fn read_mesh(path: &Path) -> Result<Mesh, DataError> {
         _ => {
             let problem =
                 format!("\".{extension}\" is not a mesh format; use GLB, glTF, PLY or OBJ");
-            return Err(DataError::mesh(path, problem));
+            return Err(DataError::unusable(path, problem));
         }
     };
     Mesh::new(soup.positions, Some(soup.normals), soup.triangles)
-        .map_err(|e| DataError::mesh(path, e.to_string()))
+        .map_err(|e| DataError::unusable(path, e.to_string()))
 }
 
 /// Vertices and faces as read, not yet checked. Normals are zero where the file has none.
@@ -68,6 +67,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::data::test_asserts::assert_error;
     use crate::geometry::meshes::test_mesh::ellipsoid;
 
     fn write(name: &str, bytes: &[u8]) -> (tempfile::TempDir, PathBuf) {
@@ -110,10 +110,7 @@ mod tests {
             let mesh = read_mesh(&path).unwrap();
             assert_eq!(mesh.triangles.len(), 2, "{name}");
             assert!((mesh.surface_area() - 1.0).abs() < 1e-6, "{name}: area");
-            assert!(
-                mesh.normals.iter().all(|n| *n == Vec3::Z),
-                "{name}: normals"
-            );
+            assert_eq!(mesh.normals, vec![Vec3::Z; mesh.normals.len()], "{name}");
         }
     }
 
@@ -126,10 +123,8 @@ mod tests {
         bytes[at..at + text.len()].copy_from_slice(br#""scale":[2,3,1]"#);
         let (_folder, path) = write("m.glb", &bytes);
         let extent = read_mesh(&path).unwrap().bounds().extent();
-        assert!(
-            (extent - Vec3::new(4.0, 6.0, 2.0)).length() < 0.01,
-            "{extent}"
-        );
+        let off = extent.distance(Vec3::new(4.0, 6.0, 2.0));
+        assert!(off < 0.01, "{extent}");
     }
 
     #[test]
@@ -140,12 +135,14 @@ mod tests {
         let obj = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
         for (name, text) in [("empty.ply", ply.as_str()), ("empty.obj", obj)] {
             let (_folder, path) = write(name, text.as_bytes());
-            let message = read_mesh(&path).unwrap_err().to_string();
-            assert!(
-                message.contains(name) && message.contains("no faces"),
-                "{message}"
-            );
+            assert_error(read_mesh(&path), &[name, "no faces"]);
         }
+    }
+
+    #[track_caller]
+    fn assert_unusable(path: &Path) {
+        let mesh = read_mesh(path);
+        assert!(matches!(mesh, Err(DataError::Unusable { .. })), "{mesh:?}");
     }
 
     #[test]
@@ -154,19 +151,10 @@ mod tests {
         let negative = PLY_QUAD.replace("4 0 1 2 3", "4 0 1 2 -1");
         for text in [ply, negative] {
             let (_folder, path) = write("q.ply", text.as_bytes());
-            assert!(
-                matches!(read_mesh(&path), Err(DataError::Mesh { .. })),
-                "{text}"
-            );
+            assert_unusable(&path);
         }
         let (_folder, path) = write("q.stl", b"");
-        assert!(
-            read_mesh(&path)
-                .unwrap_err()
-                .to_string()
-                .contains("not a mesh format"),
-            "stl"
-        );
+        assert_error(read_mesh(&path), &["not a mesh format"]);
     }
 
     #[test]
@@ -200,10 +188,7 @@ mod tests {
             let padded = format!("{bad:<width$}", width = good.len());
             bytes[at..at + good.len()].copy_from_slice(padded.as_bytes());
             let (_folder, path) = write("m.glb", &bytes);
-            assert!(
-                matches!(read_mesh(&path), Err(DataError::Mesh { .. })),
-                "{bad}"
-            );
+            assert_unusable(&path);
         }
     }
 

@@ -20,7 +20,7 @@ pub(super) fn read(path: &Path) -> Result<Soup, DataError> {
     };
     let no_materials = |_: &Path| Ok((Vec::new(), std::collections::HashMap::default()));
     let (models, _) = tobj::load_obj_buf(&mut BufReader::new(file), &options, no_materials)
-        .map_err(|e| DataError::mesh(path, e.to_string()))?;
+        .map_err(|e| DataError::unusable(path, e.to_string()))?;
     let mut soup = Soup::default();
     for model in models {
         let base = soup.positions.len() as u32;

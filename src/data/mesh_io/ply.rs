@@ -77,15 +77,9 @@ pub(super) fn read(path: &Path) -> Result<Soup, DataError> {
     let file = File::open(path).map_err(|e| DataError::io(path, e))?;
     let ply = Parser::<Element>::new()
         .read_ply(&mut BufReader::new(file))
-        .map_err(|e| DataError::mesh(path, format!("not a readable PLY: {e}")))?;
+        .map_err(|e| DataError::unusable(path, format!("not a readable PLY: {e}")))?;
     let elements = |name: &str| ply.payload.get(name).map_or(&[][..], Vec::as_slice);
-    let vector = |element: &Element, at: usize| {
-        Vec3::new(
-            element.numbers[at],
-            element.numbers[at + 1],
-            element.numbers[at + 2],
-        )
-    };
+    let vector = |element: &Element, at: usize| Vec3::from_slice(&element.numbers[at..]);
     let vertices = elements("vertex");
     Ok(Soup {
         positions: vertices.iter().map(|v| vector(v, 0)).collect(),

@@ -5,18 +5,14 @@
 use std::path::Path;
 
 use glam::{Quat, Vec2, Vec3, Vec4};
+use image::ExtendedColorType;
 use serde_json::{Value, json};
 
-use super::gltf::write_chunks;
+use super::glb::Glb;
 use crate::data::DataError;
 use crate::data::photos::image::encode_png;
-use crate::geometry::Aabb;
 
 /// glTF's codes.
-const FLOAT: u32 = 5126;
-const UNSIGNED_INT: u32 = 5125;
-const ARRAY_BUFFER: u32 = 34962;
-const ELEMENT_BUFFER: u32 = 34963;
 const LINEAR: u32 = 9729;
 const LINEAR_MIPMAP_LINEAR: u32 = 9987;
 const CLAMP_TO_EDGE: u32 = 33071;
@@ -56,104 +52,50 @@ pub struct TexturedMesh {
     pub specular_color: Option<(Texture, f32)>,
 }
 
-/// Parts of the binary chunk, each aligned to four bytes.
-#[derive(Default)]
-struct Binary {
-    bytes: Vec<u8>,
-    views: Vec<Value>,
-}
-
-impl Binary {
-    fn add(&mut self, bytes: &[u8], target: Option<u32>) -> usize {
-        let mut view = json!({
-            "buffer": 0, "byteOffset": self.bytes.len(), "byteLength": bytes.len(),
-        });
-        if let Some(target) = target {
-            view["target"] = json!(target);
-        }
-        self.views.push(view);
-        self.bytes.extend_from_slice(bytes);
-        self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
-        self.views.len() - 1
-    }
-
-    fn add_floats(&mut self, floats: impl Iterator<Item = f32>) -> usize {
-        let bytes: Vec<u8> = floats.flat_map(f32::to_le_bytes).collect();
-        self.add(&bytes, Some(ARRAY_BUFFER))
-    }
-}
-
 /// Writes the mesh, atomically.
 ///
 /// # Errors
 /// When the system refuses, or the file would be larger than a GLB can be.
 pub fn write_textured_glb(path: &Path, mesh: &TexturedMesh) -> Result<(), DataError> {
-    let mut binary = Binary::default();
-    let vectors = |list: &[Vec3]| {
-        let list: Vec<f32> = list.iter().flat_map(Vec3::to_array).collect();
-        list.into_iter()
-    };
-    let positions = binary.add_floats(vectors(&mesh.positions));
-    let normals = binary.add_floats(vectors(&mesh.normals));
-    let uvs = binary.add_floats(mesh.uvs.iter().flat_map(Vec2::to_array));
-    let tangents = mesh
-        .normal_map
-        .as_ref()
-        .map(|(_, tangents)| binary.add_floats(tangents.iter().flat_map(Vec4::to_array)));
-    let indices = mesh.triangles.iter().flatten();
-    let indices: Vec<u8> = indices.flat_map(|i| i.to_le_bytes()).collect();
-    let indices = binary.add(&indices, Some(ELEMENT_BUFFER));
+    let mut glb = Glb::default();
+    let mut attributes = json!({
+        "POSITION": glb.add_positions(&mesh.positions),
+        "NORMAL": glb.add_attribute(mesh.normals.iter().map(Vec3::to_array)),
+        "TEXCOORD_0": glb.add_attribute(mesh.uvs.iter().map(Vec2::to_array)),
+    });
+    let indices = glb.add_triangles(&mesh.triangles);
+    if let Some((_, tangents)) = &mesh.normal_map {
+        attributes["TANGENT"] = json!(glb.add_attribute(tangents.iter().map(Vec4::to_array)));
+    }
     let mut pictures = vec![&mesh.base_color, &mesh.metallic_roughness];
     pictures.extend(mesh.specular_color.as_ref().map(|(texture, _)| texture));
     pictures.extend(mesh.normal_map.as_ref().map(|(texture, _)| texture));
     let mut images = Vec::new();
     for picture in &pictures {
-        let png = encode_png(picture.size_px, picture.size_px, &picture.texels)
+        let (size, mut png) = (picture.size_px, Vec::new());
+        let texels = picture.texels.as_flattened();
+        encode_png(&mut png, size, size, texels, ExtendedColorType::Rgb8)
             .map_err(|e| DataError::io(path, e))?;
-        let view = binary.add(&png, None);
-        images.push(json!({"bufferView": view, "mimeType": "image/png"}));
+        images.push(json!({"bufferView": glb.add_file(&png), "mimeType": "image/png"}));
     }
-    let bounds = Aabb::from_points(mesh.positions.iter().copied());
-    let n_vertices = mesh.positions.len();
     let textures: Vec<Value> = (0..images.len())
         .map(|source| json!({"sampler": 0, "source": source}))
         .collect();
     let mut root = json!({
-        "asset": {"version": "2.0", "generator": concat!("neif ", env!("CARGO_PKG_VERSION"))},
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
         "nodes": [node(mesh)],
-        "meshes": [{"name": mesh.name, "primitives": [{
-            "attributes": {"POSITION": 0, "NORMAL": 1, "TEXCOORD_0": 2},
-            "indices": 3,
-            "material": 0,
-        }]}],
+        "meshes": [{"name": mesh.name, "primitives": [
+            {"attributes": attributes, "indices": indices, "material": 0},
+        ]}],
         "materials": [material(mesh)],
         "textures": textures,
         "images": images,
         "samplers": [{"magFilter": LINEAR, "minFilter": LINEAR_MIPMAP_LINEAR,
                       "wrapS": CLAMP_TO_EDGE, "wrapT": CLAMP_TO_EDGE}],
-        "accessors": [
-            {"bufferView": positions, "componentType": FLOAT, "count": n_vertices, "type": "VEC3",
-             "min": bounds.min.to_array(), "max": bounds.max.to_array()},
-            {"bufferView": normals, "componentType": FLOAT, "count": n_vertices, "type": "VEC3"},
-            {"bufferView": uvs, "componentType": FLOAT, "count": n_vertices, "type": "VEC2"},
-            {"bufferView": indices, "componentType": UNSIGNED_INT,
-             "count": 3 * mesh.triangles.len(), "type": "SCALAR"},
-        ],
-        "bufferViews": binary.views,
-        "buffers": [{"byteLength": binary.bytes.len()}],
     });
-    if let Some(view) = tangents {
-        root["accessors"].as_array_mut().into_iter().for_each(|accessors| {
-            accessors.push(json!({"bufferView": view, "componentType": FLOAT, "count": n_vertices, "type": "VEC4"}));
-        });
-        root["meshes"][0]["primitives"][0]["attributes"]["TANGENT"] = json!(4);
-    }
     if mesh.specular_color.is_some() {
         root["extensionsUsed"] = json!(["KHR_materials_specular"]);
     }
-    write_chunks(path, &root, &binary.bytes)
+    glb.write(path, root)
 }
 
 fn node(mesh: &TexturedMesh) -> Value {

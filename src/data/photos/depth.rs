@@ -9,7 +9,7 @@ use image::DynamicImage;
 use super::exr_image::read_exr_depth;
 use super::image::open;
 use super::limits::check_size;
-use crate::data::files::capture_path::read_bytes;
+use crate::data::files::capture_path::{first_extended, read_bytes};
 use crate::data::files::npy::read_npy;
 use crate::data::{DataError, Intrinsics};
 use crate::geometry::Camera;
@@ -41,20 +41,17 @@ pub struct DepthFile {
 impl DepthFile {
     /// The first of the files `path` with a depth map's extension that exists.
     pub(in crate::data) fn find(path: &Path, unit: f32) -> Option<Self> {
-        let mut files = EXTENSIONS.iter().map(|extension| {
-            // Not `with_extension`: a name may hold dots.
-            let mut name = path.as_os_str().to_owned();
-            name.push(".");
-            name.push(extension);
-            PathBuf::from(name)
-        });
-        let path = files.find(|file| file.is_file())?;
-        Some(Self {
+        first_extended(path, &EXTENSIONS).map(|path| Self::new(path, unit))
+    }
+
+    /// A map of the photo's lens that ends nowhere.
+    pub(in crate::data) fn new(path: PathBuf, unit: f32) -> Self {
+        Self {
             path,
             unit,
             nothing_from: f32::INFINITY,
             lens: None,
-        })
+        }
     }
 
     /// Width, height and depths in scene units, 0 where nothing is known.
@@ -118,7 +115,7 @@ impl DepthMap {
 fn read_codes(path: &Path, unit: f32) -> Result<(u32, u32, Vec<f32>), DataError> {
     let DynamicImage::ImageLuma16(codes) = open(path)? else {
         let problem = "not a grey picture of 16 bits, as depth maps are";
-        return Err(DataError::image(path, problem));
+        return Err(DataError::unusable(path, problem));
     };
     let depth = |code: u16| match code {
         NOT_MEASURED => f32::INFINITY,
@@ -134,7 +131,7 @@ fn read_array(path: &Path) -> Result<(u32, u32, Vec<f32>), DataError> {
         [height, width] | [height, width, 1] => (*height, *width),
         shape => {
             let problem = format!("an array of shape {shape:?} is no depth map");
-            return Err(DataError::image(path, problem));
+            return Err(DataError::unusable(path, problem));
         }
     };
     check_size(path, width as u64, height as u64)?;
@@ -151,7 +148,7 @@ fn read_pfm(path: &Path) -> Result<(u32, u32, Vec<f32>), DataError> {
 }
 
 fn parse_pfm(path: &Path, bytes: &[u8]) -> Result<(u32, u32, Vec<f32>), DataError> {
-    let fail = |problem: &str| DataError::image(path, problem);
+    let fail = |problem: &str| DataError::unusable(path, problem);
     let mut rest = bytes;
     let mut word = || -> Option<&str> {
         rest = rest.trim_ascii_start();
@@ -192,6 +189,7 @@ mod tests {
     use super::*;
     use crate::data::files::npy::tests::npy_of;
     use crate::data::formats::test_formats::folder;
+    use crate::data::test_asserts::assert_error;
 
     fn file(path: PathBuf) -> DepthFile {
         DepthFile {
@@ -240,8 +238,7 @@ mod tests {
         let folder = folder();
         let path = folder.path().join("a.png");
         image::RgbImage::new(3, 2).save(&path).unwrap();
-        let message = file(path).read().unwrap_err().to_string();
-        assert!(message.contains("16 bits"), "{message}");
+        assert_error(file(path).read(), &["16 bits"]);
     }
 
     #[test]

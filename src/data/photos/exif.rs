@@ -5,13 +5,13 @@ use std::path::Path;
 use super::orientation::metadata_of;
 
 /// The tag that points to the Exif directory.
-const EXIF_DIRECTORY: u16 = 0x8769;
-const EXPOSURE_TIME: u16 = 0x829A;
-const F_NUMBER: u16 = 0x829D;
-const SENSITIVITY: u16 = 0x8827;
-const SHORT: u16 = 3;
-const LONG: u16 = 4;
-const RATIONAL: u16 = 5;
+const EXIF_DIRECTORY: u32 = 0x8769;
+const EXPOSURE_TIME: u32 = 0x829A;
+const F_NUMBER: u32 = 0x829D;
+const SENSITIVITY: u32 = 0x8827;
+const SHORT: u32 = 3;
+const LONG: u32 = 4;
+const RATIONAL: u32 = 5;
 
 /// How much light a photo got, in stops: `log2(seconds * ISO / f²)`; `None` where the file does not say.
 pub(in crate::data) fn exposure_ev(path: &Path) -> Option<f32> {
@@ -22,7 +22,7 @@ pub(in crate::data) fn exposure_ev(path: &Path) -> Option<f32> {
 
 fn exposure_in(tiff: &[u8]) -> Option<f32> {
     let reader = Tiff::new(tiff)?;
-    let at = reader.value(reader.first_directory()?, EXIF_DIRECTORY)? as usize;
+    let at = reader.value(reader.long(4)? as usize, EXIF_DIRECTORY)? as usize;
     let seconds = reader.value(at, EXPOSURE_TIME)?;
     // Phones have one aperture and may not note it.
     let f_number = reader.value(at, F_NUMBER).unwrap_or(1.0);
@@ -50,13 +50,9 @@ impl<'a> Tiff<'a> {
         })
     }
 
-    fn first_directory(&self) -> Option<usize> {
-        self.long(4).map(|at| at as usize)
-    }
-
     /// The first number of an entry of the directory at `at`.
-    fn value(&self, at: usize, tag: u16) -> Option<f64> {
-        let n_entries = usize::from(self.short(at)?);
+    fn value(&self, at: usize, tag: u32) -> Option<f64> {
+        let n_entries = self.short(at)? as usize;
         let entry = (0..n_entries)
             .map(|i| at.saturating_add(2 + 12 * i))
             .find(|entry| self.short(*entry) == Some(tag))?;
@@ -74,21 +70,21 @@ impl<'a> Tiff<'a> {
         }
     }
 
-    fn short(&self, at: usize) -> Option<u16> {
-        let bytes = self.bytes.get(at..at.checked_add(2)?)?.try_into().ok()?;
-        Some(if self.is_big_endian {
-            u16::from_be_bytes(bytes)
-        } else {
-            u16::from_le_bytes(bytes)
-        })
+    fn short(&self, at: usize) -> Option<u32> {
+        self.number(at, 2)
     }
 
     fn long(&self, at: usize) -> Option<u32> {
-        let bytes = self.bytes.get(at..at.checked_add(4)?)?.try_into().ok()?;
+        self.number(at, 4)
+    }
+
+    fn number(&self, at: usize, n_bytes: usize) -> Option<u32> {
+        let bytes = self.bytes.get(at..at.checked_add(n_bytes)?)?;
+        let add = |sum: u32, byte: &u8| sum << 8 | u32::from(*byte);
         Some(if self.is_big_endian {
-            u32::from_be_bytes(bytes)
+            bytes.iter().fold(0, add)
         } else {
-            u32::from_le_bytes(bytes)
+            bytes.iter().rev().fold(0, add)
         })
     }
 }
@@ -100,9 +96,12 @@ pub(in crate::data) mod tests {
     /// EXIF of a photo that was exposed `seconds` long at f/2 and ISO 200.
     pub(in crate::data) fn exif_of(seconds: (u32, u32)) -> Vec<u8> {
         let mut bytes = b"II*\0\x08\0\0\0".to_vec();
-        let entry = |bytes: &mut Vec<u8>, tag: u16, kind: u16, value: u32| {
-            bytes.extend(tag.to_le_bytes());
-            bytes.extend(kind.to_le_bytes());
+        let entry = |bytes: &mut Vec<u8>, tag: u32, kind: u32, value: u32| {
+            bytes.extend(
+                [tag as u16, kind as u16]
+                    .map(u16::to_le_bytes)
+                    .as_flattened(),
+            );
             bytes.extend(1_u32.to_le_bytes());
             bytes.extend(value.to_le_bytes());
         };

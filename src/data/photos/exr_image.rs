@@ -6,7 +6,7 @@
 use std::path::Path;
 
 use exr::compression::Compression;
-use exr::image::{AnyChannel, AnyChannels, Blocks, Encoding, FlatSamples, Layer, SpecificChannels};
+use exr::image::{AnyChannel, AnyChannels, Blocks, Encoding, FlatSamples, Layer};
 use exr::meta::MetaData;
 use exr::meta::attribute::LineOrder;
 use exr::meta::header::LayerAttributes;
@@ -74,7 +74,7 @@ fn read_layer(path: &Path) -> Result<Layer<AnyChannels<FlatSamples>>, DataError>
                 "{n_channels} channels of {width} x {height} pixels; at most {} million values are supported",
                 MAX_SAMPLES >> 20
             );
-            return Err(DataError::image(path, problem));
+            return Err(DataError::unusable(path, problem));
         }
     }
     let file = read()
@@ -99,7 +99,7 @@ fn check_whole(
         return Ok(());
     }
     let problem = "subsampled channels are not supported";
-    Err(DataError::image(path, problem))
+    Err(DataError::unusable(path, problem))
 }
 
 /// The channel of that name, behind any layer's prefix, in upper or lower case.
@@ -118,7 +118,7 @@ fn channel<'a>(
 pub(super) fn exr_size(path: &Path) -> Result<(u32, u32), DataError> {
     let meta = MetaData::read_from_file(path, false).map_err(|e| unreadable(path, e))?;
     let header = meta.headers.first();
-    let header = header.ok_or_else(|| DataError::image(path, "no layer is in it"))?;
+    let header = header.ok_or_else(|| DataError::unusable(path, "no layer is in it"))?;
     let side = |side: usize| u32::try_from(side).unwrap_or(u32::MAX);
     Ok((side(header.layer_size.0), side(header.layer_size.1)))
 }
@@ -126,7 +126,7 @@ pub(super) fn exr_size(path: &Path) -> Result<(u32, u32), DataError> {
 fn unreadable(path: &Path, error: exr::error::Error) -> DataError {
     match error {
         exr::error::Error::Io(source) => DataError::io(path, source),
-        other => DataError::image(path, format!("cannot be decoded: {other}")),
+        other => DataError::unusable(path, format!("cannot be decoded: {other}")),
     }
 }
 
@@ -146,10 +146,10 @@ fn color_channels<'a>(
     }
     let names: Vec<String> = list.iter().map(|c| c.name.to_string()).collect();
     let problem = format!("no channels R, G, B or Y, but {}", names.join(", "));
-    Err(DataError::image(path, problem))
+    Err(DataError::unusable(path, problem))
 }
 
-/// Writes linear colours as an RGB EXR, ZIP-compressed, atomically.
+/// Writes linear colours as an RGB EXR, compressed quickly, atomically.
 ///
 /// `pixels_linear`: `[height * width]`, row-major. Panics if the count is wrong.
 pub fn write_exr(
@@ -159,34 +159,14 @@ pub fn write_exr(
     pixels_linear: &[[f32; 3]],
     sample: ExrSample,
 ) -> Result<(), DataError> {
-    let size = (width as usize, height as usize);
-    assert_eq!(pixels_linear.len(), size.0 * size.1, "one colour a pixel");
-    let color = |at: exr::math::Vec2<usize>| pixels_linear[at.1 * size.0 + at.0];
-    let written = write_atomically(path, |file| {
-        let result = match sample {
-            ExrSample::Float => Image::from_channels(
-                size,
-                SpecificChannels::rgb(|at| {
-                    let [r, g, b] = color(at);
-                    (r, g, b)
-                }),
-            )
-            .write()
-            .to_buffered(file),
-            ExrSample::Half => Image::from_channels(
-                size,
-                SpecificChannels::rgb(|at| {
-                    // Without the clamp bright pixels would be stored as infinity.
-                    let [r, g, b] = color(at).map(|c| f16::from_f32(c.clamp(-65504.0, 65504.0)));
-                    (r, g, b)
-                }),
-            )
-            .write()
-            .to_buffered(file),
-        };
-        result.map_err(std::io::Error::other)
-    });
-    written.map_err(|e| DataError::io(path, e))
+    let channel = |(i, name): (usize, &str)| ExrChannel {
+        name: name.to_owned(),
+        values: pixels_linear.iter().map(|color| color[i]).collect(),
+        sample,
+    };
+    let channels = ["R", "G", "B"].into_iter().enumerate().map(channel);
+    let channels = channels.collect();
+    write_channels(path, (width, height), channels, Encoding::FAST_LOSSLESS)
 }
 
 /// One channel of a picture.
@@ -203,14 +183,25 @@ pub struct ExrChannel {
 /// Writes named channels as one EXR, ZIP-compressed, atomically.
 ///
 /// Panics if a channel has another number of values than the picture has pixels.
-///
-/// # Errors
-/// When the file cannot be written.
 pub fn write_exr_channels(
     path: &Path,
     width: u32,
     height: u32,
     channels: Vec<ExrChannel>,
+) -> Result<(), DataError> {
+    let encoding = Encoding {
+        compression: Compression::ZIP16,
+        blocks: Blocks::ScanLines,
+        line_order: LineOrder::Increasing,
+    };
+    write_channels(path, (width, height), channels, encoding)
+}
+
+fn write_channels(
+    path: &Path,
+    (width, height): (u32, u32),
+    channels: Vec<ExrChannel>,
+    encoding: Encoding,
 ) -> Result<(), DataError> {
     let size = (width as usize, height as usize);
     let stored = channels.into_iter().map(|channel| {
@@ -223,11 +214,6 @@ pub fn write_exr_channels(
         };
         AnyChannel::new(channel.name.as_str(), samples)
     });
-    let encoding = Encoding {
-        compression: Compression::ZIP16,
-        blocks: Blocks::ScanLines,
-        line_order: LineOrder::Increasing,
-    };
     let channels = AnyChannels::sort(stored.collect());
     let layer = Layer::new(size, LayerAttributes::default(), encoding, channels);
     let image = Image::from_layer(layer);
@@ -243,6 +229,7 @@ pub fn write_exr_channels(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::data::test_asserts::assert_error;
 
     #[test]
     fn written_pictures_read_back() {
@@ -292,11 +279,7 @@ mod tests {
             let mut pixels = vec![[0.5; 3]; 15];
             pixels[7][1] = bad;
             write_exr(&path, 5, 3, &pixels, ExrSample::Float).unwrap();
-            let message = read_exr_linear(&path).unwrap_err().to_string();
-            assert!(
-                message.contains("bad.exr") && message.contains("(2, 1)"),
-                "{message}"
-            );
+            assert_error(read_exr_linear(&path), &["bad.exr", "(2, 1)"]);
         }
     }
 
@@ -308,11 +291,7 @@ mod tests {
         let whole = std::fs::read(&path).unwrap();
         for length in [0, 10, whole.len() / 2, whole.len() - 4] {
             std::fs::write(&path, &whole[..length]).unwrap();
-            assert!(
-                read_exr_linear(&path).is_err(),
-                "{length} bytes of {}",
-                whole.len()
-            );
+            assert!(read_exr_linear(&path).is_err(), "{length} bytes");
         }
     }
 }

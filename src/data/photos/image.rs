@@ -1,18 +1,22 @@
 //! Photos and masks from PNG, JPEG, EXR and Radiance HDR files, and 8-bit PNG writing.
 //!
 //! Sizes are checked before anything is decoded, so a small file that claims to be huge costs
-//! nothing. Pixels are given as stored, whatever EXIF says about how to hold them: see `orientation`.
+//! nothing. Pixels are given as stored, unless the capture says otherwise: see `orientation`.
 
-use std::io::BufReader;
+use std::fs::File;
+use std::io::{self, BufReader, Write};
 use std::path::Path;
 
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{DynamicImage, ExtendedColorType, ImageEncoder as _, ImageReader, Limits};
+use image::metadata::Orientation;
+use image::{DynamicImage, ExtendedColorType, ImageEncoder as _, ImageError, ImageReader, Limits};
 
 use super::chroma::chroma_block_of;
 use super::exr_image::{exr_size, read_exr_linear};
 use super::limits::{check_finite, check_size};
 use super::mask_color::coverage_of;
+use super::orientation::{orientation_to_apply, turned_block};
+use crate::data::files::capture_path::has_extension;
 use crate::data::{DataError, Mask, Photo, write_atomically};
 
 /// Bytes that decoding may take beside the pixels: profiles and other notes in the file unpack to less.
@@ -20,15 +24,17 @@ const MAX_EXTRA_BYTES: u64 = 64 << 20;
 
 /// A photo and what its alpha channel says.
 #[derive(Clone, Debug)]
-pub(in crate::data) struct Decoded {
-    pub(in crate::data) photo: Photo,
+pub(super) struct Decoded {
+    pub(super) photo: Photo,
     /// The alpha channel, where it is not opaque all over.
-    pub(in crate::data) alpha: Option<Mask>,
+    pub(super) alpha: Option<Mask>,
+    /// How both were turned.
+    pub(super) turned: Option<Orientation>,
 }
 
 /// Reads a photo (`.png .jpg .jpeg .exr .hdr`); transparency is ignored, colour kept straight.
 pub fn read_photo(path: &Path) -> Result<Photo, DataError> {
-    decode(path).map(|decoded| decoded.photo)
+    decode(path, None).map(|decoded| decoded.photo)
 }
 
 /// Reads an object mask: the grey value of an opaque picture, the alpha of a transparent one; in a
@@ -62,8 +68,8 @@ pub fn read_mask(path: &Path) -> Result<Mask, DataError> {
     Ok(mask)
 }
 
-/// Reads a photo with its alpha channel.
-pub(in crate::data) fn decode(path: &Path) -> Result<Decoded, DataError> {
+/// Reads a photo with its alpha channel, turned as EXIF says where the `declared` size lies otherwise than the stored one.
+pub(super) fn decode(path: &Path, declared: Option<(u32, u32)>) -> Result<Decoded, DataError> {
     if is_exr(path) {
         let (width, height, pixels) = read_exr_linear(path)?;
         return Ok(Decoded {
@@ -73,9 +79,13 @@ pub(in crate::data) fn decode(path: &Path) -> Result<Decoded, DataError> {
                 pixels,
             },
             alpha: None,
+            turned: None,
         });
     }
-    let picture = open(path)?;
+    let mut picture = open(path)?;
+    let stored = (picture.width(), picture.height());
+    let turned = declared.and_then(|declared| orientation_to_apply(path, stored, declared));
+    picture.apply_orientation(turned.unwrap_or(Orientation::NoTransforms));
     let (width, height) = (picture.width(), picture.height());
     let alpha = alpha_of(&picture);
     let photo = match picture {
@@ -100,10 +110,14 @@ pub(in crate::data) fn decode(path: &Path) -> Result<Decoded, DataError> {
             width,
             height,
             pixels: in_threes(picture.into_rgb8().as_raw()),
-            chroma_block: chroma_block_of(path),
+            chroma_block: turned_block(stored, chroma_block_of(path), turned),
         },
     };
-    Ok(Decoded { photo, alpha })
+    Ok(Decoded {
+        photo,
+        alpha,
+        turned,
+    })
 }
 
 /// Numbers as pixels of three.
@@ -113,40 +127,45 @@ fn in_threes<T: Copy>(values: &[T]) -> Vec<[T; 3]> {
 
 /// Width and height of a picture that [`read_photo`] would try to decode, from the file's header alone.
 pub(super) fn picture_size(path: &Path) -> Result<(u32, u32), DataError> {
-    let (width, height) = if is_exr(path) {
-        exr_size(path)?
-    } else {
-        ImageReader::open(path)
-            .and_then(ImageReader::<BufReader<_>>::with_guessed_format)
-            .map_err(|e| DataError::io(path, e))?
-            .into_dimensions()
-            .map_err(|e| DataError::image(path, format!("cannot be decoded: {e}")))?
-    };
+    if !is_exr(path) {
+        return header_size(path);
+    }
+    let (width, height) = exr_size(path)?;
     check_size(path, u64::from(width), u64::from(height))?;
     Ok((width, height))
 }
 
 fn is_exr(path: &Path) -> bool {
-    path.extension()
-        .is_some_and(|e| e.eq_ignore_ascii_case("exr"))
+    has_extension(path, "exr")
 }
 
 /// Decodes any picture that the `image` crate was built for.
 pub(in crate::data) fn open(path: &Path) -> Result<DynamicImage, DataError> {
-    let reader = || {
-        ImageReader::open(path)
-            .and_then(ImageReader::<BufReader<_>>::with_guessed_format)
-            .map_err(|e| DataError::io(path, e))
-    };
-    let unreadable = |e| DataError::image(path, format!("cannot be decoded: {e}"));
-    let (width, height) = reader()?.into_dimensions().map_err(unreadable)?;
-    check_size(path, u64::from(width), u64::from(height))?;
-    let mut reader = reader()?;
+    let (width, height) = header_size(path)?;
+    let mut reader = reader_of(path)?;
     // The crate's own limit would refuse large 16-bit pictures; none would let a note unpack without end.
     let mut limits = Limits::default();
     limits.max_alloc = Some(16 * u64::from(width) * u64::from(height) + MAX_EXTRA_BYTES);
     reader.limits(limits);
-    reader.decode().map_err(unreadable)
+    reader.decode().map_err(|e| unreadable(path, &e))
+}
+
+fn reader_of(path: &Path) -> Result<ImageReader<BufReader<File>>, DataError> {
+    ImageReader::open(path)
+        .and_then(ImageReader::with_guessed_format)
+        .map_err(|e| DataError::io(path, e))
+}
+
+/// Width and height of such a picture, of a size that is supported.
+fn header_size(path: &Path) -> Result<(u32, u32), DataError> {
+    let size = reader_of(path)?.into_dimensions();
+    let (width, height) = size.map_err(|e| unreadable(path, &e))?;
+    check_size(path, u64::from(width), u64::from(height))?;
+    Ok((width, height))
+}
+
+fn unreadable(path: &Path, error: &ImageError) -> DataError {
+    DataError::unusable(path, format!("cannot be decoded: {error}"))
 }
 
 /// The alpha channel, unless it is absent or opaque everywhere.
@@ -186,34 +205,28 @@ pub fn write_png_srgb(
         .map(|c| (c.clamp(0.0, 1.0) * 255.0).round() as u8)
         .collect();
     write_atomically(path, |file| {
-        PngEncoder::new_with_quality(file, CompressionType::Default, FilterType::Adaptive)
-            .write_image(&bytes, width, height, ExtendedColorType::Rgb8)
-            .map_err(std::io::Error::other)
+        encode_png(file, width, height, &bytes, ExtendedColorType::Rgb8)
     })
     .map_err(|e| DataError::io(path, e))
 }
 
-/// An 8-bit RGB PNG in memory; `texels`: `[height * width]`, row-major. Panics if the count is wrong.
+/// Writes a PNG of 8 bits a channel; `bytes`: `[height * width]` pixels, row-major. Panics if the count is wrong.
 pub(in crate::data) fn encode_png(
+    file: impl Write,
     width: u32,
     height: u32,
-    texels: &[[u8; 3]],
-) -> std::io::Result<Vec<u8>> {
-    let mut png = Vec::new();
-    PngEncoder::new_with_quality(&mut png, CompressionType::Default, FilterType::Adaptive)
-        .write_image(
-            texels.as_flattened(),
-            width,
-            height,
-            ExtendedColorType::Rgb8,
-        )
-        .map_err(std::io::Error::other)?;
-    Ok(png)
+    bytes: &[u8],
+    color: ExtendedColorType,
+) -> io::Result<()> {
+    PngEncoder::new_with_quality(file, CompressionType::Default, FilterType::Adaptive)
+        .write_image(bytes, width, height, color)
+        .map_err(io::Error::other)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::data::test_asserts::assert_error;
 
     fn checkerboard() -> Vec<[f32; 3]> {
         (0..35)
@@ -255,7 +268,7 @@ mod tests {
         let picture =
             image::RgbaImage::from_fn(2, 1, |x, _| image::Rgba([200, 100, 50, x as u8 * 128]));
         picture.save(&path).unwrap();
-        let decoded = decode(&path).unwrap();
+        let decoded = decode(&path, None).unwrap();
         assert_eq!(decoded.alpha.unwrap().coverage, [0, 128], "alpha");
         assert!(
             (decoded.photo.srgb(1)[0] - 200.0 / 255.0).abs() < 1e-6,
@@ -282,8 +295,7 @@ mod tests {
         let whole = std::fs::read(&path).unwrap();
         for bytes in [&whole[..whole.len() / 2], &[][..], b"GIF89a not a picture"] {
             std::fs::write(&path, bytes).unwrap();
-            let message = read_photo(&path).unwrap_err().to_string();
-            assert!(message.contains("broken.png"), "{message}");
+            assert_error(read_photo(&path), &["broken.png"]);
         }
         let missing = read_photo(&folder.path().join("none.png")).unwrap_err();
         assert!(matches!(missing, DataError::Io { .. }), "{missing}");
@@ -300,8 +312,7 @@ mod tests {
         let checksum = crc32(&bytes[12..29]).to_be_bytes();
         bytes[29..33].copy_from_slice(&checksum);
         std::fs::write(&path, bytes).unwrap();
-        let message = read_photo(&path).unwrap_err().to_string();
-        assert!(message.contains("65536 x 65536"), "{message}");
+        assert_error(read_photo(&path), &["65536 x 65536"]);
     }
 
     fn crc32(bytes: &[u8]) -> u32 {

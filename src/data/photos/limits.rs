@@ -16,7 +16,7 @@ pub(super) fn check_size(path: &Path, width: u64, height: u64) -> Result<(), Dat
         || height > u64::from(MAX_SIDE)
         || width.saturating_mul(height) > MAX_PIXELS;
     if too_large || width == 0 || height == 0 {
-        return Err(DataError::image(
+        return Err(DataError::unusable(
             path,
             format!(
                 "picture of {width} x {height} pixels; sides of 1 to {MAX_SIDE} and at most \
@@ -38,7 +38,7 @@ pub(in crate::data) fn check_finite(
         None => Ok(()),
         Some(i) => {
             let (x, y) = (i % width as usize, i / width as usize);
-            Err(DataError::image(
+            Err(DataError::unusable(
                 path,
                 format!("pixel ({x}, {y}) is not finite: {:?}", pixels[i]),
             ))

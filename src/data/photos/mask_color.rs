@@ -81,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn any_two_colours_tell_object_from_background() {
+    fn any_two_colours_part_object_from_background() {
         for (background, object) in [
             ([0; 3], [255; 3]),
             ([0; 3], [255, 0, 0]),

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use super::image::picture_size;
 use crate::data::Frame;
+use crate::data::files::capture_path::has_extension;
 
 /// Pixels that may be decoded at once, over all threads; a single larger photo waits until it is alone.
 const MAX_DECODING: u64 = 64 << 20;
@@ -97,9 +98,7 @@ impl Drop for Decoding<'_> {
 
 /// Memory of a decoded photo in pixels of eight bits a colour, estimated before it is decoded.
 pub(super) fn decoding_cost(frame: &Frame) -> u64 {
-    let is_float = frame.photo.extension().is_some_and(|extension| {
-        extension.eq_ignore_ascii_case("exr") || extension.eq_ignore_ascii_case("hdr")
-    });
+    let is_float = has_extension(&frame.photo, "exr") || has_extension(&frame.photo, "hdr");
     let n_pixels = picture_size(&frame.photo).map_or(0, |(w, h)| u64::from(w) * u64::from(h));
     n_pixels * if is_float { 4 } else { 1 }
 }

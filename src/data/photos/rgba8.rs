@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{ExtendedColorType, ImageEncoder as _};
+use image::ExtendedColorType;
 
+use super::image::encode_png;
 use crate::data::{DataError, write_atomically};
 
 /// A display-referred picture (sRGB), row-major.
@@ -20,9 +20,6 @@ pub struct Rgba8 {
 
 impl Rgba8 {
     /// Writes a PNG, without an alpha channel where nothing is transparent; whole or not at all.
-    ///
-    /// # Errors
-    /// When the file cannot be written.
     pub fn write_png(&self, path: &Path) -> Result<(), DataError> {
         let is_opaque = self.pixels.iter().all(|pixel| pixel[3] == 255);
         let (bytes, color) = if is_opaque {
@@ -34,9 +31,7 @@ impl Rgba8 {
             )
         };
         write_atomically(path, |file| {
-            PngEncoder::new_with_quality(file, CompressionType::Default, FilterType::Adaptive)
-                .write_image(&bytes, self.width, self.height, color)
-                .map_err(std::io::Error::other)
+            encode_png(file, self.width, self.height, &bytes, color)
         })
         .map_err(|e| DataError::io(path, e))
     }

@@ -28,6 +28,7 @@ pub(super) fn shrunk_photo(
     let size = (photo.width() as usize, photo.height() as usize);
     let new_size = (width as usize, height as usize);
     let weight = |i: usize| weights.map_or(1.0, |mask| mask.share(i));
+    let linear = |i: usize| photo.linear(i);
     let encoded = |c: f32, top: f32| (srgb_from_linear(c) * top + 0.5).clamp(0.0, top);
     match photo {
         Photo::Rgb8 { pixels, .. } => {
@@ -45,18 +46,14 @@ pub(super) fn shrunk_photo(
         Photo::Ldr { .. } => Photo::Ldr {
             width,
             height,
-            pixels: means(
-                size,
-                new_size,
-                weight,
-                |i| photo.linear(i),
-                |c| encoded(c, 65535.0) as u16,
-            ),
+            pixels: means(size, new_size, weight, linear, |c| {
+                encoded(c, 65535.0) as u16
+            }),
         },
         Photo::Hdr { .. } => Photo::Hdr {
             width,
             height,
-            pixels: means(size, new_size, weight, |i| photo.linear(i), |c| c),
+            pixels: means(size, new_size, weight, linear, |c| c),
         },
     }
 }

@@ -2,11 +2,12 @@
 
 use std::path::Path;
 
+use image::imageops::FilterType;
 use image::metadata::Orientation;
+use image::{DynamicImage, GrayImage};
 use rayon::prelude::*;
 
 use super::image::decode;
-use super::orientation::{lies_on_its_side, orientation_of, turned_mask, turned_photo};
 use super::photo_budget::{DecodeGate, Reduction, decoding_cost};
 use super::shrink::{shrunk_mask, shrunk_photo};
 use crate::data::problem::first_names;
@@ -42,34 +43,66 @@ impl Findings {
         2 * self.cut_out.len() > self.n_views
     }
 
-    /// One problem a kind.
-    pub(in crate::data) fn into_problems(self) -> Vec<Problem> {
-        let cut_out = self.are_cut_out();
-        let mut problems = self.unreadable;
-        let mut add = |severity, names: &[String], what: &str, advice: &str| {
-            if !names.is_empty() {
-                let what = format!("{what} ({} views: {})", names.len(), first_names(names));
-                problems.push(Problem::new(severity, what, advice));
+    /// Notes what was noticed of a view, and gives the view where it could be read.
+    fn note(&mut self, result: Result<LoadedView, DataError>) -> Option<View> {
+        let loaded = match result {
+            Ok(loaded) => loaded,
+            Err(e) => {
+                let problem = Problem::new(Severity::Error, e.to_string(), "the view is left out");
+                self.unreadable.push(problem);
+                return None;
             }
         };
-        add(
+        self.n_views += 1;
+        let kinds = [
+            (loaded.rescaled, &mut self.rescaled),
+            (loaded.turned.is_some(), &mut self.turned),
+            (loaded.mask_file_missing, &mut self.without_mask_file),
+            (loaded.cut_out, &mut self.cut_out),
+        ];
+        for (_, names) in kinds.into_iter().filter(|(found, _)| *found) {
+            names.push(loaded.view.name.clone());
+        }
+        if let Some([(w, h), (new_w, new_h)]) = loaded.reduced {
+            let sizes = format!("{w} x {h} to {new_w} x {new_h}");
+            if !self.reduced.contains(&sizes) {
+                self.reduced.push(sizes);
+            }
+            self.n_reduced += 1;
+        }
+        Some(loaded.view)
+    }
+
+    /// One problem a kind.
+    pub(in crate::data) fn into_problems(self) -> Vec<Problem> {
+        let cut_out: &[String] = if self.are_cut_out() {
+            &self.cut_out
+        } else {
+            &[]
+        };
+        let of_views = |severity, names: &[String], what: &str, advice: &str| {
+            let what = format!("{what} ({} views: {})", names.len(), first_names(names));
+            (!names.is_empty()).then(|| Problem::new(severity, what, advice))
+        };
+        let mut problems = self.unreadable;
+        problems.extend(of_views(
             Severity::Warning,
             &self.without_mask_file,
             "mask files are missing",
             "these views are used without a mask",
-        );
-        add(
+        ));
+        problems.extend(of_views(
             Severity::Note,
             &self.rescaled,
             "photos are smaller or larger than w x h",
             "the lens was scaled with them",
-        );
-        add(
+        ));
+        problems.extend(of_views(
             Severity::Note,
             &self.turned,
             "photos are stored on their side, and w x h is that of the upright photo",
             "they were turned as EXIF says",
-        );
+        ));
         if self.n_reduced > 0 {
             let what = format!(
                 "{} photos were reduced to fit into memory: from {}",
@@ -85,18 +118,12 @@ impl Findings {
             let advice = "check the picture of a mask if that is wrong";
             problems.push(Problem::new(Severity::Warning, what, advice));
         }
-        if cut_out {
-            let mut add = |severity, names: &[String], what: &str, advice: &str| {
-                let what = format!("{what} ({} views: {})", names.len(), first_names(names));
-                problems.push(Problem::new(severity, what, advice));
-            };
-            add(
-                Severity::Note,
-                &self.cut_out,
-                "the environment is not visible: the photos are cut out along the object",
-                "light is learned from reflections alone",
-            );
-        }
+        problems.extend(of_views(
+            Severity::Note,
+            cut_out,
+            "the environment is not visible: the photos are cut out along the object",
+            "light is learned from reflections alone",
+        ));
         problems
     }
 }
@@ -131,42 +158,10 @@ pub(in crate::data) fn load_views(
         })
         .collect();
     let mut findings = Findings::default();
-    let views = results
-        .into_iter()
-        .map(|result| match result {
-            Ok(loaded) => {
-                findings.n_views += 1;
-                let name = &loaded.view.name;
-                let kinds = [
-                    (loaded.rescaled, &mut findings.rescaled),
-                    (loaded.turned.is_some(), &mut findings.turned),
-                    (loaded.mask_file_missing, &mut findings.without_mask_file),
-                    (loaded.cut_out, &mut findings.cut_out),
-                ];
-                for (found, names) in kinds {
-                    if found {
-                        names.push(name.clone());
-                    }
-                }
-                if let Some([(w, h), (new_w, new_h)]) = loaded.reduced {
-                    let sizes = format!("{w} x {h} to {new_w} x {new_h}");
-                    if !findings.reduced.contains(&sizes) {
-                        findings.reduced.push(sizes);
-                    }
-                    findings.n_reduced += 1;
-                }
-                Some(loaded.view)
-            }
-            Err(e) => {
-                let problem = Problem::new(Severity::Error, e.to_string(), "the view is left out");
-                findings.unreadable.push(problem);
-                None
-            }
-        })
-        .collect();
-    let mut loaded = LoadedViews { views, findings };
-    loaded.findings.masks_inverted = invert_masks_if_meant(&mut loaded.views, frames);
-    loaded
+    let views = results.into_iter().map(|result| findings.note(result));
+    let mut views: Vec<Option<View>> = views.collect();
+    findings.masks_inverted = invert_masks_if_meant(&mut views, frames);
+    LoadedViews { views, findings }
 }
 
 /// Inverts masks from files when they are white all around and less so inside: photos of an object
@@ -207,20 +202,11 @@ fn border_share(mask: &Mask) -> f32 {
 
 /// A frame's photo, turned as its camera says.
 pub(in crate::data) fn upright_photo(frame: &Frame) -> Result<Photo, DataError> {
-    let photo = decode(&frame.photo)?.photo;
-    Ok(match orientation_to_apply(frame, &photo) {
-        Some(orientation) => turned_photo(photo, orientation),
-        None => photo,
-    })
+    Ok(decode(&frame.photo, frame.intrinsics.size)?.photo)
 }
 
 fn load_view(frame: &Frame, reduction: Reduction) -> Result<LoadedView, DataError> {
-    let mut decoded = decode(&frame.photo)?;
-    let orientation = orientation_to_apply(frame, &decoded.photo);
-    if let Some(orientation) = orientation {
-        decoded.photo = turned_photo(decoded.photo, orientation);
-        decoded.alpha = decoded.alpha.map(|alpha| turned_mask(&alpha, orientation));
-    }
+    let decoded = decode(&frame.photo, frame.intrinsics.size)?;
     let (width, height) = (decoded.photo.width(), decoded.photo.height());
     let (camera, rescaled) = frame.camera(width, height)?;
     let new_size = reduction.size(width, height);
@@ -230,7 +216,7 @@ fn load_view(frame: &Frame, reduction: Reduction) -> Result<LoadedView, DataErro
         .as_ref()
         .is_some_and(|alpha| hides_one_color(&decoded.photo, alpha));
     let mask = match (mask_file, &frame.depth) {
-        (Some(path), _) => Some(read_mask_sized(path, width, height, orientation)?),
+        (Some(path), _) => Some(read_mask_sized(path, width, height, decoded.turned)?),
         (None, Some(depth)) if decoded.alpha.is_none() => mask_of_depth(depth, width, height)?,
         (None, _) => decoded.alpha.clone(),
     };
@@ -251,14 +237,17 @@ fn load_view(frame: &Frame, reduction: Reduction) -> Result<LoadedView, DataErro
         },
         reduced: is_reduced.then_some([(width, height), new_size]),
         rescaled,
-        turned: orientation,
+        turned: decoded.turned,
         mask_file_missing: frame.mask.is_some() && mask_file.is_none(),
         cut_out,
     })
 }
 
 /// The views of frames of one split.
-pub(in crate::data) fn of_split(split: Split, views: Vec<Option<View>>) -> Vec<View> {
+pub(in crate::data) fn of_split(
+    split: Split,
+    views: impl IntoIterator<Item = Option<View>>,
+) -> Vec<View> {
     let views = views.into_iter().flatten();
     views.map(|view| View { split, ..view }).collect()
 }
@@ -285,20 +274,6 @@ fn reduced_view(full: &View, shown: Option<&Mask>, (width, height): (u32, u32)) 
     }
 }
 
-/// How a photo must be turned for its size to be the declared one: not at all, unless that is the
-/// size of the upright photo and EXIF says that the stored one lies on its side.
-fn orientation_to_apply(frame: &Frame, photo: &Photo) -> Option<Orientation> {
-    let (declared_width, declared_height) = frame.intrinsics.size?;
-    let is_landscape = |width: u32, height: u32| width.cmp(&height);
-    let (width, height) = (photo.width(), photo.height());
-    let is_as_declared =
-        is_landscape(declared_width, declared_height) == is_landscape(width, height);
-    if is_as_declared {
-        return None;
-    }
-    Some(orientation_of(&frame.photo)).filter(|orientation| lies_on_its_side(*orientation))
-}
-
 /// Reads a mask and brings it to the photo's size; errors where the aspect differs.
 ///
 /// `orientation`: how the photo was turned; a mask that was made from the stored photo follows.
@@ -308,31 +283,28 @@ fn read_mask_sized(
     height: u32,
     orientation: Option<Orientation>,
 ) -> Result<Mask, DataError> {
-    let mut mask = read_mask(path)?;
+    let mask = read_mask(path)?;
+    let picture = GrayImage::from_raw(mask.width, mask.height, mask.coverage);
+    let picture = picture.ok_or_else(|| DataError::unusable(path, "the mask is incomplete"))?;
+    let mut picture = DynamicImage::ImageLuma8(picture);
     if let Some(orientation) = orientation
-        && (mask.width > mask.height) != (width > height)
+        && (picture.width() > picture.height()) != (width > height)
     {
-        mask = turned_mask(&mask, orientation);
+        picture.apply_orientation(orientation);
     }
-    if (mask.width, mask.height) == (width, height) {
-        return Ok(mask);
-    }
-    let expected = mask.width as f32 * height as f32 / mask.height as f32;
+    let (w, h) = (picture.width(), picture.height());
+    let expected = w as f32 * height as f32 / h as f32;
     if (expected - width as f32).abs() > 0.01 * width as f32 + 1.0 {
-        let problem = format!(
-            "the mask is {} x {}, its photo {width} x {height}",
-            mask.width, mask.height
-        );
-        return Err(DataError::image(path, problem));
+        let problem = format!("the mask is {w} x {h}, its photo {width} x {height}");
+        return Err(DataError::unusable(path, problem));
     }
-    let coverage = image::GrayImage::from_raw(mask.width, mask.height, mask.coverage)
-        .map(|mask| image::imageops::resize(&mask, width, height, image::imageops::Triangle))
-        .ok_or_else(|| DataError::image(path, "the mask is incomplete"))?
-        .into_raw();
+    if (w, h) != (width, height) {
+        picture = picture.resize_exact(width, height, FilterType::Triangle);
+    }
     Ok(Mask {
         width,
         height,
-        coverage,
+        coverage: picture.into_luma8().into_raw(),
     })
 }
 
@@ -345,7 +317,7 @@ fn mask_of_depth(depth: &DepthFile, width: u32, height: u32) -> Result<Option<Ma
     if (map_width, map_height) != (width, height) {
         let problem =
             format!("the depth map is {map_width} x {map_height}, its photo {width} x {height}");
-        return Err(DataError::image(&depth.path, problem));
+        return Err(DataError::unusable(&depth.path, problem));
     }
     let coverage = depths
         .iter()
@@ -388,7 +360,7 @@ mod tests {
 
     use super::*;
     use crate::data::formats::test_formats::{
-        SIZE, cameras, folder, write_colmap_text, write_llff, write_photos,
+        SIZE, cameras, capture, folder, write_colmap_text, write_llff, write_photos,
     };
     use crate::data::{Dataset, LoadOptions, write_png_srgb};
 
@@ -443,9 +415,7 @@ mod tests {
     #[test]
     fn masks_that_are_white_around_the_object_are_inverted() {
         for is_inverted in [false, true] {
-            let folder = folder();
-            write_llff(folder.path(), &cameras());
-            write_photos(&folder.path().join("images"), 9);
+            let folder = capture("images", |root| write_llff(root, &cameras()));
             write_photos(&folder.path().join("masks"), 9);
             let (width, height) = SIZE;
             let pixels: Vec<[f32; 3]> = (0..width * height)

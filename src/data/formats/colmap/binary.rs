@@ -7,7 +7,7 @@ use glam::DVec3;
 
 use super::binary_file::BinaryFile;
 use super::model::{ColmapCamera, ColmapImage, ColmapPoint, KINDS, LensKind, Observation};
-use super::{Keep, Model};
+use super::{Format, Keep};
 use crate::data::DataError;
 
 /// Bytes of an observation: x, y, the point's id.
@@ -15,19 +15,13 @@ const OBSERVATION_BYTES: u64 = 24;
 /// Bytes of a track's element: the image's id, the observation's index.
 const TRACK_BYTES: u64 = 8;
 
-/// Reads the three files in `folder`; `points3D.bin` may be absent.
-pub(super) fn read(folder: &Path, observations: Keep) -> Result<Model, DataError> {
-    let points = folder.join("points3D.bin");
-    Ok(Model {
-        cameras: read_cameras(&folder.join("cameras.bin"))?,
-        images: read_images(&folder.join("images.bin"), observations)?,
-        points: if points.is_file() {
-            read_points(&points)?
-        } else {
-            Vec::new()
-        },
-    })
-}
+pub(super) const FORMAT: Format = Format {
+    name: "binary",
+    extension: "bin",
+    cameras: read_cameras,
+    images: read_images,
+    points: read_points,
+};
 
 fn read_cameras(path: &Path) -> Result<Vec<ColmapCamera>, DataError> {
     let mut file = BinaryFile::open(path)?;
@@ -49,7 +43,7 @@ fn read_cameras(path: &Path) -> Result<Vec<ColmapCamera>, DataError> {
 }
 
 fn read_params(file: &mut BinaryFile<'_>, kind: &LensKind) -> Result<Vec<f64>, DataError> {
-    (0..kind.n_params).map(|_| file.f64("params")).collect()
+    (0..kind.n_params()).map(|_| file.f64("params")).collect()
 }
 
 fn read_images(path: &Path, keep: Keep) -> Result<Vec<ColmapImage>, DataError> {

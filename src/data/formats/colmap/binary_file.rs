@@ -36,12 +36,7 @@ impl<'a> BinaryFile<'a> {
     }
 
     pub(super) fn error(&self, field: &str, problem: impl Into<String>) -> DataError {
-        DataError::Field {
-            path: self.path.to_owned(),
-            frame: self.record,
-            field: field.to_owned(),
-            problem: problem.into(),
-        }
+        DataError::field(self.path, field, problem).in_frame(self.record)
     }
 
     fn take(&mut self, field: &str, n_bytes: u64) -> Result<(), DataError> {

@@ -13,9 +13,9 @@ mod text;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use super::found::{Found, Listed};
+use super::found::{Found, Layout, Listed};
 use super::photo_folder::photo_folders;
-use crate::data::files::capture_path::path_below;
+use crate::data::files::capture_path::{folder_of, has_extension, path_below};
 use crate::data::problem::first_names;
 use crate::data::{DataError, Frame, PointCloud, Problem, SeenPoints, Severity};
 
@@ -32,8 +32,17 @@ const FOLDERS: [&str; 8] = [
     "colmap",
     "",
 ];
-/// The file that makes a folder a model, and its format.
-const MARKS: [(&str, &str); 2] = [("images.bin", "binary"), ("images.txt", "text")];
+/// How a model is stored.
+struct Format {
+    name: &'static str,
+    extension: &'static str,
+    cameras: fn(&Path) -> Result<Vec<ColmapCamera>, DataError>,
+    images: fn(&Path, Keep) -> Result<Vec<ColmapImage>, DataError>,
+    points: fn(&Path) -> Result<Vec<ColmapPoint>, DataError>,
+}
+
+/// In the order of preference.
+const FORMATS: [Format; 2] = [binary::FORMAT, text::FORMAT];
 
 /// Whether to keep features, which are most of a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,76 +64,83 @@ pub struct Model {
     pub points: Vec<ColmapPoint>,
 }
 
-/// What was looked for, for a message that nothing was found.
-pub(super) const LOOKED_FOR: &str = "COLMAP: cameras and images (.bin or .txt) in sparse/0, sparse, colmap/sparse/0 or the folder itself";
+pub(super) const LAYOUT: Layout = Layout {
+    name: "COLMAP",
+    looked_for: "COLMAP: cameras and images (.bin or .txt) in sparse/0, sparse, colmap/sparse/0 or the folder itself",
+    find,
+    of_file: |file| {
+        let is_of_model = has_extension(file, "bin") || has_extension(file, "txt");
+        let folder = folder_of(file);
+        (is_of_model && format_of(folder).is_some()).then(|| found_at(folder))
+    },
+    list,
+};
 
-/// Reads the model in `folder`: binary where there is an `images.bin`, else text.
+/// Reads the model in `folder`: binary where there is an `images.bin`, else text. Points may be absent.
 ///
 /// Errors name the file, the record and the field.
 pub fn read_colmap_model(folder: &Path, keep: Keep) -> Result<Model, DataError> {
-    if folder.join("images.bin").is_file() {
-        binary::read(folder, keep)
-    } else {
-        text::read(folder, keep)
-    }
+    let format = format_of(folder).unwrap_or(&text::FORMAT);
+    let file = |stem: &str| folder.join(format!("{stem}.{}", format.extension));
+    let points = file("points3D");
+    Ok(Model {
+        cameras: (format.cameras)(&file("cameras"))?,
+        images: (format.images)(&file("images"), keep)?,
+        points: if points.is_file() {
+            (format.points)(&points)?
+        } else {
+            Vec::new()
+        },
+    })
 }
 
-/// Whether a folder holds a model, and its format.
-pub(super) fn model_format(folder: &Path) -> Option<&'static str> {
-    MARKS
-        .iter()
-        .find(|(mark, _)| folder.join(mark).is_file())
-        .map(|(_, format)| *format)
+/// The format of the model in a folder, where it holds one.
+fn format_of(folder: &Path) -> Option<&'static Format> {
+    FORMATS.iter().find(|format| {
+        let images = format!("images.{}", format.extension);
+        folder.join(images).is_file()
+    })
 }
 
 /// The model of a capture.
-pub(in crate::data) fn find(root: &Path) -> Option<Found> {
+fn find(root: &Path) -> Option<Found> {
     let folder = FOLDERS
         .iter()
         .map(|folder| root.join(folder))
-        .find(|folder| model_format(folder).is_some())?;
-    if folder == root {
-        return Some(found_at(root));
-    }
-    Some(Found {
-        root: root.to_owned(),
-        file: folder,
+        .find(|folder| format_of(folder).is_some())?;
+    Some(if folder == root {
+        found_at(root)
+    } else {
+        Found::new(root, &folder)
     })
 }
 
 /// The capture of the model in `folder`: the nearest folder above that holds photos.
-pub(super) fn found_at(folder: &Path) -> Found {
+fn found_at(folder: &Path) -> Found {
     let root = folder
         .ancestors()
         .take(4)
         .find(|root| !photo_folders(root).is_empty())
         .unwrap_or(folder);
-    Found {
-        root: root.to_owned(),
-        file: folder.to_owned(),
-    }
+    Found::new(root, folder)
 }
 
 /// Lists the photos of a model, by name.
-pub(in crate::data) fn list(found: &Found) -> Result<Listed, DataError> {
-    let format = model_format(&found.file).unwrap_or("text");
-    let extension = if format == "binary" { "bin" } else { "txt" };
-    let listed_in = found.file.join(format!("images.{extension}"));
+fn list(found: &Found) -> Result<Listed, DataError> {
+    let format = format_of(&found.file).unwrap_or(&text::FORMAT);
+    let listed_in = found.file.join(format!("images.{}", format.extension));
     let mut model = read_colmap_model(&found.file, Keep::PosesAndPoints)?;
     if model.images.is_empty() {
-        return Err(DataError::Field {
-            path: listed_in,
-            frame: None,
-            field: "images".to_owned(),
-            problem: "no photo is registered".to_owned(),
-        });
+        let problem = "no photo is registered";
+        return Err(DataError::field(&listed_in, "images", problem));
     }
     // Ids follow the order of registration; names follow the camera's walk.
     model.images.sort_by(|a, b| a.name.cmp(&b.name));
     let photos = photos_of(&found.root, &model.images);
     let frames = frames_of(&model, &listed_in, &photos)?;
     let recognised = format!(
-        "COLMAP model ({format}) in {}, {} points, photos in {}",
+        "COLMAP model ({}) in {}, {} points, photos in {}",
+        format.name,
         found.shown(&found.file),
         model.points.len(),
         found.shown(&photos)
@@ -133,7 +149,7 @@ pub(in crate::data) fn list(found: &Found) -> Result<Listed, DataError> {
         frames,
         points: Some(point_cloud(&model)),
         recognised,
-        problems: other_models(found),
+        problems: other_models(found).into_iter().collect(),
     })
 }
 
@@ -162,11 +178,8 @@ fn frames_of(model: &Model, listed_in: &Path, photos: &Path) -> Result<Vec<Frame
         .map(|camera| (camera.id, camera))
         .collect();
     let frame = |(index, image): (usize, &ColmapImage)| {
-        let error = |field: &str, problem: String| DataError::Field {
-            path: listed_in.to_owned(),
-            frame: None,
-            field: format!("image {}, {field}", image.id),
-            problem,
+        let error = |field: &str, problem: String| {
+            DataError::field(listed_in, format!("image {}, {field}", image.id), problem)
         };
         let Some(camera) = cameras.get(&image.camera_id) else {
             let problem = format!("there is no camera {}", image.camera_id);
@@ -221,25 +234,17 @@ fn point_cloud(model: &Model) -> PointCloud {
 }
 
 /// COLMAP writes a model for each part that it could not join.
-fn other_models(found: &Found) -> Vec<Problem> {
-    let Some(parts) = found.file.parent() else {
-        return Vec::new();
-    };
-    if found.file.file_name().is_none_or(|name| name != "0") {
-        return Vec::new();
-    }
+fn other_models(found: &Found) -> Option<Problem> {
+    let parts = found.file.parent().filter(|_| found.file.ends_with("0"))?;
     let others: Vec<String> = (1..100)
         .map(|i| parts.join(i.to_string()))
-        .take_while(|folder| model_format(folder).is_some())
+        .take_while(|folder| format_of(folder).is_some())
         .map(|folder| found.shown(&folder))
         .collect();
-    if others.is_empty() {
-        return Vec::new();
-    }
     let what = format!(
         "COLMAP could not join all photos: also {}",
         first_names(&others)
     );
     let advice = "only the first part is used; name another one's folder to use it";
-    vec![Problem::new(Severity::Warning, what, advice)]
+    (!others.is_empty()).then(|| Problem::new(Severity::Warning, what, advice))
 }

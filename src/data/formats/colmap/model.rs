@@ -14,96 +14,42 @@ pub(super) type Fault = (&'static str, String);
 pub(super) struct LensKind {
     /// As in `cameras.txt`.
     pub(super) name: &'static str,
-    /// Numbers that describe a lens.
-    pub(super) n_params: usize,
-    lens: Option<fn(&[f64]) -> Lens>,
+    /// What the numbers of a lens are.
+    params: &'static str,
 }
 
-/// Focal lengths, principal point and distortion.
-#[derive(Clone, Copy)]
-struct Lens {
-    focal: [f64; 2],
-    center: [f64; 2],
-    model: LensModel,
-    /// `k1, k2, k3, k4`.
-    k: [f64; 4],
-    /// `p1, p2`.
-    p: [f64; 2],
-    /// Whether coefficients that [`Distortion`] does not know are used.
-    has_more: bool,
-}
-
-/// All models by id, as in COLMAP's `sensor/models.h`; those without a function are not expressible.
+/// All models by id, as in COLMAP's `sensor/models.h`.
 pub(super) const KINDS: [LensKind; 12] = [
-    kind("SIMPLE_PINHOLE", 3, |p| one_focal(p, [0.0; 4])),
-    kind("PINHOLE", 4, |p| two_focals(p, [0.0; 4], [0.0; 2])),
-    kind("SIMPLE_RADIAL", 4, |p| one_focal(p, [p[3], 0.0, 0.0, 0.0])),
-    kind("RADIAL", 5, |p| one_focal(p, [p[3], p[4], 0.0, 0.0])),
-    kind("OPENCV", 8, |p| {
-        two_focals(p, [p[4], p[5], 0.0, 0.0], [p[6], p[7]])
-    }),
-    kind("OPENCV_FISHEYE", 8, |p| {
-        fisheye(two_focals(p, [p[4], p[5], p[6], p[7]], [0.0; 2]))
-    }),
-    kind("FULL_OPENCV", 12, |p| Lens {
-        has_more: p[9..12].iter().any(|k| *k != 0.0),
-        ..two_focals(p, [p[4], p[5], p[8], 0.0], [p[6], p[7]])
-    }),
-    unknown("FOV", 5),
-    kind("SIMPLE_RADIAL_FISHEYE", 4, |p| {
-        fisheye(one_focal(p, [p[3], 0.0, 0.0, 0.0]))
-    }),
-    kind("RADIAL_FISHEYE", 5, |p| {
-        fisheye(one_focal(p, [p[3], p[4], 0.0, 0.0]))
-    }),
-    unknown("THIN_PRISM_FISHEYE", 12),
-    unknown("RAD_TAN_THIN_PRISM_FISHEYE", 16),
+    kind("SIMPLE_PINHOLE", "f cx cy"),
+    kind("PINHOLE", "fx fy cx cy"),
+    kind("SIMPLE_RADIAL", "f cx cy k1"),
+    kind("RADIAL", "f cx cy k1 k2"),
+    kind("OPENCV", "fx fy cx cy k1 k2 p1 p2"),
+    kind("OPENCV_FISHEYE", "fx fy cx cy k1 k2 k3 k4"),
+    kind("FULL_OPENCV", "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6"),
+    kind("FOV", "fx fy cx cy omega"),
+    kind("SIMPLE_RADIAL_FISHEYE", "f cx cy k1"),
+    kind("RADIAL_FISHEYE", "f cx cy k1 k2"),
+    kind(
+        "THIN_PRISM_FISHEYE",
+        "fx fy cx cy k1 k2 p1 p2 k3 k4 sx1 sy1",
+    ),
+    kind(
+        "RAD_TAN_THIN_PRISM_FISHEYE",
+        "fx fy cx cy k0 k1 k2 k3 k4 k5 p0 p1 s0 s1 s2 s3",
+    ),
 ];
+/// Those that [`Distortion`] cannot express.
+const UNSUPPORTED: [&str; 3] = ["FOV", "THIN_PRISM_FISHEYE", "RAD_TAN_THIN_PRISM_FISHEYE"];
 
-const fn kind(name: &'static str, n_params: usize, lens: fn(&[f64]) -> Lens) -> LensKind {
-    LensKind {
-        name,
-        n_params,
-        lens: Some(lens),
-    }
+const fn kind(name: &'static str, params: &'static str) -> LensKind {
+    LensKind { name, params }
 }
 
-const fn unknown(name: &'static str, n_params: usize) -> LensKind {
-    LensKind {
-        name,
-        n_params,
-        lens: None,
-    }
-}
-
-/// `f, cx, cy, ..`.
-fn one_focal(p: &[f64], k: [f64; 4]) -> Lens {
-    Lens {
-        focal: [p[0], p[0]],
-        center: [p[1], p[2]],
-        model: LensModel::Perspective,
-        k,
-        p: [0.0; 2],
-        has_more: false,
-    }
-}
-
-/// `fx, fy, cx, cy, ..`.
-fn two_focals(params: &[f64], k: [f64; 4], p: [f64; 2]) -> Lens {
-    Lens {
-        focal: [params[0], params[1]],
-        center: [params[2], params[3]],
-        model: LensModel::Perspective,
-        k,
-        p,
-        has_more: false,
-    }
-}
-
-fn fisheye(lens: Lens) -> Lens {
-    Lens {
-        model: LensModel::Fisheye,
-        ..lens
+impl LensKind {
+    /// Numbers that describe a lens.
+    pub(super) fn n_params(&self) -> usize {
+        self.params.split(' ').count()
     }
 }
 
@@ -124,53 +70,53 @@ impl ColmapCamera {
         params: &[f64],
     ) -> Result<Self, Fault> {
         const UNDISTORT: &str = "undistort the photos (colmap image_undistorter) first";
-        let Some(lens) = kind.lens.map(|lens| lens(params)) else {
-            let problem = format!("{} is not supported; {UNDISTORT}", kind.name);
-            return Err(("model", problem));
+        let value = |name: &str| {
+            let at = kind.params.split(' ').position(|param| param == name);
+            at.map_or(0.0, |i| params[i])
         };
-        if lens.has_more {
-            let problem = format!(
-                "{} with k4, k5 or k6 is not supported; {UNDISTORT}",
-                kind.name
-            );
+        let name = kind.name;
+        if UNSUPPORTED.contains(&name) {
+            let problem = format!("{name} is not supported; {UNDISTORT}");
+            return Err(("model", problem));
+        }
+        let is_fisheye = name.ends_with("FISHEYE");
+        if !is_fisheye && ["k4", "k5", "k6"].iter().any(|k| value(k) != 0.0) {
+            let problem = format!("{name} with k4, k5 or k6 is not supported; {UNDISTORT}");
             return Err(("params", problem));
         }
-        let [width, height] = size;
-        if !(1..=1_000_000).contains(&width) || !(1..=1_000_000).contains(&height) {
-            return Err((
-                "width, height",
-                format!("{width} x {height} is not a picture size"),
-            ));
+        if !size.iter().all(|side| (1..=1_000_000).contains(side)) {
+            let problem = format!("{} x {} is not a picture size", size[0], size[1]);
+            return Err(("width, height", problem));
         }
         let is_usable = |v: &f64| (*v as f32).is_finite();
-        if !lens.focal.iter().all(|f| *f > 0.0 && is_usable(f)) {
-            return Err((
-                "params",
-                format!("focal length {:?} is not positive", lens.focal),
-            ));
+        // A lens has one focal length or two.
+        let focal = ["fx", "fy"].map(|axis| value("f") + value(axis));
+        if !focal.iter().all(|f| *f > 0.0 && is_usable(f)) {
+            return Err(("params", format!("focal length {focal:?} is not positive")));
         }
         if !params.iter().all(is_usable) {
             return Err(("params", "not finite".to_owned()));
         }
-        let [k1, k2, k3, k4] = lens.k.map(|v| v as f32);
+        let [k1, k2, k3, k4] = ["k1", "k2", "k3", "k4"].map(|k| value(k) as f32);
+        let lens = [focal[0], focal[1], value("cx"), value("cy")];
         Ok(Self {
             id,
             intrinsics: Intrinsics {
-                size: Some((width as u32, height as u32)),
-                fl_x: Some(lens.focal[0] as f32),
-                fl_y: Some(lens.focal[1] as f32),
-                cx: Some(lens.center[0] as f32),
-                cy: Some(lens.center[1] as f32),
+                size: Some((size[0] as u32, size[1] as u32)),
                 distortion: Distortion {
-                    model: lens.model,
+                    model: if is_fisheye {
+                        LensModel::Fisheye
+                    } else {
+                        LensModel::Perspective
+                    },
                     k1,
                     k2,
                     k3,
                     k4,
-                    p1: lens.p[0] as f32,
-                    p2: lens.p[1] as f32,
+                    p1: value("p1") as f32,
+                    p2: value("p2") as f32,
                 },
-                ..Intrinsics::default()
+                ..Intrinsics::pinhole(lens.map(|v| v as f32))
             },
         })
     }

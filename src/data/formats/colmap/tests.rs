@@ -4,18 +4,15 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::data::formats::test_formats::{
-    assert_cameras, cameras, folder, shifted_cameras, write_colmap_binary, write_colmap_text,
-    write_photos,
+    assert_cameras, cameras, capture, folder, shifted_cameras, write_colmap_binary,
+    write_colmap_text, write_photos,
 };
 use crate::data::list_capture;
+use crate::data::test_asserts::{assert_contains, assert_error};
 use crate::geometry::{Camera, Distortion, LensModel};
 
 type Write = fn(&Path, &[Camera]);
 const WRITERS: [Write; 2] = [write_colmap_binary, write_colmap_text];
-
-fn all(listing: crate::data::Listing) -> Vec<Frame> {
-    [listing.train, listing.val, listing.test].concat()
-}
 
 #[test]
 fn binary_and_text_models_are_read_wherever_they_lie() {
@@ -30,41 +27,35 @@ fn binary_and_text_models_are_read_wherever_they_lie() {
             write(&folder.path().join(below), &cameras);
             write_photos(&folder.path().join("images"), 9);
             let listing = list_capture(folder.path()).unwrap();
-            assert!(
-                listing.recognised.contains("COLMAP"),
-                "{}",
-                listing.recognised
-            );
+            assert_contains(&listing.recognised, "COLMAP");
             let points = listing.points.clone().unwrap();
             assert_eq!(points.colors, [[10, 20, 30]], "points in \"{below}\"");
             let seeing = points.photos.iter().filter(|photo| photo.points == [0]);
             let names: Vec<&str> = seeing.map(|photo| photo.name.as_str()).collect();
             assert_eq!(names, ["0000"], "tracks in \"{below}\"");
-            assert_eq!(listing.test[0].name, "0000", "sorted by name");
-            assert_cameras(&all(listing), &cameras);
+            assert_eq!(listing.split.test[0].name, "0000", "sorted by name");
+            assert_cameras(&listing, &cameras);
             let by_folder = list_capture(&folder.path().join(below)).unwrap();
-            assert_eq!(all(by_folder).len(), 9, "by the model's folder");
+            assert_eq!(by_folder.frames().count(), 9, "by the model's folder");
         }
     }
 }
 
 #[test]
 fn photos_of_scaled_folders_and_masks_are_found() {
-    let folder = folder();
-    write_colmap_binary(&folder.path().join("sparse/0"), &cameras());
-    write_photos(&folder.path().join("images_4"), 9);
-    write_photos(&folder.path().join("masks"), 9);
+    let folder = capture("images_4", |root| {
+        write_colmap_binary(&root.join("sparse/0"), &cameras());
+        write_photos(&root.join("masks"), 9);
+    });
     for i in 0..9 {
         let mask = folder.path().join(format!("masks/{i:04}.png"));
         std::fs::rename(&mask, mask.with_extension("png.png")).unwrap();
     }
-    let frames = all(list_capture(folder.path()).unwrap());
-    assert!(
-        frames[0].photo.ends_with("images_4/0001.png"),
-        "{:?}",
-        frames[0].photo
-    );
-    let mask = frames[0].mask.as_ref().unwrap();
+    let listing = list_capture(folder.path()).unwrap();
+    let first = listing.frames().next().unwrap();
+    let photo = &first.photo;
+    assert!(photo.ends_with("images_4/0001.png"), "{photo:?}");
+    let mask = first.mask.as_ref().unwrap();
     assert!(mask.ends_with("masks/0001.png.png"), "{mask:?}");
 }
 
@@ -78,63 +69,42 @@ fn read_lens(line: &str) -> Result<Model, DataError> {
 
 #[test]
 fn every_lens_is_read() {
-    let lens = |line: &str| read_lens(line).unwrap().cameras[0].intrinsics;
     let radial = |k1, k2| Distortion {
         k1,
         k2,
         ..Distortion::default()
     };
-    for (line, fl_y, distortion) in [
-        ("SIMPLE_PINHOLE 40 30 50 20 15", 50.0, radial(0.0, 0.0)),
-        ("PINHOLE 40 30 50 51 20 15", 51.0, radial(0.0, 0.0)),
-        ("SIMPLE_RADIAL 40 30 50 20 15 0.1", 50.0, radial(0.1, 0.0)),
-        ("RADIAL 40 30 50 20 15 0.1 0.2", 50.0, radial(0.1, 0.2)),
-        (
-            "OPENCV 40 30 50 51 20 15 0.1 0.2 0.3 0.4",
-            51.0,
-            Distortion {
-                p1: 0.3,
-                p2: 0.4,
-                ..radial(0.1, 0.2)
-            },
-        ),
-        (
-            "OPENCV_FISHEYE 40 30 50 51 20 15 0.1 0.2 0.3 0.4",
-            51.0,
-            Distortion {
-                model: LensModel::Fisheye,
-                k3: 0.3,
-                k4: 0.4,
-                ..radial(0.1, 0.2)
-            },
-        ),
-        (
-            "FULL_OPENCV 40 30 50 51 20 15 0.1 0.2 0.3 0.4 0.5 0 0 0",
-            51.0,
-            Distortion {
-                p1: 0.3,
-                p2: 0.4,
-                k3: 0.5,
-                ..radial(0.1, 0.2)
-            },
-        ),
-        (
-            "RADIAL_FISHEYE 40 30 50 20 15 0.1 0.2",
-            50.0,
-            Distortion {
-                model: LensModel::Fisheye,
-                ..radial(0.1, 0.2)
-            },
-        ),
+    let tangential = |k3| Distortion {
+        p1: 0.3,
+        p2: 0.4,
+        k3,
+        ..radial(0.1, 0.2)
+    };
+    let fisheye = |k3, k4| Distortion {
+        model: LensModel::Fisheye,
+        k3,
+        k4,
+        ..radial(0.1, 0.2)
+    };
+    let whole = "50 51 20 15 0.1 0.2 0.3 0.4";
+    let longer = &format!("{whole} 0.5 0 0 0");
+    for (name, params, distortion) in [
+        ("SIMPLE_PINHOLE", "50 20 15", radial(0.0, 0.0)),
+        ("PINHOLE", "50 51 20 15", radial(0.0, 0.0)),
+        ("SIMPLE_RADIAL", "50 20 15 0.1", radial(0.1, 0.0)),
+        ("RADIAL", "50 20 15 0.1 0.2", radial(0.1, 0.2)),
+        ("OPENCV", whole, tangential(0.0)),
+        ("OPENCV_FISHEYE", whole, fisheye(0.3, 0.4)),
+        ("FULL_OPENCV", longer, tangential(0.5)),
+        ("RADIAL_FISHEYE", "50 20 15 0.1 0.2", fisheye(0.0, 0.0)),
     ] {
-        let lens = lens(line);
-        assert_eq!((lens.fl_x, lens.fl_y), (Some(50.0), Some(fl_y)), "{line}");
-        assert_eq!((lens.cx, lens.cy), (Some(20.0), Some(15.0)), "{line}");
-        assert_eq!(
-            (lens.size, lens.distortion),
-            (Some((40, 30)), distortion),
-            "{line}"
-        );
+        let model = read_lens(&format!("{name} 40 30 {params}")).unwrap();
+        let lens = model.cameras[0].intrinsics;
+        let fl_y = if params.contains("51") { 51.0 } else { 50.0 };
+        assert_eq!((lens.fl_x, lens.fl_y), (Some(50.0), Some(fl_y)), "{name}");
+        assert_eq!((lens.cx, lens.cy), (Some(20.0), Some(15.0)), "{name}");
+        assert_eq!(lens.size, Some((40, 30)), "{name}");
+        assert_eq!(lens.distortion, distortion, "{name}");
     }
 }
 
@@ -153,9 +123,7 @@ fn lenses_that_cannot_be_used_are_refused_by_name() {
         ("PINHOLE 0 30 50 51 20 15", "not a picture size"),
         ("PINHOLE 40 99999999999 50 51 20 15", "not a picture size"),
     ] {
-        let message = read_lens(line).unwrap_err().to_string();
-        assert!(message.contains(expected), "{line}: {message}");
-        assert!(message.contains("cameras.txt: line 1"), "{message}");
+        assert_error(read_lens(line), &[expected, "cameras.txt: line 1"]);
     }
 }
 
@@ -177,9 +145,7 @@ fn names_that_lead_out_and_lenses_that_are_not_there_are_errors() {
         ("# nothing", "no photo is registered"),
     ] {
         std::fs::write(&path, format!("{line}\n\n")).unwrap();
-        let message = list_capture(folder.path()).unwrap_err().to_string();
-        assert!(message.contains(expected), "{line}: {message}");
-        assert!(message.contains("images.txt"), "{message}");
+        assert_error(list_capture(folder.path()), &[expected, "images.txt"]);
     }
 }
 
@@ -192,12 +158,8 @@ fn counts_that_the_file_cannot_hold_are_refused_before_allocation() {
         let whole = std::fs::read(&path).unwrap();
         let huge = [&u64::MAX.to_le_bytes(), &whole[8..]].concat();
         std::fs::write(&path, huge).unwrap();
-        let message = read_colmap_model(folder.path(), Keep::Observations).unwrap_err();
-        let message = message.to_string();
-        assert!(
-            message.contains(name) && message.contains("has room for"),
-            "{message}"
-        );
+        let model = read_colmap_model(folder.path(), Keep::Observations);
+        assert_error(model, &[name, "has room for"]);
         std::fs::write(&path, whole).unwrap();
     }
     let path = folder.path().join("images.bin");
@@ -205,11 +167,8 @@ fn counts_that_the_file_cannot_hold_are_refused_before_allocation() {
     let name = bytes.windows(8).position(|w| w == b"0008.png").unwrap();
     bytes[name] = 0xff;
     std::fs::write(&path, bytes).unwrap();
-    let message = read_colmap_model(folder.path(), Keep::Observations).unwrap_err();
-    assert!(
-        message.to_string().contains("frame 0, name: not UTF-8"),
-        "{message}"
-    );
+    let model = read_colmap_model(folder.path(), Keep::Observations);
+    assert_error(model, &["frame 0, name: not UTF-8"]);
 }
 
 #[test]
@@ -217,7 +176,7 @@ fn a_model_cut_anywhere_is_an_error_or_shorter() {
     for write in WRITERS {
         let folder = folder();
         write(folder.path(), &cameras()[..2]);
-        let is_binary = model_format(folder.path()) == Some("binary");
+        let is_binary = folder.path().join("images.bin").is_file();
         for entry in folder.path().read_dir().unwrap() {
             let path = entry.unwrap().path();
             let whole = std::fs::read(&path).unwrap();
@@ -248,7 +207,7 @@ proptest! {
             bytes[at] = byte;
             std::fs::write(&path, bytes).unwrap();
             if let Ok(listing) = list_capture(folder.path()) {
-                prop_assert!(all(listing).iter().all(|frame| frame.world_from_camera.is_finite()));
+                prop_assert!(listing.frames().all(|frame| frame.world_from_camera.is_finite()));
             }
         }
     }

@@ -8,25 +8,19 @@ use std::str::{FromStr, SplitWhitespace};
 use glam::DVec3;
 
 use super::model::{ColmapCamera, ColmapImage, ColmapPoint, KINDS, Observation};
-use super::{Keep, Model};
+use super::{Format, Keep};
 use crate::data::DataError;
 
 /// The longest line accepted, bytes: about a million observations.
 const MAX_LINE: u64 = 64 << 20;
 
-/// Reads the three files in `folder`; `points3D.txt` may be absent.
-pub(super) fn read(folder: &Path, observations: Keep) -> Result<Model, DataError> {
-    let points = folder.join("points3D.txt");
-    Ok(Model {
-        cameras: read_cameras(&folder.join("cameras.txt"))?,
-        images: read_images(&folder.join("images.txt"), observations)?,
-        points: if points.is_file() {
-            read_points(&points)?
-        } else {
-            Vec::new()
-        },
-    })
-}
+pub(super) const FORMAT: Format = Format {
+    name: "text",
+    extension: "txt",
+    cameras: read_cameras,
+    images: read_images,
+    points: read_points,
+};
 
 fn read_cameras(path: &Path) -> Result<Vec<ColmapCamera>, DataError> {
     let mut lines = Lines::open(path)?;
@@ -39,7 +33,7 @@ fn read_cameras(path: &Path) -> Result<Vec<ColmapCamera>, DataError> {
             return Err(lines.error("MODEL", format!("\"{name}\" is not a camera model")));
         };
         let size = [fields.parse("WIDTH")?, fields.parse("HEIGHT")?];
-        let params = (0..kind.n_params)
+        let params = (0..kind.n_params())
             .map(|_| fields.number("PARAMS"))
             .collect::<Result<Vec<f64>, _>>()?;
         let camera = ColmapCamera::new(id, kind, size, &params);
@@ -74,11 +68,10 @@ fn parse_observations(lines: &Lines<'_>, line: &str) -> Result<Vec<Observation>,
     let mut fields = lines.fields(line);
     let mut observations = Vec::new();
     while let Some(x) = fields.words.next() {
-        let point = |fields: &mut Fields<'_>| fields.parse::<i64>("POINTS2D");
         observations.push(Observation {
             x_px: fields.parse_word("POINTS2D", x)?,
             y_px: fields.number("POINTS2D")?,
-            point_id: u64::try_from(point(&mut fields)?).ok(),
+            point_id: u64::try_from(fields.parse::<i64>("POINTS2D")?).ok(),
         });
     }
     Ok(observations)
@@ -124,12 +117,7 @@ impl<'a> Lines<'a> {
     }
 
     fn error(&self, field: &str, problem: impl Into<String>) -> DataError {
-        DataError::Field {
-            path: self.path.to_owned(),
-            frame: None,
-            field: format!("line {}, {field}", self.number),
-            problem: problem.into(),
-        }
+        DataError::field(self.path, format!("line {}, {field}", self.number), problem)
     }
 
     /// The next line as it stands, without its end.

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use serde_json::Value;
 
 use super::super::json_fields::Fields;
-use super::{MAX_BYTES, fault, numbers_of};
-use crate::data::files::capture_path::read_text;
+use super::{MAX_BYTES, numbers_of};
+use crate::data::files::capture_path::{first_file, has_extension, read_json, read_text};
 use crate::data::{DataError, Intrinsics};
 
 /// Where the lens may stand, from the capture's folder.
@@ -34,9 +34,6 @@ const DEPTH_FILES: [&str; 3] = [
     "intrinsics/intrinsic_depth.txt",
     "intrinsic_depth.txt",
 ];
-/// Pixel centres lie at one half with us, at whole numbers in these files.
-const CENTER: f32 = 0.5;
-
 /// A lens as its file has it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lens {
@@ -45,36 +42,39 @@ pub(super) struct Lens {
     pub(super) depth_unit: Option<f32>,
 }
 
+impl From<Intrinsics> for Lens {
+    fn from(intrinsics: Intrinsics) -> Self {
+        Self {
+            intrinsics,
+            depth_unit: None,
+        }
+    }
+}
+
 /// The file that holds the photos' lens, where there is one.
 pub(super) fn find(root: &Path) -> Option<PathBuf> {
     first_file(root, &FILES)
 }
 
-/// The file that holds the lens of the depth maps, where it is another.
-pub(super) fn find_of_depths(root: &Path) -> Option<PathBuf> {
-    first_file(root, &DEPTH_FILES)
-}
-
-fn first_file(root: &Path, names: &[&str]) -> Option<PathBuf> {
-    let mut files = names.iter().map(|name| root.join(name));
-    files.find(|file| file.is_file())
+/// The lens of the depth maps, where it is another.
+pub(super) fn of_depths(root: &Path) -> Result<Option<Lens>, DataError> {
+    let file = first_file(root, &DEPTH_FILES);
+    file.as_deref().map(read).transpose()
 }
 
 /// The lens that `PrimeSense`'s cameras have from the factory, which captures without a lens are customarily read with.
-pub(super) fn prime_sense() -> Intrinsics {
-    Intrinsics {
+pub(super) fn prime_sense() -> Lens {
+    let lens = Intrinsics {
         size: Some((640, 480)),
-        ..intrinsics(525.0, 525.0, 319.5, 239.5)
-    }
+        ..Intrinsics::pinhole([525.0, 525.0, 320.0, 240.0])
+    };
+    lens.into()
 }
 
 /// Reads a lens: JSON, or as text a matrix of 3 x 3 or 4 x 4 or the numbers fx, fy, cx, cy.
 pub(super) fn read(path: &Path) -> Result<Lens, DataError> {
-    if path
-        .extension()
-        .is_some_and(|extension| extension == "json")
-    {
-        return read_json(path);
+    if has_extension(path, "json") {
+        return read_lens_json(path);
     }
     let numbers = numbers_of(path, &read_text(path, MAX_BYTES)?)?;
     let places = match numbers.len() {
@@ -84,78 +84,51 @@ pub(super) fn read(path: &Path) -> Result<Lens, DataError> {
         n => {
             let problem =
                 format!("{n} numbers are neither a matrix of 3 x 3 or 4 x 4 nor fx fy cx cy");
-            return Err(fault(path, "matrix", &problem));
+            return Err(DataError::field(path, "matrix", problem));
         }
     };
-    let intrinsics = usable(places.map(|i| numbers[i]))
-        .ok_or_else(|| fault(path, "matrix", "the focal lengths are not greater than 0"))?;
-    Ok(Lens {
-        intrinsics,
-        depth_unit: None,
-    })
+    let problem = "the focal lengths are not greater than 0";
+    let intrinsics = pinhole(places.map(|i| numbers[i]))
+        .ok_or_else(|| DataError::field(path, "matrix", problem))?;
+    Ok(intrinsics.into())
 }
 
 /// `Open3D`'s `width, height, intrinsic_matrix` (column by column), or `camera` with `w, h, fx, fy, cx, cy, scale`.
-fn read_json(path: &Path) -> Result<Lens, DataError> {
-    let text = read_text(path, MAX_BYTES)?;
-    let value: Value = serde_json::from_str(&text).map_err(|source| DataError::Json {
-        path: path.to_owned(),
-        source,
-    })?;
-    let fields = Fields {
-        json: path,
-        frame: None,
-        value: value.get("camera").unwrap_or(&value),
-    };
+fn read_lens_json(path: &Path) -> Result<Lens, DataError> {
+    let value: Value = read_json(path, MAX_BYTES)?;
+    let fields = Fields::new(path, None, value.get("camera").unwrap_or(&value));
     if let Some(matrix) = fields.value.get("intrinsic_matrix") {
         let numbers = matrix.as_array().map(Vec::as_slice).unwrap_or_default();
         let numbers: Vec<f64> = numbers.iter().filter_map(Value::as_f64).collect();
         let lens = match numbers.as_slice() {
-            &[fx, _, _, _, fy, _, cx, cy, _] => usable([fx, fy, cx, cy]),
+            &[fx, _, _, _, fy, _, cx, cy, _] => pinhole([fx, fy, cx, cy]),
             _ => None,
         };
         let problem = "not 9 numbers, column by column, with focal lengths greater than 0";
         let lens = lens.ok_or_else(|| fields.error("intrinsic_matrix", problem))?;
-        return Ok(Lens {
-            intrinsics: Intrinsics {
-                size: fields.side("width")?.zip(fields.side("height")?),
-                ..lens
-            },
-            depth_unit: None,
-        });
+        let size = fields.side("width")?.zip(fields.side("height")?);
+        return Ok(Intrinsics { size, ..lens }.into());
     }
     let required = |name: &str, value: Option<f32>| {
         let missing = || fields.error(name, "missing");
         value.ok_or_else(missing)
     };
-    let lens = intrinsics(
+    let lens = Intrinsics::pinhole_at_whole_centers([
         required("fx", fields.positive("fx")?)?,
         required("fy", fields.positive("fy")?)?,
         required("cx", fields.number("cx")?)?,
         required("cy", fields.number("cy")?)?,
-    );
+    ]);
     Ok(Lens {
         intrinsics: Intrinsics {
             size: fields.side("w")?.zip(fields.side("h")?),
-            ..lens
+            ..lens.unwrap_or_default()
         },
         depth_unit: fields.positive("scale")?.map(f32::recip),
     })
 }
 
 /// The lens of `fx, fy, cx, cy`, where they are one.
-fn usable(numbers: [f64; 4]) -> Option<Intrinsics> {
-    let [fx, fy, cx, cy] = numbers.map(|v| v as f32);
-    let is_usable = [fx, fy, cx, cy].iter().all(|v| v.is_finite()) && fx > 0.0 && fy > 0.0;
-    is_usable.then(|| intrinsics(fx, fy, cx, cy))
-}
-
-fn intrinsics(fx: f32, fy: f32, cx: f32, cy: f32) -> Intrinsics {
-    Intrinsics {
-        fl_x: Some(fx),
-        fl_y: Some(fy),
-        cx: Some(cx + CENTER),
-        cy: Some(cy + CENTER),
-        ..Intrinsics::default()
-    }
+fn pinhole(numbers: [f64; 4]) -> Option<Intrinsics> {
+    Intrinsics::pinhole_at_whole_centers(numbers.map(|v| v as f32))
 }

@@ -15,8 +15,8 @@ use std::path::{Path, PathBuf};
 
 use glam::{Affine3A, DMat3, DVec3};
 
-use super::found::{Found, Listed};
-use crate::data::files::capture_path::{read_text, with_extension};
+use super::found::{Found, Layout, Listed};
+use crate::data::files::capture_path::{first_folder, list_folder, read_text, with_extension};
 use crate::data::frame::{rotation_and_translation, world_from_opencv};
 use crate::data::photos::depth::MILLIMETRE;
 use crate::data::problem::first_names;
@@ -24,56 +24,53 @@ use crate::data::{DataError, DepthFile, Frame, Problem, Severity};
 
 /// The largest text file read, but for trajectories.
 const MAX_BYTES: u64 = 1 << 20;
-/// Most files looked at in a folder.
-const MAX_FILES: usize = 200_000;
 const POSE_FOLDERS: [&str; 2] = ["pose", "poses"];
 const PHOTO_FOLDERS: [&str; 4] = ["color", "rgb", "images", "image"];
 const POSE_ENDING: &str = ".pose.txt";
 
-pub(super) const LOOKED_FOR: &str = "depth cameras: pose/*.txt with color/ and intrinsic/intrinsic_color.txt, or \
-     frame-*.pose.txt with frame-*.color.* and camera-intrinsics.txt";
+pub(super) const LAYOUT: Layout = Layout {
+    name: "depth camera",
+    looked_for: "depth cameras: pose/*.txt with color/ and intrinsic/intrinsic_color.txt, or \
+                 frame-*.pose.txt with frame-*.color.* and camera-intrinsics.txt",
+    find,
+    of_file: |_| None,
+    list,
+};
 
 /// The folder with the poses, where there is a lens too.
-pub(in crate::data) fn find(root: &Path) -> Option<Found> {
+fn find(root: &Path) -> Option<Found> {
     lens::find(root)?;
     let folders = POSE_FOLDERS.iter().map(|name| root.join(name));
-    let file = folders
+    let folder = folders
         .chain([root.to_owned()])
         .find(|folder| pose_files(folder, root).is_ok_and(|poses| !poses.is_empty()))?;
-    Some(Found {
-        root: root.to_owned(),
-        file,
-    })
+    Some(Found::new(root, &folder))
 }
 
 /// The pose files in a folder, sorted by number, with what their photos are called.
 fn pose_files(folder: &Path, root: &Path) -> Result<Vec<(String, PathBuf)>, DataError> {
-    let io = |e| DataError::io(folder, e);
     let ending = if folder == root { POSE_ENDING } else { ".txt" };
-    let mut poses = Vec::new();
-    for entry in folder.read_dir().map_err(io)?.take(MAX_FILES) {
-        let path = entry.map_err(io)?.path();
-        let name = path.file_name().and_then(|name| name.to_str());
-        let stem = name.and_then(|name| name.strip_suffix(ending));
-        if let Some(stem) = stem {
-            poses.push((stem.to_owned(), path));
-        }
-    }
+    let stem = |path: &Path| {
+        let stem = path.file_name()?.to_str()?.strip_suffix(ending)?;
+        Some(stem.to_owned())
+    };
+    let files = list_folder(folder, |path| stem(path).is_some())?.into_iter();
+    let mut poses: Vec<_> = files
+        .filter_map(|path| Some((stem(&path)?, path)))
+        .collect();
     // 10.txt comes after 9.txt.
     poses.sort_by_cached_key(|(stem, _)| (stem.len(), stem.clone()));
     Ok(poses)
 }
 
 /// Lists the photos in the order of their numbers.
-pub(in crate::data) fn list(found: &Found) -> Result<Listed, DataError> {
+fn list(found: &Found) -> Result<Listed, DataError> {
     let root = &found.root;
-    let lens_file = lens::find(root).ok_or_else(|| DataError::NotADataset {
-        path: root.clone(),
-        problem: "poses are there, but no camera-intrinsics.txt".to_owned(),
+    let lens_file = lens::find(root).ok_or_else(|| {
+        DataError::no_capture(root, "poses are there, but no camera-intrinsics.txt")
     })?;
     let lens = lens::read(&lens_file)?;
-    let depth_lens = lens::find_of_depths(root);
-    let depth_lens = depth_lens.as_deref().map(lens::read).transpose()?;
+    let depth_lens = lens::of_depths(root)?;
     let mut n_depths = 0;
     let poses = pose_files(&found.file, root)?;
     let n_poses = poses.len();
@@ -89,11 +86,8 @@ pub(in crate::data) fn list(found: &Found) -> Result<Listed, DataError> {
             .then(|| rotation_and_translation(&numbers))
             .flatten();
         let (rotation, position) = pose.ok_or_else(|| {
-            fault(
-                &path,
-                "pose",
-                "not the 16 numbers of a rotation and a position",
-            )
+            let problem = "not the 16 numbers of a rotation and a position";
+            DataError::field(&path, "pose", problem)
         })?;
         let pose = pose_of(rotation, position);
         let photo = photo_of(root, &found.file, &stem);
@@ -123,15 +117,14 @@ pub(in crate::data) fn list(found: &Found) -> Result<Listed, DataError> {
             "depth camera: poses in {}, lens in {}{}",
             found.shown(&found.file),
             found.shown(&lens_file),
-            if n_depths > 0 {
-                format!(", {n_depths} depth maps")
-            } else {
-                String::new()
+            match n_depths {
+                0 => String::new(),
+                n => format!(", {n} depth maps"),
             }
         ),
         frames,
-        points: None,
         problems,
+        ..Listed::default()
     })
 }
 
@@ -150,11 +143,8 @@ fn photo_of(root: &Path, poses: &Path, stem: &str) -> PathBuf {
     if poses == root {
         return with_extension(root.join(format!("{stem}.color")));
     }
-    let folder = PHOTO_FOLDERS
-        .iter()
-        .map(|name| root.join(name))
-        .find(|folder| folder.is_dir())
-        .unwrap_or_else(|| root.join(PHOTO_FOLDERS[0]));
+    let folder = first_folder(root, &PHOTO_FOLDERS);
+    let folder = folder.unwrap_or_else(|| root.join(PHOTO_FOLDERS[0]));
     with_extension(folder.join(stem))
 }
 
@@ -162,8 +152,9 @@ fn photo_of(root: &Path, poses: &Path, stem: &str) -> PathBuf {
 fn numbers_of(path: &Path, text: &str) -> Result<Vec<f64>, DataError> {
     text.split_whitespace()
         .map(|word| {
+            let problem = || format!("\"{word}\" is not a number");
             word.parse()
-                .map_err(|_unparsed| fault(path, "matrix", &format!("\"{word}\" is not a number")))
+                .map_err(|_unparsed| DataError::field(path, "matrix", problem()))
         })
         .collect()
 }
@@ -174,15 +165,6 @@ fn pose_of(rotation: DMat3, position: DVec3) -> Affine3A {
     world_from_opencv(rotation, -(rotation * position))
 }
 
-fn fault(path: &Path, field: &str, problem: &str) -> DataError {
-    DataError::Field {
-        path: path.to_owned(),
-        frame: None,
-        field: field.to_owned(),
-        problem: problem.to_owned(),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::test_formats::{
@@ -190,6 +172,7 @@ mod tests {
     };
     use super::*;
     use crate::data::list_capture;
+    use crate::data::test_asserts::{assert_contains, assert_error};
 
     #[test]
     fn poses_beside_their_photos_and_in_folders_are_read() {
@@ -210,17 +193,10 @@ mod tests {
         std::fs::copy(lens, root.join("camera-intrinsics.txt")).unwrap();
         for folder in [in_folders.path(), root] {
             let listing = list_capture(folder).unwrap();
-            let mut frames: Vec<Frame> = listing.frames().cloned().collect();
-            for frame in &mut frames {
-                // The check identifies cameras by the number in the photo's name.
-                let name = frame.photo.to_string_lossy().replace(".color", "");
-                frame.photo = name.into();
-            }
-            assert_cameras(&frames, &shifted_cameras());
+            assert_cameras(&listing, &shifted_cameras());
         }
         let listing = list_capture(root).unwrap();
-        let said = &listing.recognised;
-        assert!(said.contains("9 depth maps"), "{said}");
+        assert_contains(&listing.recognised, "9 depth maps");
         let has_its = |frame: &Frame| {
             let depth = frame.depth.as_ref().unwrap();
             let photo = frame.photo.to_string_lossy().replace(".color.", ".depth.");
@@ -238,11 +214,7 @@ mod tests {
         std::fs::write(root.join("pose/0003.txt"), "-inf ".repeat(16)).unwrap();
         let listing = list_capture(root).unwrap();
         assert_eq!(listing.frames().count(), 8, "what is left");
-        assert!(
-            listing.problems[0].what.contains("0003"),
-            "{:?}",
-            listing.problems
-        );
+        assert_contains(&listing.problems[0].what, "0003");
         for (file, text, expected) in [
             (
                 "pose/0004.txt",
@@ -258,8 +230,7 @@ mod tests {
         ] {
             let before = std::fs::read(root.join(file)).unwrap();
             std::fs::write(root.join(file), text).unwrap();
-            let message = list_capture(root).unwrap_err().to_string();
-            assert!(message.contains(expected), "{message}");
+            assert_error(list_capture(root), &[expected]);
             std::fs::write(root.join(file), before).unwrap();
         }
     }

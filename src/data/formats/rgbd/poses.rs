@@ -4,7 +4,7 @@ use std::path::Path;
 
 use glam::{Affine3A, DMat3, DQuat, DVec3};
 
-use super::{fault, numbers_of, pose_of};
+use super::{numbers_of, pose_of};
 use crate::data::DataError;
 use crate::data::frame::rotation_and_translation;
 use crate::data::photos::depth::MILLIMETRE;
@@ -38,7 +38,7 @@ impl Poses {
         let (mut ordered, mut timed) = (Vec::new(), Vec::new());
         let mut lines = records(text);
         while let Some((number, line)) = lines.next() {
-            let at_line = |problem: &str| fault(path, &format!("line {number}"), problem);
+            let at_line = |problem: &str| DataError::field(path, format!("line {number}"), problem);
             let mut numbers = numbers_of(path, line)?;
             if numbers.len() == 3 {
                 numbers.clear();
@@ -74,8 +74,12 @@ impl Poses {
             }
         }
         match (ordered.is_empty(), timed.is_empty()) {
-            (true, true) => Err(fault(path, "poses", "none is in it")),
-            (false, false) => Err(fault(path, "poses", "some have times and some have none")),
+            (true, true) => Err(DataError::field(path, "poses", "none is in it")),
+            (false, false) => Err(DataError::field(
+                path,
+                "poses",
+                "some have times and some have none",
+            )),
             (false, true) => Ok(Self::Ordered(ordered)),
             (true, false) => {
                 timed.sort_by(|a, b| a.0.total_cmp(&b.0));

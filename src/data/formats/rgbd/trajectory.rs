@@ -8,11 +8,10 @@
 use std::path::{Path, PathBuf};
 
 use super::super::photo_folder::list_pictures;
-use super::fault;
-use super::lens::{self, Lens};
+use super::lens;
 use super::poses::{Poses, records};
-use crate::data::files::capture_path::{path_below, read_text, with_extension};
-use crate::data::formats::found::{Found, Listed};
+use crate::data::files::capture_path::{first_folder, path_below, read_text, with_extension};
+use crate::data::formats::found::{Found, Layout, Listed};
 use crate::data::{DataError, DepthFile, Frame, Problem, Severity};
 
 /// Where the poses may stand, from the capture's folder.
@@ -31,41 +30,34 @@ const DEPTH_TIMES: &str = "depth.txt";
 /// Longest time between a photo and its depth map, seconds.
 const MAX_APART_SECS: f64 = 0.02;
 
-pub(in crate::data) const LOOKED_FOR: &str = "depth cameras: trajectory.log with color/ and depth/, traj.txt with results/, \
-     or groundtruth.txt with rgb.txt and depth.txt";
+pub(in crate::data::formats) const LAYOUT: Layout = Layout {
+    name: "depth camera, poses in one file",
+    looked_for: "depth cameras: trajectory.log with color/ and depth/, traj.txt with results/, \
+                 or groundtruth.txt with rgb.txt and depth.txt",
+    find: |root| {
+        let has_photos = root.join(PHOTO_TIMES).is_file() || photo_folder(root).is_some();
+        Found::first(root, &FILES).filter(|_| has_photos)
+    },
+    of_file,
+    list,
+};
 
-/// The file with the poses, where there are photos too.
-pub(in crate::data) fn find(root: &Path) -> Option<Found> {
-    let has_photos = root.join(PHOTO_TIMES).is_file() || photo_folder(root).is_some();
-    let mut files = FILES.iter().map(|name| root.join(name));
-    let file = files.find(|file| file.is_file()).filter(|_| has_photos)?;
-    Some(Found {
-        root: root.to_owned(),
-        file,
-    })
-}
-
-/// The capture of such a file, recognised by its name.
-pub(in crate::data) fn found_at(file: &Path) -> Option<Found> {
+fn of_file(file: &Path) -> Option<Found> {
     let (name, mut root) = (file.file_name()?, file.parent()?);
     let is_in_scene = root.ends_with("scene") && name == "trajectory.log";
     if is_in_scene && photo_folder(root).is_none() {
         root = root.parent()?;
     }
     let is_one = FILES.iter().any(|known| name == *known);
-    is_one.then(|| Found {
-        root: root.to_owned(),
-        file: file.to_owned(),
-    })
+    is_one.then(|| Found::new(root, file))
 }
 
 fn photo_folder(root: &Path) -> Option<PathBuf> {
-    let mut folders = PHOTO_FOLDERS.iter().map(|name| root.join(name));
-    folders.find(|folder| folder.is_dir())
+    first_folder(root, &PHOTO_FOLDERS)
 }
 
 /// Lists the photos in the order in which they were taken.
-pub(in crate::data) fn list(found: &Found) -> Result<Listed, DataError> {
+fn list(found: &Found) -> Result<Listed, DataError> {
     let root = &found.root;
     let poses = Poses::parse(&found.file, &read_text(&found.file, MAX_BYTES)?)?;
     let lens_file = lens::find(root);
@@ -76,10 +68,7 @@ pub(in crate::data) fn list(found: &Found) -> Result<Listed, DataError> {
         let advice =
             "write its matrix of 3 x 3 (pixel centres at whole numbers) to intrinsics.txt";
         problems.push(Problem::new(Severity::Warning, what, advice));
-        Lens {
-            intrinsics: lens::prime_sense(),
-            depth_unit: None,
-        }
+        lens::prime_sense()
     });
     let shots = if root.join(PHOTO_TIMES).is_file() && matches!(poses, Poses::Timed(_)) {
         timed_shots(root)?
@@ -92,12 +81,8 @@ pub(in crate::data) fn list(found: &Found) -> Result<Listed, DataError> {
         let Some(pose) = poses.of(index, shot.secs) else {
             continue;
         };
-        let depth = shot.depth.map(|path| DepthFile {
-            path,
-            unit: lens.depth_unit.unwrap_or(poses.depth_unit()),
-            nothing_from: f32::INFINITY,
-            lens: None,
-        });
+        let unit = lens.depth_unit.unwrap_or(poses.depth_unit());
+        let depth = shot.depth.map(|path| DepthFile::new(path, unit));
         let listed_in = lens_file.as_ref().unwrap_or(&found.file);
         frames.push(Frame {
             depth,
@@ -125,8 +110,8 @@ pub(in crate::data) fn list(found: &Found) -> Result<Listed, DataError> {
             ),
         ),
         frames,
-        points: None,
         problems,
+        ..Listed::default()
     })
 }
 
@@ -166,7 +151,7 @@ fn timed_files(root: &Path, list: &Path) -> Result<Vec<(f64, PathBuf)>, DataErro
     let text = read_text(list, MAX_BYTES)?;
     let mut files = Vec::new();
     for (number, line) in records(&text) {
-        let fail = |problem: String| fault(list, &format!("line {number}"), &problem);
+        let fail = |problem: String| DataError::field(list, format!("line {number}"), problem);
         let (secs, name) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
         let secs = secs.parse().ok().filter(|secs: &f64| secs.is_finite());
         let secs = secs.ok_or_else(|| fail("does not begin with seconds".to_owned()))?;
@@ -183,9 +168,8 @@ fn ordered_shots(
     problems: &mut Vec<Problem>,
 ) -> Result<Vec<Shot>, DataError> {
     let root = &found.root;
-    let folder = photo_folder(root).ok_or_else(|| DataError::NotADataset {
-        path: root.clone(),
-        problem: "poses are there, but no folder color/ with photos".to_owned(),
+    let folder = photo_folder(root).ok_or_else(|| {
+        DataError::no_capture(root, "poses are there, but no folder color/ with photos")
     })?;
     let is_depth = |path: &PathBuf| {
         path.file_name()
@@ -201,7 +185,7 @@ fn ordered_shots(
             photos.len(),
             found.shown(&folder)
         );
-        return Err(fault(&found.file, "poses", &problem));
+        return Err(DataError::field(&found.file, "poses", problem));
     }
     let depth_folder = root.join("depth");
     let depths = if depth_folder.is_dir() {
@@ -215,11 +199,8 @@ fn ordered_shots(
             depths.len(),
             photos.len()
         );
-        problems.push(Problem::new(
-            Severity::Warning,
-            what,
-            "depth maps are left out",
-        ));
+        let advice = "depth maps are left out";
+        problems.push(Problem::new(Severity::Warning, what, advice));
     }
     let has_each = depths.len() == photos.len();
     let mut depths = depths.into_iter().filter(|_| has_each);
@@ -242,8 +223,8 @@ mod tests {
     use super::super::super::test_formats::{
         SIZE, assert_cameras, folder, shifted_cameras, write_photos, write_trajectory,
     };
-    use super::*;
     use crate::data::list_capture;
+    use crate::data::test_asserts::{assert_contains, assert_error};
 
     /// A capture of nine photos and depth maps in the manner of `file`.
     fn capture(file: &str) -> tempfile::TempDir {
@@ -275,19 +256,11 @@ mod tests {
             let capture = capture(file);
             for path in [capture.path(), &capture.path().join(file)] {
                 let listing = list_capture(path).unwrap();
-                assert!(
-                    listing.problems.is_empty(),
-                    "{file}: {:?}",
-                    listing.problems
-                );
-                assert!(
-                    listing.recognised.contains("9 depth maps"),
-                    "{}",
-                    listing.recognised
-                );
-                let frames: Vec<Frame> = listing.frames().cloned().collect();
-                assert_cameras(&frames, &shifted_cameras());
-                for frame in &frames {
+                let problems = &listing.problems;
+                assert!(problems.is_empty(), "{file}: {problems:?}");
+                assert_contains(&listing.recognised, "9 depth maps");
+                assert_cameras(&listing, &shifted_cameras());
+                for frame in listing.frames() {
                     let map = frame.depth.as_ref().unwrap();
                     let name = map.path.file_name().unwrap().to_string_lossy();
                     assert_eq!(name, format!("depth{}.png", frame.name), "{file}");
@@ -312,9 +285,8 @@ mod tests {
         )
         .unwrap();
         let listing = list_capture(root).unwrap();
-        let said: Vec<&str> = listing.problems.iter().map(|p| p.what.as_str()).collect();
-        assert!(said[0].contains("PrimeSense"), "{said:?}");
-        assert!(said[1].contains("1 of 9 photos have no pose"), "{said:?}");
+        assert_contains(&listing.problems[0].what, "PrimeSense");
+        assert_contains(&listing.problems[1].what, "1 of 9 photos have no pose");
         assert_eq!(listing.frames().count(), 8, "photos");
     }
 
@@ -324,44 +296,25 @@ mod tests {
         let root = capture.path();
         let whole = std::fs::read_to_string(root.join("trajectory.log")).unwrap();
         let missing_photo = whole + "9 9 10\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n";
+        let (poses, lens) = ("trajectory.log", "camera_intrinsic.json");
         for (file, text, expected) in [
-            ("trajectory.log", "", "poses: none is in it"),
-            ("trajectory.log", "0 0 1\n1 0 0 0\n", "line 1: not a pose"),
+            (poses, "", "poses: none is in it"),
+            (poses, "0 0 1\n1 0 0 0\n", "line 1: not a pose"),
+            (poses, "0 0 1\n1 x 0 0\n", "\"x\" is not a number"),
+            (poses, "0 0 0 0 0 0 0 0", "line 1: qx, qy, qz, qw"),
+            (poses, &"2 ".repeat(16), "line 1: not a rotation"),
+            (poses, &missing_photo, "10 poses, but 9 photos in color"),
             (
-                "trajectory.log",
-                "0 0 1\n1 x 0 0\n",
-                "\"x\" is not a number",
-            ),
-            (
-                "trajectory.log",
-                "0 0 0 0 0 0 0 0",
-                "line 1: qx, qy, qz, qw",
-            ),
-            ("trajectory.log", &"2 ".repeat(16), "line 1: not a rotation"),
-            (
-                "trajectory.log",
-                &missing_photo,
-                "10 poses, but 9 photos in color",
-            ),
-            (
-                "camera_intrinsic.json",
+                lens,
                 "{\"intrinsic_matrix\": [1]}",
                 "intrinsic_matrix: not 9",
             ),
-            (
-                "camera_intrinsic.json",
-                "{\"fx\": 0}",
-                "fx: 0 is not greater than 0",
-            ),
-            ("camera_intrinsic.json", "{\"fx\": 1}", "fy: missing"),
+            (lens, "{\"fx\": 0}", "fx: 0 is not greater than 0"),
+            (lens, "{\"fx\": 1}", "fy: missing"),
         ] {
             let before = std::fs::read(root.join(file)).unwrap();
             std::fs::write(root.join(file), text).unwrap();
-            let message = list_capture(root).unwrap_err().to_string();
-            assert!(
-                message.contains(expected) && message.contains(file),
-                "{message}"
-            );
+            assert_error(list_capture(root), &[expected, file]);
             std::fs::write(root.join(file), before).unwrap();
         }
     }
@@ -381,8 +334,7 @@ mod tests {
         let names: Vec<&str> = listing.frames().map(|frame| frame.name.as_str()).collect();
         assert_eq!(names.len(), 8, "{names:?}");
         assert!(!names.contains(&"0004"), "{names:?}");
-        let said = &listing.problems[0].what;
-        assert!(said.contains("8 depth maps and 9 photos"), "{said}");
+        assert_contains(&listing.problems[0].what, "8 depth maps and 9 photos");
         assert!(listing.frames().all(|frame| frame.depth.is_none()));
     }
 }

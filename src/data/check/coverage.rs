@@ -32,7 +32,7 @@ pub(super) fn directions_seen(dataset: &Dataset, problems: &mut Vec<Problem>) ->
         })
         .count();
     let share = n_seen as f32 / N_DIRECTIONS as f32;
-    if share < LITTLE_SEEN && !dataset.train.is_empty() && dataset.surroundings_visible {
+    if share < LITTLE_SEEN && !dataset.train.is_empty() && dataset.environment_visible {
         let what = format!(
             "the photos look into {:.0} % of all directions",
             100.0 * share
