@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::state::source::{EnvironmentContent, EnvironmentEntry};
+use super::state::source::{EnvironmentContent, EnvironmentEntry, environment_name};
 use crate::data::bundled_assets;
 
 /// The bundled capture.
@@ -12,29 +12,20 @@ pub fn demo() -> Option<PathBuf> {
 
 /// The bundled environments, by name, not read yet.
 pub fn environments() -> Vec<EnvironmentEntry> {
-    let folder = bundled_assets()
-        .ok()
-        .map(|assets| assets.join("environments"));
-    let files = folder.and_then(|folder| std::fs::read_dir(folder).ok());
-    let paths = files
-        .into_iter()
-        .flatten()
-        .filter_map(|entry| Some(entry.ok()?.path()));
-    let mut entries: Vec<_> = paths
-        .filter(|path| {
-            path.extension()
-                .is_some_and(|extension| extension == "safetensors")
-        })
-        .map(|path| EnvironmentEntry {
-            name: path
-                .file_stem()
-                .unwrap_or_default()
-                .to_string_lossy()
-                .into_owned(),
-            path,
-            content: EnvironmentContent::NotLoaded,
-        })
-        .collect();
+    let assets = bundled_assets().ok();
+    let files = assets.and_then(|assets| std::fs::read_dir(assets.join("environments")).ok());
+    let files = files.into_iter().flatten();
+    let paths = files.filter_map(|entry| Some(entry.ok()?.path()));
+    let is_field = |path: &PathBuf| {
+        path.extension()
+            .is_some_and(|ending| ending == "safetensors")
+    };
+    let entry = |path: PathBuf| EnvironmentEntry {
+        name: environment_name(&path),
+        path,
+        content: EnvironmentContent::NotLoaded,
+    };
+    let mut entries: Vec<_> = paths.filter(is_field).map(entry).collect();
     entries.sort_by(|a, b| a.name.cmp(&b.name));
     entries
 }

@@ -1,5 +1,7 @@
 //! Facts about program and machine, to be sent along with a report of a fault.
 
+use std::env::consts::{ARCH, OS};
+
 use super::state::app_state::AppState;
 use crate::neif::kernels;
 
@@ -12,30 +14,19 @@ pub fn diagnostics(state: &AppState) -> String {
         "graphics card"
     };
     let training = &state.training;
+    let phase = training.phase.name();
+    let n_cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let is_debug = if cfg!(debug_assertions) { "yes" } else { "no" };
     let lines = [
         format!("neif {}", env!("CARGO_PKG_VERSION")),
-        format!(
-            "system: {} {}",
-            std::env::consts::OS,
-            std::env::consts::ARCH
-        ),
+        format!("system: {OS} {ARCH}"),
         format!("adapter: {} ({kind}; {})", adapter.name, adapter.details),
         format!("preview drawn by: {:?}", state.drawn_by),
-        format!(
-            "cores: {}",
-            std::thread::available_parallelism().map_or(1, usize::from)
-        ),
+        format!("cores: {n_cores}"),
         format!("kernels: {}", kernels::instructions()),
-        format!(
-            "debug build: {}",
-            if cfg!(debug_assertions) { "yes" } else { "no" }
-        ),
+        format!("debug build: {is_debug}"),
         format!("open: {:?}", state.source),
-        format!(
-            "training: {}, step {}",
-            training.phase.name(),
-            training.progress.step
-        ),
+        format!("training: {phase}, step {}", training.progress.step),
         format!("text size: {}", state.preferences.zoom),
         "messages:".to_owned(),
         state.messages.to_text(),

@@ -2,7 +2,25 @@
 
 use egui::{CentralPanel, Frame, Margin, Panel, ScrollArea, Ui};
 
-use super::panels;
+use super::panels::frame::help::help_ui;
+use super::panels::frame::palette::palette_ui;
+use super::panels::frame::path_dialog::path_dialog_ui;
+use super::panels::frame::questions::{leaving_question_ui, recovery_ui, stop_question_ui};
+use super::panels::frame::status::status_ui;
+use super::panels::frame::toasts::toasts_ui;
+use super::panels::frame::top_bar::top_bar_ui;
+use super::panels::frame::view_bar::view_bar_ui;
+use super::panels::side::cameras::cameras_ui;
+use super::panels::side::environment::environment_ui;
+use super::panels::side::export::export_ui;
+use super::panels::side::inspect::inspect_ui;
+use super::panels::side::log::log_ui;
+use super::panels::side::material::material_ui;
+use super::panels::side::picture::picture_ui;
+use super::panels::side::plots::plots_ui;
+use super::panels::side::skips::skips_ui;
+use super::panels::side::slice::slice_ui;
+use super::panels::side::training::training_ui;
 use super::session::preferences::{PreferencesCommand, Side};
 use super::state::app_state::AppState;
 use super::state::command::Command;
@@ -28,92 +46,88 @@ pub fn draw(
     commands: &mut Vec<Command>,
 ) -> (u32, u32) {
     let bar = Frame::NONE.inner_margin(Margin::symmetric(10, 5));
-    let side = Frame::NONE.inner_margin(Margin::symmetric(10, 4));
     Panel::top("top")
         .frame(bar)
-        .show(ui, |ui| panels::top_bar_ui(ui, state, commands));
+        .show(ui, |ui| top_bar_ui(ui, state, commands));
     Panel::bottom("status")
         .frame(bar)
-        .show(ui, |ui| panels::status_ui(ui, state, commands));
-    let shown = state.preferences.panels;
-    let shown_photos = !state.preferences.folded.has(Section::Photos);
-    if !shown.left.is_hidden {
-        let width = shown.left.width.unwrap_or(LEFT_WIDTH);
-        let panel = Panel::left("left")
-            .frame(side)
-            .default_size(width)
-            .size_range(220.0..=420.0)
+        .show(ui, |ui| status_ui(ui, state, commands));
+    side_panel(ui, state, Side::Left, commands, |ui, commands| {
+        let is_folded = state.preferences.folded.contains(&Section::Photos);
+        let photos = if is_folded {
+            FOLDED_HEIGHT
+        } else {
+            PHOTOS_HEIGHT
+        };
+        let room = (ui.available_height() - photos).max(0.0);
+        ScrollArea::vertical()
+            .id_salt("training")
+            .max_height(room)
             .show(ui, |ui| {
-                let photos = if shown_photos {
-                    PHOTOS_HEIGHT
-                } else {
-                    FOLDED_HEIGHT
-                };
-                let room = (ui.available_height() - photos).max(0.0);
-                ScrollArea::vertical()
-                    .id_salt("training")
-                    .max_height(room)
-                    .show(ui, |ui| {
-                        panels::training_ui(ui, state, commands);
-                        panels::skips_ui(ui, state, commands);
-                        panels::slice_ui(ui, state, pictures.slice, commands);
-                        panels::plots_ui(ui, state, commands);
-                    });
-                panels::cameras_ui(ui, state, commands);
+                training_ui(ui, state, commands);
+                skips_ui(ui, state, commands);
+                slice_ui(ui, state, pictures.slice, commands);
+                plots_ui(ui, state, commands);
             });
-        note_width(ui, Side::Left, width, panel.response.rect.width(), commands);
-    }
-    if !shown.right.is_hidden {
-        let width = shown.right.width.unwrap_or(RIGHT_WIDTH);
-        let panel = Panel::right("right")
-            .frame(side)
-            .default_size(width)
-            .size_range(280.0..=420.0)
-            .show(ui, |ui| {
-                ScrollArea::vertical()
-                    .auto_shrink([false, false])
-                    .show(ui, |ui| {
-                        panels::material_ui(ui, state, commands);
-                        ui.separator();
-                        panels::inspect_ui(ui, state, pictures, commands);
-                        panels::environment_ui(ui, state, pictures, commands);
-                        ui.separator();
-                        panels::picture_ui(ui, state, commands);
-                    });
-            });
-        note_width(
-            ui,
-            Side::Right,
-            width,
-            panel.response.rect.width(),
-            commands,
-        );
-    }
+        cameras_ui(ui, state, commands);
+    });
+    side_panel(ui, state, Side::Right, commands, |ui, commands| {
+        let scroll = ScrollArea::vertical().auto_shrink([false, false]);
+        scroll.show(ui, |ui| {
+            material_ui(ui, state, commands);
+            ui.separator();
+            inspect_ui(ui, state, pictures, commands);
+            environment_ui(ui, state, pictures, commands);
+            ui.separator();
+            picture_ui(ui, state, commands);
+        });
+    });
     Panel::top("view")
         .frame(bar)
-        .show(ui, |ui| panels::view_bar_ui(ui, state, commands));
+        .show(ui, |ui| view_bar_ui(ui, state, commands));
     let size = CentralPanel::default().frame(Frame::NONE).show(ui, |ui| {
         let size = viewport_ui(ui, state, pictures, commands);
-        panels::toasts_ui(ui, state, commands);
-        panels::recovery_ui(ui, state, commands);
+        toasts_ui(ui, state, commands);
+        recovery_ui(ui, state, commands);
         size
     });
-    panels::help_ui(ui, state, commands);
-    panels::palette_ui(ui, state, commands);
-    panels::path_dialog_ui(ui, state, commands);
-    panels::export_ui(ui, state, commands);
-    panels::log_ui(ui, state, commands);
-    panels::stop_question_ui(ui, state, commands);
-    panels::leaving_question_ui(ui, state, commands);
+    help_ui(ui, state, commands);
+    palette_ui(ui, state, commands);
+    path_dialog_ui(ui, state, commands);
+    export_ui(ui, state, commands);
+    log_ui(ui, state, commands);
+    stop_question_ui(ui, state, commands);
+    leaving_question_ui(ui, state, commands);
     size.inner
 }
 
-/// Keeps a panel's width once it was dragged; a point more or less is the layout's own doing.
-fn note_width(ui: &Ui, side: Side, known: f32, width: f32, commands: &mut Vec<Command>) {
+/// A panel beside the viewport, unless it is hidden. Its width is kept once it was dragged; a point more or less is the
+/// layout's own doing.
+fn side_panel(
+    ui: &mut Ui,
+    state: &AppState,
+    side: Side,
+    commands: &mut Vec<Command>,
+    content: impl FnOnce(&mut Ui, &mut Vec<Command>),
+) {
+    let shown = state.preferences.panels.side(side);
+    if shown.is_hidden {
+        return;
+    }
+    let (panel, usual, least) = match side {
+        Side::Left => (Panel::left("left"), LEFT_WIDTH, 220.0),
+        Side::Right => (Panel::right("right"), RIGHT_WIDTH, 280.0),
+    };
+    let known = shown.width.unwrap_or(usual);
+    let panel = panel
+        .frame(Frame::NONE.inner_margin(Margin::symmetric(10, 4)))
+        .default_size(known)
+        .size_range(least..=420.0)
+        .show(ui, |ui| content(ui, commands));
+    let width = panel.response.rect.width();
     let is_dragged = ui.input(|input| input.pointer.any_down());
     if !is_dragged && (width - known).abs() > 2.0 {
-        commands.push(Command::Preferences(PreferencesCommand::Resize(
-            side, width,
-        )));
+        let resize = PreferencesCommand::Resize(side, width);
+        commands.push(Command::Preferences(resize));
     }
 }

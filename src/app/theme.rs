@@ -10,11 +10,7 @@ use super::state::training_state::{Level, Phase};
 
 /// The background of all panels.
 pub fn background(is_dark: bool) -> Color32 {
-    if is_dark {
-        Color32::from_gray(30)
-    } else {
-        Color32::from_gray(246)
-    }
+    Color32::from_gray(if is_dark { 30 } else { 246 })
 }
 
 /// Puts theme and size of the text into effect.
@@ -53,38 +49,27 @@ pub fn set_up(ctx: &Context) {
 }
 
 fn separator(visuals: &Visuals) -> Color32 {
-    if visuals.dark_mode {
-        Color32::from_gray(58)
-    } else {
-        Color32::from_gray(205)
-    }
+    Color32::from_gray(if visuals.dark_mode { 58 } else { 205 })
 }
 
 /// Text that matters less.
 pub fn weak(visuals: &Visuals) -> Color32 {
-    if visuals.dark_mode {
-        Color32::from_gray(155)
-    } else {
-        Color32::from_gray(95)
-    }
+    Color32::from_gray(if visuals.dark_mode { 155 } else { 95 })
 }
 
 /// The colour that draws the eye.
 pub fn accent(visuals: &Visuals) -> Color32 {
-    if visuals.dark_mode {
-        Color32::from_rgb(96, 176, 255)
-    } else {
-        Color32::from_rgb(0, 98, 190)
-    }
+    either(visuals, [96, 176, 255], [0, 98, 190])
 }
 
 /// A second colour for curves, distinguished from the first by brightness too.
 pub fn accent_2(visuals: &Visuals) -> Color32 {
-    if visuals.dark_mode {
-        Color32::from_rgb(255, 178, 84)
-    } else {
-        Color32::from_rgb(176, 92, 0)
-    }
+    either(visuals, [255, 178, 84], [176, 92, 0])
+}
+
+fn either(visuals: &Visuals, on_dark: [u8; 3], on_light: [u8; 3]) -> Color32 {
+    let [r, g, b] = if visuals.dark_mode { on_dark } else { on_light };
+    Color32::from_rgb(r, g, b)
 }
 
 /// The colour of a phase of training.
@@ -109,18 +94,11 @@ pub fn of_level(visuals: &Visuals, level: Level) -> Color32 {
     }
 }
 
+/// Green, amber and red.
 fn traffic_light(visuals: &Visuals) -> [Color32; 3] {
-    if visuals.dark_mode {
-        [
-            Color32::from_rgb(110, 205, 120),
-            Color32::from_rgb(240, 190, 80),
-            Color32::from_rgb(255, 115, 105),
-        ]
-    } else {
-        [
-            Color32::from_rgb(20, 120, 40),
-            Color32::from_rgb(150, 95, 0),
-            Color32::from_rgb(190, 30, 25),
-        ]
-    }
+    [
+        either(visuals, [110, 205, 120], [20, 120, 40]),
+        either(visuals, [240, 190, 80], [150, 95, 0]),
+        either(visuals, [255, 115, 105], [190, 30, 25]),
+    ]
 }

@@ -10,7 +10,7 @@ use egui::{Context, TextureHandle, TextureOptions, Ui};
 use super::changes::apply::apply;
 use super::changes::{history, leaving};
 use super::inspect::Inspector;
-use super::inspect::driver::{Pace, Wanted};
+use super::inspect::driver::Wanted;
 use super::keys::shortcuts;
 use super::lighting::gallery_pictures::GalleryPictures;
 use super::lighting::preview_side::PreviewSide;
@@ -32,7 +32,7 @@ use super::work::tasks::{News, Work};
 use super::{assets, shell, theme};
 use crate::app::AppOptions;
 use crate::geometry::Camera;
-use crate::render::{GpuChoice, PreviewScene};
+use crate::render::GpuChoice;
 use crate::train::Snapshot;
 
 /// Pictures on the graphics card.
@@ -128,8 +128,8 @@ impl Window {
     fn recall(&mut self, ctx: &Context) {
         if let Some(file) = &self.keeping.file {
             let (preferences, problem) = preferences::load(file);
+            self.keeping.kept.clone_from(&preferences);
             self.state.preferences = preferences;
-            self.keeping.kept = preferences;
             if let Some(problem) = problem {
                 self.state.messages.say(Level::Warning, problem);
             }
@@ -157,30 +157,27 @@ impl Window {
         let known = self.state.preferences.window.unwrap_or(super::SIZE);
         if (size.x - known[0]).abs() > 2.0 || (size.y - known[1]).abs() > 2.0 {
             let resize = PreferencesCommand::ResizeWindow([size.x, size.y]);
-            apply(
-                &mut self.state,
-                Command::Preferences(resize),
-                &mut Vec::new(),
-            );
+            let resize = Command::Preferences(resize);
+            apply(&mut self.state, resize, &mut Vec::new());
         }
     }
 
     /// Puts changed preferences into effect and into their file.
     fn prefer(&mut self, ctx: &Context) {
-        let preferences = self.state.preferences;
-        if self.keeping.applied != Some(preferences) {
-            self.keeping.applied = Some(preferences);
-            theme::prefer(ctx, &preferences);
+        let preferences = &self.state.preferences;
+        if self.keeping.applied.as_ref() != Some(preferences) {
+            self.keeping.applied = Some(preferences.clone());
+            theme::prefer(ctx, preferences);
         }
         if self.keeping.is_full_screen != self.state.is_full_screen {
             self.keeping.is_full_screen = self.state.is_full_screen;
             let fill = egui::ViewportCommand::Fullscreen(self.state.is_full_screen);
             ctx.send_viewport_cmd(fill);
         }
-        if self.keeping.kept != preferences
+        if self.keeping.kept != *preferences
             && let Some(file) = &self.keeping.file
         {
-            self.keeping.kept = preferences;
+            self.keeping.kept.clone_from(preferences);
             let text = preferences.to_text();
             self.work.keeper().keep(file, Keep::Write(text));
         }
@@ -232,7 +229,7 @@ impl Window {
         if let Some(shown) = self.preview.take_frame(ctx) {
             self.textures.first = None;
             self.state.shown = Some(shown);
-            self.state.tell_who_draws(self.preview.drawn_by());
+            self.state.set_drawn_by(self.preview.drawn_by());
         }
         if let Some(b) = &mut self.preview_b {
             b.take_frame(ctx);
@@ -258,7 +255,7 @@ impl Window {
         let Some(snapshot) = self.state.snapshot.clone() else {
             return;
         };
-        if self.viewport.0 < 16 || self.viewport.1 < 16 {
+        if self.viewport.0.min(self.viewport.1) < 16 {
             return;
         }
         let training = &self.state.training;
@@ -271,23 +268,21 @@ impl Window {
             // Two pictures share what refreshes may take.
             n_cores: (self.n_cores / if is_split { 2 } else { 1 }).max(1),
         };
-        let (state, layer) = (&self.state, self.state.layer);
-        let camera = state
-            .view
-            .viewpoint
-            .camera_for(self.viewport.0, self.viewport.1);
-        let picture = |scene| PreviewScene {
-            scene,
-            camera,
-            layer,
-            highlight: state.highlight(),
-        };
-        let a = |snapshot: &_| picture(state.scene_of(snapshot));
+        let state = &self.state;
+        let camera = state.window_camera(self.viewport);
+        let a = |snapshot: &_| state.picture_of(state.scene_of(snapshot), camera);
         self.preview.ask(ctx, &snapshot, a, &situation);
+        let wanted = state.inspect.pick.map(|pick| Wanted {
+            pick,
+            view: pick.seen_by(&camera),
+            scene: state.scene_of(&snapshot),
+            up: state.view.up,
+            is_sharp: state.inspect.is_sharp,
+        });
+        self.inspector.ask(ctx, wanted, &situation);
         if is_split {
-            self.ask_b(ctx, &snapshot, &camera, &situation);
+            self.ask_b(ctx, &snapshot, camera, &situation);
         }
-        self.ask_about_point(ctx, &snapshot, &camera, &situation);
     }
 
     /// Asks for the picture of the look that is kept as B.
@@ -295,7 +290,7 @@ impl Window {
         &mut self,
         ctx: &Context,
         snapshot: &Arc<Snapshot>,
-        camera: &Camera,
+        camera: Camera,
         situation: &Situation,
     ) {
         if self.preview_b.is_none() {
@@ -306,39 +301,13 @@ impl Window {
         }
         if let Some(side) = &mut self.preview_b {
             let state = &self.state;
-            let picture = |snapshot: &_| {
+            let b = |snapshot: &_| {
                 let kept = state.kept_scene_of(snapshot);
-                PreviewScene {
-                    scene: kept.unwrap_or_else(|| state.scene_of(snapshot)),
-                    camera: *camera,
-                    layer: state.layer,
-                    highlight: state.highlight(),
-                }
+                let scene = kept.unwrap_or_else(|| state.scene_of(snapshot));
+                state.picture_of(scene, camera)
             };
-            side.ask(ctx, snapshot, picture, situation);
+            side.ask(ctx, snapshot, b, situation);
         }
-    }
-
-    fn ask_about_point(
-        &mut self,
-        ctx: &Context,
-        snapshot: &Snapshot,
-        camera: &Camera,
-        situation: &Situation,
-    ) {
-        let state = &self.state;
-        let wanted = state.inspect.pick.map(|pick| Wanted {
-            pick,
-            view: pick.seen_by(camera),
-            scene: state.scene_of(snapshot),
-            up: state.view.up,
-            is_sharp: state.inspect.is_sharp,
-        });
-        let pace = Pace {
-            now_secs: situation.now_secs,
-            is_training: situation.is_training,
-        };
-        self.inspector.ask(ctx, wanted, pace);
     }
 
     fn ask_photo(&mut self) {
@@ -354,27 +323,21 @@ impl Window {
     }
 
     fn pictures(&self) -> Pictures {
-        let textures = &self.textures;
-        let photo = textures
-            .photo
-            .as_ref()
-            .filter(|(view, _)| Some(*view) == self.state.view.at_view);
+        let (textures, state) = (&self.textures, &self.state);
+        let photo = textures.photo.as_ref();
+        let photo = photo.filter(|(view, _)| Some(*view) == state.view.at_view);
+        let b = self.preview_b.as_ref();
+        let b = b.filter(|_| state.lighting.split.is_some());
+        let first = textures.first.as_ref();
         Pictures {
             preview: self.preview.texture(),
-            preview_b: self
-                .preview_b
-                .as_ref()
-                .filter(|_| self.state.lighting.split.is_some())
-                .and_then(PreviewSide::texture),
+            preview_b: b.and_then(PreviewSide::texture),
             thumbnails: self.gallery.of_files(),
             own_thumbnail: self.gallery.own(),
             photo: photo.map(|(_, texture)| texture.id()),
-            error: self.errors.texture(&self.state),
+            error: self.errors.texture(state),
             slice: self.slice.texture(),
-            first: textures
-                .first
-                .as_ref()
-                .map(|(texture, size, words)| (texture.id(), *size, *words)),
+            first: first.map(|(texture, size, words)| (texture.id(), *size, *words)),
             panorama: self.inspector.texture(),
         }
     }
@@ -435,11 +398,12 @@ impl eframe::App for Window {
 
 /// Dropped files, as commands.
 fn dropped(ctx: &Context) -> Vec<Command> {
-    let files = ctx.input(|input| input.raw.dropped_files.clone());
-    files
-        .into_iter()
-        .map(|file| Command::Open(file.path().to_owned()))
-        .collect()
+    ctx.input(|input| {
+        let files = input.raw.dropped_files.iter();
+        files
+            .map(|file| Command::Open(file.path().to_owned()))
+            .collect()
+    })
 }
 
 fn upload(ctx: &Context, name: &str, photo: &ScreenPhoto) -> TextureHandle {
@@ -448,15 +412,13 @@ fn upload(ctx: &Context, name: &str, photo: &ScreenPhoto) -> TextureHandle {
 }
 
 fn adapter(creation: &CreationContext<'_>) -> Adapter {
-    creation
-        .wgpu_render_state
-        .as_ref()
-        .map_or_else(Adapter::default, |render| {
-            let info = render.adapter.get_info();
-            Adapter {
-                details: format!("{}, {} {}", info.backend, info.driver, info.driver_info),
-                name: info.name,
-                is_software: info.device_type == wgpu::DeviceType::Cpu,
-            }
-        })
+    let render = creation.wgpu_render_state.as_ref();
+    render.map_or_else(Adapter::default, |render| {
+        let info = render.adapter.get_info();
+        Adapter {
+            details: format!("{}, {} {}", info.backend, info.driver, info.driver_info),
+            name: info.name,
+            is_software: info.device_type == wgpu::DeviceType::Cpu,
+        }
+    })
 }

@@ -173,7 +173,7 @@ fn theme_and_size_are_chosen_by_menu_and_key() {
     click(&mut harness, "Light theme");
     press(&mut harness, Modifiers::COMMAND, Key::Plus);
     press(&mut harness, Modifiers::COMMAND, Key::Equals);
-    let preferences = harness.state().state.preferences;
+    let preferences = &harness.state().state.preferences;
     assert_eq!(preferences.theme, ThemeChoice::Light);
     assert_eq!(preferences.zoom, 1.2);
     press(&mut harness, Modifiers::COMMAND, Key::Num0);

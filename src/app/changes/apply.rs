@@ -3,7 +3,7 @@
 
 use glam::Vec2;
 
-use super::choose::{choose_environment, go_to_view, set_budget};
+use super::choose::{choose_environment, go_to_view, set_budget, stand_at_photo};
 use super::paths::apply_path;
 use super::{export, history, inspect, leaving, lighting, palette, preferences, saving, watch};
 use crate::app::session::leaving::Goal;
@@ -13,7 +13,6 @@ use crate::app::state::look::Look;
 use crate::app::state::training_state::{Level, Phase};
 use crate::app::state::watch::Comparison;
 use crate::app::viewport::camera_control::CameraMove;
-use crate::app::work::pace::PaceCommand;
 use crate::train::session::events::TrainCommand;
 use crate::train::session::plan::Budget;
 
@@ -38,7 +37,7 @@ fn dispatch(state: &mut AppState, command: Command, effects: &mut Vec<Effect>) {
         | Command::Browse(_)
         | Command::Browsed(_) => apply_path(state, command, effects),
         Command::Train(train) => apply_train(state, train, effects),
-        Command::Pace(PaceCommand::Choose(pace)) => {
+        Command::SetPace(pace) => {
             state.pace = pace;
             effects.push(Effect::UseThreads(pace.threads()));
         }
@@ -51,7 +50,12 @@ fn dispatch(state: &mut AppState, command: Command, effects: &mut Vec<Effect>) {
         Command::Lighting(command) => lighting::apply(state, command),
         Command::ShowOriginal(on) => state.is_original_shown = on,
         Command::ShowLayer(layer) => state.layer = layer,
-        Command::SetWipe(_) | Command::HoldPhoto(_) => apply_compare(state, &command),
+        Command::SetWipe(at) if at.is_none() || stand_at_photo(state) => {
+            state.compare.wipe = at.map(|at| at.clamp(0.0, 1.0));
+            state.compare.with_photo = Comparison::Off;
+        }
+        Command::HoldPhoto(on) if !on || stand_at_photo(state) => state.compare.is_photo_held = on,
+        Command::SetWipe(_) | Command::HoldPhoto(_) => {}
         Command::Export(command) => export::apply(state, command, effects),
         Command::ToggleFullScreen => state.is_full_screen ^= true,
         Command::ToggleHelp => state.overlays.is_help_open ^= true,
@@ -69,13 +73,25 @@ fn dispatch(state: &mut AppState, command: Command, effects: &mut Vec<Effect>) {
         Command::Session(command) => saving::apply(state, command, effects),
         Command::Leaving(command) => leaving::apply(state, command, effects),
         Command::Preferences(command) => preferences::apply(state, command),
-        Command::MoveCamera(_)
-        | Command::SetUp(_)
-        | Command::PivotAt { .. }
-        | Command::GoToView(_)
-        | Command::StepView(_)
-        | Command::FrameObject
-        | Command::ResetView => apply_view(state, &command),
+        Command::MoveCamera(movement) => move_camera(state, movement),
+        Command::SetUp(up) => {
+            state.view.up = up;
+            move_camera(state, CameraMove::Level);
+        }
+        Command::PivotAt { at, window } => set_pivot(state, at, window),
+        Command::GoToView(index) => go_to_view(state, index),
+        Command::StepView(by) => step_view(state, by),
+        Command::FrameObject => {
+            if let Some(bounds) = state.view.bounds {
+                state.view.viewpoint.frame(&bounds);
+                leave_view(state);
+            }
+        }
+        Command::ResetView => {
+            state.view.viewpoint = state.view.home;
+            state.view.was_moved = true;
+            state.view.at_view = state.view_at(0).is_some().then_some(0);
+        }
     }
 }
 
@@ -123,67 +139,20 @@ fn apply_train(state: &mut AppState, train: Train, effects: &mut Vec<Effect>) {
     }
 }
 
-fn apply_compare(state: &mut AppState, command: &Command) {
-    let is_wanted = !matches!(command, Command::SetWipe(None) | Command::HoldPhoto(false));
-    if is_wanted && state.view.at_view.is_none() {
-        if let Some(index) = state.nearest_view() {
-            go_to_view(state, index);
-        } else {
-            state
-                .messages
-                .say(Level::Info, "There is no photo to compare with");
-            return;
-        }
-    }
-    match command {
-        Command::SetWipe(at) => {
-            state.compare.wipe = at.map(|at| at.clamp(0.0, 1.0));
-            state.compare.with_photo = Comparison::Off;
-        }
-        Command::HoldPhoto(on) => state.compare.is_photo_held = *on,
-        _ => {}
-    }
+fn move_camera(state: &mut AppState, movement: CameraMove) {
+    state.view.viewpoint.apply(movement, state.view.up);
+    leave_view(state);
 }
 
-fn apply_view(state: &mut AppState, command: &Command) {
-    match command {
-        Command::MoveCamera(movement) => {
-            let up = state.view.up;
-            state.view.viewpoint.apply(*movement, up);
-            leave_view(state);
-        }
-        Command::SetUp(up) => {
-            state.view.up = *up;
-            state.view.viewpoint.apply(CameraMove::Level, *up);
-            leave_view(state);
-        }
-        Command::PivotAt { at, window } => set_pivot(state, *at, *window),
-        Command::GoToView(index) => go_to_view(state, *index),
-        Command::StepView(by) => {
-            let n = state.views().count() as isize;
-            if n > 0 {
-                let from = state
-                    .view
-                    .at_view
-                    .or_else(|| state.nearest_view())
-                    .unwrap_or(0) as isize;
-                // Away from all views, the first press goes to the nearest.
-                let by = if state.view.at_view.is_some() { *by } else { 0 };
-                go_to_view(state, (from + by).rem_euclid(n) as usize);
-            }
-        }
-        Command::FrameObject => {
-            if let Some(bounds) = state.view.bounds {
-                state.view.viewpoint.frame(&bounds);
-                leave_view(state);
-            }
-        }
-        Command::ResetView => {
-            state.view.viewpoint = state.view.home;
-            state.view.was_moved = true;
-            state.view.at_view = state.view_at(0).is_some().then_some(0);
-        }
-        _ => {}
+fn step_view(state: &mut AppState, by: isize) {
+    // Away from all views, the first press goes to the nearest.
+    let (from, by) = match state.view.at_view {
+        Some(at) => (at, by),
+        None => (state.nearest_view().unwrap_or(0), 0),
+    };
+    let n = state.views().count() as isize;
+    if n > 0 {
+        go_to_view(state, (from as isize + by).rem_euclid(n) as usize);
     }
 }
 
@@ -194,24 +163,13 @@ fn leave_view(state: &mut AppState) {
 }
 
 fn set_pivot(state: &mut AppState, at: Vec2, window: (u32, u32)) {
-    let Some(object) = state
-        .snapshot
-        .as_ref()
-        .and_then(|snapshot| snapshot.object.as_ref())
-    else {
-        return;
-    };
-    let ray = state
-        .view
-        .viewpoint
-        .camera_for(window.0, window.1)
-        .ray(at.x, at.y);
-    match object.tracer.intersect(&ray, 0.0, f32::INFINITY) {
+    match state.hit_at(at, window) {
         Some(hit) => state.view.viewpoint.pivot = hit.position,
-        None => state.messages.say(
+        None if state.object().is_some() => state.messages.say(
             Level::Info,
             "Double-click the object to turn about that point",
         ),
+        None => {}
     }
 }
 
@@ -224,8 +182,7 @@ mod tests {
     #[test]
     fn a_chosen_pace_is_kept_and_training_hears_of_it() {
         let (mut state, mut effects) = (AppState::default(), Vec::new());
-        let chosen = PaceCommand::Choose(Pace::Responsive);
-        apply(&mut state, Command::Pace(chosen), &mut effects);
+        apply(&mut state, Command::SetPace(Pace::Responsive), &mut effects);
         assert_eq!(state.pace, Pace::Responsive);
         assert_eq!(effects, [Effect::UseThreads(Threads::OneFewer)]);
     }

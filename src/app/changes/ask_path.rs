@@ -8,27 +8,19 @@ use crate::app::state::source::{Source, file_name};
 
 /// Asks for a path, with what is likely typed already.
 pub(super) fn ask(state: &mut AppState, purpose: PathPurpose) {
+    let folder = run_folder_for(&state.source);
     let typed = match purpose {
-        PathPurpose::Open | PathPurpose::AddEnvironment => String::new(),
-        PathPurpose::Save => state
-            .training
-            .saved
-            .clone()
-            .unwrap_or_else(|| run_folder_for(&state.source))
-            .display()
-            .to_string(),
-        PathPurpose::Log => run_folder_for(&state.source)
-            .with_extension("csv")
-            .display()
-            .to_string(),
-        PathPurpose::SaveSession => state.session.file.as_ref().map_or_else(
-            || format!("{}.{EXTENSION}", run_folder_for(&state.source).display()),
-            |file| file.display().to_string(),
-        ),
+        PathPurpose::Open | PathPurpose::AddEnvironment => PathBuf::new(),
+        PathPurpose::Save => state.training.saved.clone().unwrap_or(folder),
+        PathPurpose::Log => folder.with_extension("csv"),
+        PathPurpose::SaveSession => {
+            let file = state.session.file.clone();
+            file.unwrap_or_else(|| folder.with_added_extension(EXTENSION))
+        }
     };
     state.overlays.path_dialog = Some(PathDialog {
         purpose,
-        typed,
+        typed: typed.display().to_string(),
         note: None,
         is_browsing: false,
     });
@@ -40,9 +32,7 @@ fn run_folder_for(source: &Source) -> PathBuf {
         .map_or_else(|| PathBuf::from("."), |dirs| dirs.home_dir().to_owned());
     let name = match source {
         Source::Demo(_) => "demo".to_owned(),
-        _ => source
-            .path()
-            .map_or_else(|| "run".to_owned(), |path| file_name(path)),
+        _ => (source.path()).map_or("run".to_owned(), |path| file_name(path)),
     };
     home.join("neif-runs").join(name)
 }

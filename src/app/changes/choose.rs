@@ -49,7 +49,20 @@ pub(in crate::app) fn go_to_view(state: &mut AppState, index: usize) {
     }
 }
 
+/// Goes to the nearest photo unless the camera stands at one; false, and said, where there is none.
+pub(super) fn stand_at_photo(state: &mut AppState) -> bool {
+    if state.view.at_view.is_none() {
+        let Some(index) = state.nearest_view() else {
+            let words = "There is no photo to compare with";
+            state.messages.say(Level::Info, words);
+            return false;
+        };
+        go_to_view(state, index);
+    }
+    true
+}
+
 /// Training time for the next run, seconds.
 pub(super) fn set_budget(state: &mut AppState, secs: f64) {
-    state.budget_secs = secs.clamp(5.0, 86_400.0);
+    state.watch.budget_secs = secs.clamp(5.0, 86_400.0);
 }

@@ -8,7 +8,7 @@ use crate::app::state::export::{
     EXR_LAYERS, ExportCommand, ExportEffect, ExportSettings, ExportState, KEY_STEP_SECS, Order,
     Subject, n_path_frames,
 };
-use crate::app::state::source::{Source, file_name};
+use crate::app::state::source::{Source, file_stem};
 use crate::app::state::training_state::Level;
 use crate::app::viewport::camera_control::Viewpoint;
 use crate::data::{KeyView, MAX_GIF_FPS};
@@ -21,7 +21,6 @@ pub fn apply(state: &mut AppState, command: ExportCommand, effects: &mut Vec<Eff
     let default = default_path(&state.source, &state.export.settings);
     let viewpoint = state.view.viewpoint;
     let export = &mut state.export;
-    let mut ask = |effect: ExportEffect| effects.push(Effect::Export(effect));
     match command {
         ExportCommand::Show(subject) => {
             export.is_open = true;
@@ -40,7 +39,7 @@ pub fn apply(state: &mut AppState, command: ExportCommand, effects: &mut Vec<Eff
         ExportCommand::Browse => {
             export.is_browsing = true;
             let path = export.typed.as_ref().map_or(default, PathBuf::from);
-            ask(ExportEffect::Browse(path));
+            effects.push(Effect::BrowseExport(path));
         }
         ExportCommand::Browsed(answer) => {
             export.is_browsing = false;
@@ -50,8 +49,20 @@ pub fn apply(state: &mut AppState, command: ExportCommand, effects: &mut Vec<Eff
                 Err(reason) => export.note = Some(reason),
             }
         }
-        ExportCommand::AddKey | ExportCommand::RemoveKey(_) | ExportCommand::SetKeyTime(..) => {
-            apply_keys(export, &viewpoint, &command);
+        ExportCommand::AddKey => add_key(export, &viewpoint),
+        ExportCommand::RemoveKey(index) => {
+            export.note = None;
+            if index < export.keys.len() {
+                export.keys.remove(index);
+            }
+        }
+        ExportCommand::SetKeyTime(index, secs) => {
+            export.note = None;
+            if let Some(key) = export.keys.get_mut(index)
+                && secs.is_finite()
+            {
+                key.time_secs = secs.clamp(0.0, 86_400.0);
+            }
         }
         ExportCommand::GoToKey(index) => {
             if let Some(key) = export.keys.get(index) {
@@ -62,7 +73,7 @@ pub fn apply(state: &mut AppState, command: ExportCommand, effects: &mut Vec<Eff
         }
         ExportCommand::SaveKeys => {
             let path = export_folder().join(format!("{}_cameras.json", source_name(&state.source)));
-            ask(ExportEffect::SaveKeys(path));
+            effects.push(Effect::Export(ExportEffect::SaveKeys(path)));
         }
         ExportCommand::Screenshot => {
             let settings = ExportSettings {
@@ -71,14 +82,14 @@ pub fn apply(state: &mut AppState, command: ExportCommand, effects: &mut Vec<Eff
                 still_kind: FileKind::Png,
                 ..export.settings
             };
-            ask(ExportEffect::Write(Order {
+            effects.push(Effect::Export(ExportEffect::Write(Order {
                 settings,
                 path: default_path(&state.source, &settings),
                 may_replace: false,
-            }));
+            })));
         }
         ExportCommand::Start => start(state, effects),
-        ExportCommand::Cancel => ask(ExportEffect::Cancel),
+        ExportCommand::Cancel => effects.push(Effect::Export(ExportEffect::Cancel)),
     }
 }
 
@@ -103,29 +114,14 @@ fn set(export: &mut ExportState, settings: ExportSettings) {
     }
 }
 
-fn apply_keys(export: &mut ExportState, viewpoint: &Viewpoint, command: &ExportCommand) {
+fn add_key(export: &mut ExportState, viewpoint: &Viewpoint) {
+    let (width, height) = export.window_px;
+    let last = export.keys.last().map(|key| key.time_secs);
     export.note = None;
-    match *command {
-        ExportCommand::AddKey => {
-            let (width, height) = export.window_px;
-            let last = export.keys.last().map(|key| key.time_secs);
-            export.keys.push(KeyView {
-                camera: viewpoint.camera_for(width.max(1), height.max(1)),
-                time_secs: last.map_or(0.0, |secs| secs + KEY_STEP_SECS),
-            });
-        }
-        ExportCommand::RemoveKey(index) if index < export.keys.len() => {
-            export.keys.remove(index);
-        }
-        ExportCommand::SetKeyTime(index, secs) => {
-            if let Some(key) = export.keys.get_mut(index)
-                && secs.is_finite()
-            {
-                key.time_secs = secs.clamp(0.0, 86_400.0);
-            }
-        }
-        _ => {}
-    }
+    export.keys.push(KeyView {
+        camera: viewpoint.camera_for(width.max(1), height.max(1)),
+        time_secs: last.map_or(0.0, |secs| secs + KEY_STEP_SECS),
+    });
 }
 
 fn start(state: &mut AppState, effects: &mut Vec<Effect>) {
@@ -193,12 +189,7 @@ fn source_name(source: &Source) -> String {
     match source {
         Source::Nothing => "picture".to_owned(),
         Source::Demo(_) => "demo".to_owned(),
-        Source::Capture(path) | Source::Run(path) | Source::Environment(path) => {
-            path.file_stem().map_or_else(
-                || file_name(path),
-                |stem| stem.to_string_lossy().into_owned(),
-            )
-        }
+        Source::Capture(path) | Source::Run(path) | Source::Environment(path) => file_stem(path),
     }
 }
 

@@ -1,5 +1,8 @@
 //! Undo and redo: what is noted before and after a command, and what a step brings back.
 
+use std::cmp::Ordering;
+use std::path::Path;
+
 use super::choose::choose_environment;
 use crate::app::lighting::LightingCommand;
 use crate::app::state::app_state::{AppState, Compare};
@@ -17,15 +20,13 @@ pub(in crate::app) struct Before {
 
 fn moment(state: &AppState) -> Moment {
     let lighting = &state.lighting;
-    let removed = lighting.removed.iter();
-    let removed = removed.filter_map(|index| state.environments.get(*index));
     Moment {
         look: StoredLook::of(state, &state.look),
         kept: lighting.kept.map(|kept| StoredLook::of(state, &kept)),
         background: lighting.background,
         display_ev: lighting.display_ev,
         tone_map: lighting.tone_map,
-        removed: removed.map(|entry| entry.path.clone()).collect(),
+        removed: state.removed_environments().map(Path::to_owned).collect(),
         n_jumps: state.history.n_jumps,
     }
 }
@@ -152,19 +153,12 @@ fn restore(state: &mut AppState, moment: &Moment, effects: &mut Vec<Effect>) {
     state.lighting.background = moment.background;
     state.lighting.display_ev = moment.display_ev;
     state.lighting.tone_map = moment.tone_map;
-    let entries = state.environments.iter().enumerate();
-    let removed = entries.filter(|(_, entry)| moment.removed.contains(&entry.path));
-    state.lighting.removed = removed.map(|(index, _)| index).collect();
+    state.remove_environments(&moment.removed);
     let history = &mut state.history;
-    let target = if moment.n_jumps < history.n_jumps {
-        history.jumps.get(moment.n_jumps).map(|[from, _]| *from)
-    } else {
-        let last = moment
-            .n_jumps
-            .checked_sub(1)
-            .filter(|_| moment.n_jumps > history.n_jumps);
-        last.and_then(|last| history.jumps.get(last))
-            .map(|[_, to]| *to)
+    let target = match moment.n_jumps.cmp(&history.n_jumps) {
+        Ordering::Less => history.jumps.get(moment.n_jumps).map(|[from, _]| *from),
+        Ordering::Equal => None,
+        Ordering::Greater => history.jumps.get(moment.n_jumps - 1).map(|[_, to]| *to),
     };
     history.n_jumps = moment.n_jumps;
     if let Some(place) = target {
@@ -227,21 +221,17 @@ mod tests {
     #[test]
     fn how_the_surroundings_are_shown_and_listed_is_undone_too() {
         let mut state = state();
-        let lighting = |command| Command::Lighting(command);
-        run(
-            &mut state,
-            1.0,
-            lighting(LightingCommand::SetBackground(Background::Hidden)),
-        );
-        run(
-            &mut state,
-            3.0,
-            lighting(LightingCommand::SetDisplayEv(1.5)),
-        );
-        run(&mut state, 5.0, lighting(LightingCommand::ToggleSplit));
-        run(&mut state, 7.0, tint(0.5));
-        run(&mut state, 9.0, lighting(LightingCommand::CopyToB));
-        run(&mut state, 11.0, lighting(LightingCommand::Remove(1)));
+        let done = [
+            Command::Lighting(LightingCommand::SetBackground(Background::Hidden)),
+            Command::Lighting(LightingCommand::SetDisplayEv(1.5)),
+            Command::Lighting(LightingCommand::ToggleSplit),
+            tint(0.5),
+            Command::Lighting(LightingCommand::CopyToB),
+            Command::Lighting(LightingCommand::Remove(1)),
+        ];
+        for (i, command) in done.into_iter().enumerate() {
+            run(&mut state, 1.0 + 2.0 * i as f64, command);
+        }
         let tint_of_b = |state: &AppState| state.lighting.kept.map(|kept| kept.edit.tint_scale);
         assert_eq!(
             (tint_of_b(&state), state.lighting.removed.len()),

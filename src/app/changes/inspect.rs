@@ -42,15 +42,8 @@ pub(super) fn apply(state: &mut AppState, command: InspectCommand) {
 
 fn pick_at(state: &mut AppState, at: Vec2, window: (u32, u32)) {
     state.inspect.forget();
-    let snapshot = state.snapshot.as_ref();
-    let object = snapshot.and_then(|snapshot| snapshot.object.as_ref());
-    let Some(object) = object.filter(|_| state.layer.shows_object()) else {
-        return;
-    };
-    let camera = state.view.viewpoint.camera_for(window.0, window.1);
-    let hit = object
-        .tracer
-        .intersect(&camera.ray(at.x, at.y), 0.0, f32::INFINITY);
+    let hit = state.hit_at(at, window);
+    let hit = hit.filter(|_| state.layer.shows_object());
     state.inspect.pick = hit.map(|hit| Pick {
         position: hit.position,
         normal: hit.normal,
@@ -79,20 +72,11 @@ fn add_region(state: &mut AppState, extent: Extent) {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
-
     use super::*;
-    use crate::render::test_scene;
-    use crate::train::Snapshot;
+    use crate::app::state::app_state::tests::snapshot;
 
     fn state() -> AppState {
-        let scene = test_scene::scene();
-        let snapshot = Arc::new(Snapshot {
-            step: 1,
-            object: scene.object,
-            environment: scene.environment,
-            exposures: None,
-        });
+        let snapshot = snapshot(1);
         let mut state = AppState::default();
         state.look_at_model(&snapshot);
         state.snapshot = Some(snapshot);
@@ -107,7 +91,7 @@ mod tests {
         for at in [(200.0, 150.0), (230.0, 160.0), (2.0, 2.0)] {
             let at = Vec2::from(at);
             apply(&mut state, InspectCommand::PickAt { at, window });
-            let camera = state.view.viewpoint.camera_for(window.0, window.1);
+            let camera = state.window_camera(window);
             let Some(pick) = state.inspect.pick else {
                 continue;
             };

@@ -26,13 +26,11 @@ pub(super) fn apply(state: &mut AppState, command: LightingCommand) {
             window,
             arrow_px,
         } => {
-            let camera = state.view.viewpoint.camera_for(window.0, window.1);
-            let (start, anchor) = (state.look.transform, anchor(state));
             state.lighting.grab = Some(Grab {
                 handle,
-                start,
-                anchor,
-                camera,
+                start: state.look.transform,
+                anchor: anchor(state),
+                camera: state.window_camera(window),
                 arrow_px,
                 at,
             });
@@ -41,10 +39,21 @@ pub(super) fn apply(state: &mut AppState, command: LightingCommand) {
         LightingCommand::LetGo => state.lighting.grab = None,
         LightingCommand::ToggleLines => state.lighting.are_lines_shown ^= true,
         LightingCommand::Remove(index) => remove(state, index),
-        LightingCommand::ToggleSplit
-        | LightingCommand::MoveSplit(_)
-        | LightingCommand::SwapSides
-        | LightingCommand::CopyToB => apply_split(state, &command),
+        LightingCommand::ToggleSplit => {
+            state.lighting.kept.get_or_insert(state.look);
+            state.lighting.split = state.lighting.split.is_none().then_some(0.5);
+            // One line at a time.
+            state.compare = Compare::default();
+        }
+        LightingCommand::MoveSplit(at) => {
+            state.lighting.kept.get_or_insert(state.look);
+            state.lighting.split = Some(at.clamp(0.0, 1.0));
+        }
+        LightingCommand::SwapSides => {
+            let kept = state.lighting.kept.get_or_insert(state.look);
+            std::mem::swap(kept, &mut state.look);
+        }
+        LightingCommand::CopyToB => state.lighting.kept = Some(state.look),
     }
 }
 
@@ -64,30 +73,8 @@ fn remove(state: &mut AppState, index: usize) {
         entry.content = EnvironmentContent::NotLoaded;
     }
     state.lighting.removed.insert(index);
-    for look in [Some(&mut state.look), state.lighting.kept.as_mut()]
-        .into_iter()
-        .flatten()
-        .filter(|look| look.environment == Some(index))
-    {
-        look.environment = None;
-    }
-}
-
-fn apply_split(state: &mut AppState, command: &LightingCommand) {
-    let kept = state.lighting.kept.get_or_insert(state.look);
-    match command {
-        LightingCommand::ToggleSplit => {
-            state.lighting.split = match state.lighting.split {
-                Some(_) => None,
-                None => Some(0.5),
-            };
-            // One line at a time.
-            state.compare = Compare::default();
-        }
-        LightingCommand::MoveSplit(at) => state.lighting.split = Some(at.clamp(0.0, 1.0)),
-        LightingCommand::SwapSides => std::mem::swap(kept, &mut state.look),
-        LightingCommand::CopyToB => *kept = state.look,
-        _ => {}
+    for look in std::iter::once(&mut state.look).chain(&mut state.lighting.kept) {
+        look.environment.take_if(|chosen| *chosen == index);
     }
 }
 
@@ -97,22 +84,15 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
+    use crate::app::state::app_state::tests::snapshot;
     use crate::app::state::look::Look;
     use crate::app::state::source::EnvironmentEntry;
     use crate::neif::{Environment, MaterialEdit};
-    use crate::render::test_scene::{environment, scene};
-    use crate::train::Snapshot;
+    use crate::render::test_scene::environment;
 
     fn state() -> AppState {
-        let scene = scene();
-        let snapshot = Snapshot {
-            step: 1,
-            object: scene.object,
-            environment: scene.environment,
-            exposures: None,
-        };
         AppState {
-            snapshot: Some(Arc::new(snapshot)),
+            snapshot: Some(snapshot(1)),
             ..AppState::default()
         }
     }
@@ -142,10 +122,8 @@ mod tests {
         apply(&mut state, LightingCommand::ToggleSplit);
         state.look.edit.tint_scale = 0.25;
         let snapshot = state.snapshot.clone().unwrap();
-        let (a, b) = (
-            state.scene_of(&snapshot),
-            state.kept_scene_of(&snapshot).unwrap(),
-        );
+        let a = state.scene_of(&snapshot);
+        let b = state.kept_scene_of(&snapshot).unwrap();
         assert_eq!((a.edit.tint_scale, b.edit.tint_scale), (0.25, 1.0));
         apply(&mut state, LightingCommand::SwapSides);
         assert_eq!(state.look.edit, MaterialEdit::default());
@@ -158,10 +136,8 @@ mod tests {
     #[test]
     fn a_removed_environment_lights_nothing_and_leaves_the_others_their_places() {
         let mut state = state();
-        let (first, second) = (
-            add(&mut state, environment(5)),
-            add(&mut state, environment(6)),
-        );
+        let first = add(&mut state, environment(5));
+        let second = add(&mut state, environment(6));
         state.look.environment = Some(first);
         state.lighting.kept = Some(Look {
             environment: Some(second),

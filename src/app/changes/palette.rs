@@ -10,10 +10,7 @@ use crate::app::state::palette::{Palette, PaletteCommand};
 pub(super) fn apply(state: &mut AppState, command: PaletteCommand) -> Option<Command> {
     match (command, &mut state.overlays.palette) {
         (PaletteCommand::Toggle, palette) => {
-            *palette = match palette {
-                Some(_) => None,
-                None => Some(Palette::default()),
-            };
+            *palette = palette.is_none().then(Palette::default);
         }
         (PaletteCommand::Type(typed), Some(palette)) => {
             *palette = Palette { typed, chosen: 0 };

@@ -11,11 +11,8 @@ use crate::app::state::command::{Command, Effect};
 use crate::train::session::events::TrainCommand;
 
 pub(super) fn apply_path(state: &mut AppState, command: Command, effects: &mut Vec<Effect>) {
-    if let Command::AskPath(purpose) = command {
-        return ask(state, purpose);
-    }
-    let dialog = &mut state.overlays.path_dialog;
-    match (command, dialog) {
+    match (command, &mut state.overlays.path_dialog) {
+        (Command::AskPath(purpose), _) => ask(state, purpose),
         (Command::ClosePathDialog, dialog) => *dialog = None,
         (Command::TypePath(typed), Some(dialog)) => {
             dialog.typed = typed;
@@ -61,15 +58,12 @@ fn use_path(state: &mut AppState, path: PathBuf, effects: &mut Vec<Effect>) {
         PathPurpose::AddEnvironment => effects.push(Effect::AddEnvironment(path)),
         PathPurpose::Log => effects.push(Effect::WriteLog(path)),
         PathPurpose::SaveSession => {
-            let has_extension = path
-                .extension()
-                .is_some_and(|extension| extension == EXTENSION);
-            let file = if has_extension {
+            let has_extension = path.extension().is_some_and(|ending| ending == EXTENSION);
+            effects.push(Effect::SaveSession(if has_extension {
                 path
             } else {
-                PathBuf::from(format!("{}.{EXTENSION}", path.display()))
-            };
-            effects.push(Effect::SaveSession(file));
+                path.with_added_extension(EXTENSION)
+            }));
         }
     }
 }

@@ -19,12 +19,16 @@ pub(in crate::app) fn apply(state: &mut AppState, command: PreferencesCommand) {
             preferences.panels.right.is_hidden = is_hidden;
         }
         PreferencesCommand::TogglePanel(side) => {
-            preferences.panels.side(side).is_hidden ^= true;
+            preferences.panels.side_mut(side).is_hidden ^= true;
         }
         PreferencesCommand::Resize(side, width) => {
-            preferences.panels.side(side).width = Some(width.round());
+            preferences.panels.side_mut(side).width = Some(width.round());
         }
-        PreferencesCommand::Fold(section) => preferences.folded.toggle(section),
+        PreferencesCommand::Fold(section) => {
+            if !preferences.folded.remove(&section) {
+                preferences.folded.insert(section);
+            }
+        }
         PreferencesCommand::ResizeWindow(size) => {
             preferences.window = Some(size.map(f32::round));
         }

@@ -45,9 +45,7 @@ pub(in crate::app) fn bring_back(
     let kept = session.kept.as_ref();
     state.lighting.kept = kept.map(|kept| kept.to_look(state, effects));
     // What is gone from the list of this program needs not be put on it to be taken off.
-    let entries = state.environments.iter().enumerate();
-    let removed = entries.filter(|(_, entry)| session.removed.contains(&entry.path));
-    state.lighting.removed = removed.map(|(index, _)| index).collect();
+    state.remove_environments(&session.removed);
     state.compare = Compare::default();
     if let Some(camera) = &session.camera {
         stand_at(state, camera, session.wipe);

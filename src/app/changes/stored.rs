@@ -33,18 +33,13 @@ impl SessionFile {
             Source::Environment(_) => Some(SourceKind::Environment),
         };
         let absolute = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-        let environment = state
-            .look
-            .environment
-            .and_then(|i| state.environments.get(i));
-        let removed = state.lighting.removed.iter();
-        let removed = removed.filter_map(|index| state.environments.get(*index));
+        let look = StoredLook::of(state, &state.look);
         Self {
             version: VERSION,
             layer: state.layer,
-            budget_secs: state.budget_secs,
+            budget_secs: state.watch.budget_secs,
             wipe: state.compare.wipe,
-            environment: environment.map(|entry| absolute(&entry.path)),
+            environment: look.environment.map(|path| absolute(&path)),
             source: kind
                 .zip(state.source.path())
                 .map(|(kind, path)| SavedSource {
@@ -55,7 +50,7 @@ impl SessionFile {
             background: state.lighting.background,
             display_ev: state.lighting.display_ev,
             tone_map: state.lighting.tone_map,
-            removed: removed.map(|entry| absolute(&entry.path)).collect(),
+            removed: state.removed_environments().map(absolute).collect(),
             regions: state.look.regions,
             material: state.look.edit,
             transform: state.look.transform,

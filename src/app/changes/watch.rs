@@ -1,33 +1,24 @@
 //! What comparing with a photo and plotting do.
 
-use super::choose::go_to_view;
+use super::choose::stand_at_photo;
 use crate::app::state::app_state::AppState;
-use crate::app::state::training_state::Level;
 use crate::app::state::watch::{Comparison, WatchCommand};
 
 /// Changes the state by a command.
 pub(super) fn apply(state: &mut AppState, command: WatchCommand) {
     match command {
-        WatchCommand::Compare(comparison) => compare(state, comparison),
+        WatchCommand::Compare(comparison) => {
+            if comparison == Comparison::Off || stand_at_photo(state) {
+                state.compare.wipe = None;
+                state.compare.with_photo = comparison;
+            }
+        }
         WatchCommand::ShowCameras(on) => state.watch.are_cameras_shown = on,
         WatchCommand::ShowSlice(on) => state.watch.is_slice_shown = on,
         WatchCommand::MoveSlice(plane) => state.watch.slice = plane,
         WatchCommand::PlotOver(axis) => state.watch.plot_over = axis,
         WatchCommand::SetExtend(secs) => state.watch.extend_secs = secs.clamp(5.0, 86_400.0),
     }
-}
-
-fn compare(state: &mut AppState, comparison: Comparison) {
-    if comparison != Comparison::Off && state.view.at_view.is_none() {
-        let Some(index) = state.nearest_view() else {
-            let words = "There is no photo to compare with";
-            state.messages.say(Level::Info, words);
-            return;
-        };
-        go_to_view(state, index);
-    }
-    state.compare.wipe = None;
-    state.compare.with_photo = comparison;
 }
 
 #[cfg(test)]

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use crate::app::inspect::Pick;
+use crate::app::work::preview_driver::Situation;
 use crate::render::{PointView, Scene};
 
 /// Widths of the panorama, one after the other, pixels; the last is about as wide as the panel.
@@ -15,30 +16,17 @@ const WIDTHS: [u32; 3] = [64, 128, 320];
 /// Widest panorama while training runs, pixels: about 0.1 s of one core.
 const TRAINING_WIDTH: u32 = 128;
 /// A new snapshot alone is followed so often while training runs, in seconds.
-pub const REFRESH_SECS: f64 = 5.0;
+pub(in crate::app) const REFRESH_SECS: f64 = 5.0;
 
 /// What the picked point's neighbourhood looks like now.
 #[derive(Clone, Debug)]
-pub struct Wanted {
-    /// The point.
-    pub pick: Pick,
-    /// As the camera sees it.
-    pub view: PointView,
+pub(in crate::app) struct Wanted {
+    pub(in crate::app) pick: Pick,
+    pub(in crate::app) view: PointView,
     /// Object, environment and edits.
-    pub scene: Scene,
-    /// The world's up axis.
-    pub up: Vec3,
-    /// Whether the panorama is sharp.
-    pub is_sharp: bool,
-}
-
-/// Whether training runs, and the window's clock in seconds.
-#[derive(Clone, Copy, Debug)]
-pub struct Pace {
-    /// The clock.
-    pub now_secs: f64,
-    /// Whether steps are being taken.
-    pub is_training: bool,
+    pub(in crate::app) scene: Scene,
+    pub(in crate::app) up: Vec3,
+    pub(in crate::app) is_sharp: bool,
 }
 
 /// What was asked for.
@@ -56,30 +44,26 @@ struct Asked {
 
 /// What a request is to be about.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Decision {
+pub(in crate::app) struct Decision {
     /// Widths of the panorama that are still missing.
-    pub widths: Vec<u32>,
+    pub(in crate::app) widths: Vec<u32>,
     is_new_point: bool,
     is_new_panorama: bool,
 }
 
 /// Remembers what was asked for and what came of it.
 #[derive(Debug, Default)]
-pub struct InspectDriver {
+pub(in crate::app) struct InspectDriver {
     asked: Option<Asked>,
 }
 
 impl InspectDriver {
     /// What to ask for now, if anything.
-    pub fn decide(&self, wanted: &Wanted, pace: Pace) -> Option<Decision> {
-        let widest = if pace.is_training {
-            TRAINING_WIDTH
-        } else {
-            u32::MAX
-        };
+    pub(in crate::app) fn decide(&self, wanted: &Wanted, now: &Situation) -> Option<Decision> {
         let missing = |reached: u32| -> Vec<u32> {
-            let widths = WIDTHS.into_iter();
-            widths.filter(|w| *w > reached && *w <= widest).collect()
+            let is_allowed = |w: &u32| !now.is_training || *w <= TRAINING_WIDTH;
+            let widths = WIDTHS.into_iter().filter(is_allowed);
+            widths.filter(|w| *w > reached).collect()
         };
         let Some(asked) = &self.asked else {
             return Some(Decision {
@@ -92,11 +76,11 @@ impl InspectDriver {
         let is_new_point = old.pick != wanted.pick;
         let is_edited = is_new_point || old.view != wanted.view || !same_look(old, wanted);
         let is_trained = !same_model(&old.scene, &wanted.scene);
-        let is_due = !pace.is_training || pace.now_secs - asked.at_secs >= REFRESH_SECS;
+        let is_due = !now.is_training || now.now_secs - asked.at_secs >= REFRESH_SECS;
         if is_trained && is_due {
             return Some(Decision {
                 // One picture at once: a coarser one in between would flicker.
-                widths: if is_new_point || !pace.is_training {
+                widths: if is_new_point || !now.is_training {
                     missing(0)
                 } else {
                     vec![TRAINING_WIDTH]
@@ -107,7 +91,7 @@ impl InspectDriver {
         }
         let is_new_panorama = is_new_point || !same_panorama(old, wanted);
         let reached = if is_new_panorama { 0 } else { asked.reached };
-        let can_be_finer = !pace.is_training && asked.aimed_width == TRAINING_WIDTH;
+        let can_be_finer = !now.is_training && asked.aimed_width == TRAINING_WIDTH;
         let is_wanted = is_edited || is_new_panorama || can_be_finer;
         is_wanted.then(|| Decision {
             widths: missing(reached),
@@ -116,8 +100,14 @@ impl InspectDriver {
         })
     }
 
-    /// Tells the number of the request that was made of a decision.
-    pub fn was_requested(&mut self, wanted: Wanted, decision: &Decision, number: u64, pace: Pace) {
+    /// Takes note of the number of the request that was made of a decision.
+    pub(in crate::app) fn was_requested(
+        &mut self,
+        wanted: Wanted,
+        decision: &Decision,
+        number: u64,
+        now: &Situation,
+    ) {
         let old = self.asked.take();
         let kept = |is_new: bool, of: fn(&Asked) -> u64| {
             let old = old.as_ref().filter(|_| !is_new);
@@ -131,18 +121,18 @@ impl InspectDriver {
             reached,
             aimed_width: decision.widths.last().copied().unwrap_or(reached),
             wanted,
-            at_secs: pace.now_secs,
+            at_secs: now.now_secs,
         });
     }
 
     /// Whether values of a request are about the point that is picked.
-    pub fn is_current(&self, number: u64) -> bool {
+    pub(in crate::app) fn is_current(&self, number: u64) -> bool {
         let asked = self.asked.as_ref();
         asked.is_some_and(|asked| number >= asked.first_number)
     }
 
     /// Takes note of a finished panorama; returns whether it is about the point that is picked.
-    pub fn was_reached(&mut self, number: u64, width: u32) -> bool {
+    pub(in crate::app) fn was_reached(&mut self, number: u64, width: u32) -> bool {
         if let Some(asked) = &mut self.asked
             && number >= asked.panorama_number
         {
@@ -152,7 +142,7 @@ impl InspectDriver {
     }
 
     /// Forgets everything: nothing is picked.
-    pub fn clear(&mut self) {
+    pub(in crate::app) fn clear(&mut self) {
         self.asked = None;
     }
 }
@@ -204,15 +194,23 @@ mod tests {
         }
     }
 
-    fn pace(now_secs: f64, is_training: bool) -> Pace {
-        Pace {
+    fn at(now_secs: f64, is_training: bool) -> Situation {
+        Situation {
             now_secs,
             is_training,
+            trained_secs: 0.0,
+            n_cores: 1,
+            drag_share: 1.0,
         }
     }
 
     /// Asks for what is decided and finishes it; the widths.
-    fn ask(driver: &mut InspectDriver, wanted: &Wanted, number: u64, at: Pace) -> Option<Vec<u32>> {
+    fn ask(
+        driver: &mut InspectDriver,
+        wanted: &Wanted,
+        number: u64,
+        at: &Situation,
+    ) -> Option<Vec<u32>> {
         let decision = driver.decide(wanted, at)?;
         driver.was_requested(wanted.clone(), &decision, number, at);
         for &width in &decision.widths {
@@ -226,19 +224,19 @@ mod tests {
         let mut driver = InspectDriver::default();
         let mut now = wanted();
         let all = Some(WIDTHS.to_vec());
-        assert_eq!(ask(&mut driver, &now, 1, pace(0.0, false)), all);
-        assert_eq!(ask(&mut driver, &now, 2, pace(1.0, false)), None, "done");
+        assert_eq!(ask(&mut driver, &now, 1, &at(0.0, false)), all);
+        assert_eq!(ask(&mut driver, &now, 2, &at(1.0, false)), None, "done");
         now.view.distance += 1.0;
         let none = Some(Vec::new());
-        assert_eq!(ask(&mut driver, &now, 2, pace(2.0, false)), none);
+        assert_eq!(ask(&mut driver, &now, 2, &at(2.0, false)), none);
         now.scene.edit.roughness = RoughnessEdit::Constant(0.5);
-        assert_eq!(ask(&mut driver, &now, 3, pace(3.0, false)), all);
+        assert_eq!(ask(&mut driver, &now, 3, &at(3.0, false)), all);
         now.is_sharp = true;
-        assert_eq!(ask(&mut driver, &now, 4, pace(4.0, false)), all);
+        assert_eq!(ask(&mut driver, &now, 4, &at(4.0, false)), all);
         now.scene.edit.roughness = RoughnessEdit::Constant(0.7);
-        assert_eq!(ask(&mut driver, &now, 5, pace(5.0, false)), none, "sharp");
+        assert_eq!(ask(&mut driver, &now, 5, &at(5.0, false)), none, "sharp");
         now.pick.position = Vec3::ZERO;
-        assert_eq!(ask(&mut driver, &now, 6, pace(6.0, false)), all);
+        assert_eq!(ask(&mut driver, &now, 6, &at(6.0, false)), all);
         assert!(!driver.is_current(5), "about the point before");
     }
 
@@ -247,13 +245,13 @@ mod tests {
         let mut driver = InspectDriver::default();
         let mut now = wanted();
         let coarse = Some(vec![64, TRAINING_WIDTH]);
-        assert_eq!(ask(&mut driver, &now, 1, pace(0.0, true)), coarse);
+        assert_eq!(ask(&mut driver, &now, 1, &at(0.0, true)), coarse);
         now.scene.object = Some(object(7));
-        assert_eq!(ask(&mut driver, &now, 2, pace(1.0, true)), None, "too soon");
+        assert_eq!(ask(&mut driver, &now, 2, &at(1.0, true)), None, "too soon");
         let one = Some(vec![TRAINING_WIDTH]);
-        assert_eq!(ask(&mut driver, &now, 2, pace(REFRESH_SECS, true)), one);
+        assert_eq!(ask(&mut driver, &now, 2, &at(REFRESH_SECS, true)), one);
         // When training ends, what is missing follows.
-        assert_eq!(ask(&mut driver, &now, 3, pace(9.0, false)), Some(vec![320]));
-        assert_eq!(ask(&mut driver, &now, 4, pace(9.1, false)), None);
+        assert_eq!(ask(&mut driver, &now, 3, &at(9.0, false)), Some(vec![320]));
+        assert_eq!(ask(&mut driver, &now, 4, &at(9.1, false)), None);
     }
 }

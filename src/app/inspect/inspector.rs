@@ -5,9 +5,10 @@ use std::time::Duration;
 use egui::{Context, TextureHandle, TextureId};
 
 use crate::app::inspect::InspectState;
-use crate::app::inspect::driver::{InspectDriver, Pace, REFRESH_SECS, Wanted};
-use crate::app::inspect::worker::{PanoramaWish, PointRequest, PointWorker};
+use crate::app::inspect::driver::{InspectDriver, REFRESH_SECS, Wanted};
+use crate::app::inspect::worker::PointWorker;
 use crate::app::viewport::texture;
+use crate::app::work::preview_driver::Situation;
 
 /// Worker, driver and texture.
 pub(in crate::app) struct Inspector {
@@ -39,40 +40,32 @@ impl Inspector {
         let versions = (values.version(), panorama.version());
         if versions.0 != self.seen.0
             && let Some(found) = values.get()
-            && self.driver.is_current(found.number)
+            && self.driver.is_current(found.0)
         {
-            inspect.values = Some(found.values);
+            inspect.values = Some(found.1);
         }
         if versions.1 != self.seen.1
             && let Some(found) = panorama.get()
             && self.driver.was_reached(found.number, found.view.width)
         {
-            let size = [found.view.width as usize, found.height as usize];
-            texture::renew(ctx, &mut self.texture, "panorama", (size, &found.pixels));
+            let picture = (found.picture.size, &*found.picture.pixels);
+            texture::renew(ctx, &mut self.texture, "panorama", picture);
             inspect.panorama = Some(found.view);
         }
         self.seen = versions;
     }
 
     /// Asks for what is missing; nothing is wanted while nothing is picked.
-    pub(in crate::app) fn ask(&mut self, ctx: &Context, wanted: Option<Wanted>, pace: Pace) {
+    pub(in crate::app) fn ask(&mut self, ctx: &Context, wanted: Option<Wanted>, now: &Situation) {
         let Some(wanted) = wanted else {
             self.driver.clear();
             return;
         };
-        if let Some(decision) = self.driver.decide(&wanted, pace) {
-            let wish = PanoramaWish {
-                up: wanted.up,
-                is_sharp: wanted.is_sharp,
-                widths: decision.widths.clone(),
-            };
-            let number = self.worker.request(PointRequest {
-                scene: wanted.scene.clone(),
-                view: wanted.view,
-                panorama: (!wish.widths.is_empty()).then_some(wish),
-            });
-            self.driver.was_requested(wanted, &decision, number, pace);
-        } else if pace.is_training {
+        if let Some(decision) = self.driver.decide(&wanted, now) {
+            let widths = decision.widths.clone();
+            let number = self.worker.request(wanted.clone(), widths);
+            self.driver.was_requested(wanted, &decision, number, now);
+        } else if now.is_training {
             ctx.request_repaint_after(Duration::from_secs_f64(REFRESH_SECS));
         }
     }

@@ -3,10 +3,10 @@
 //! The state and its commands; values and panorama are computed on a thread of their own ([`worker`]), which
 //! [`driver`] asks for what is out of date.
 
-pub mod driver;
+pub(super) mod driver;
 mod inspector;
-pub mod marker;
-pub mod worker;
+pub(super) mod marker;
+mod worker;
 
 use glam::{Vec2, Vec3};
 

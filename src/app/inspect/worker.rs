@@ -7,74 +7,42 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::thread::JoinHandle;
 
-use glam::Vec3;
-use rayon::{ThreadPool, ThreadPoolBuilder};
+use rayon::ThreadPool;
 
+use super::driver::Wanted;
+use crate::app::work::opener::ScreenPhoto;
+use crate::app::work::threads;
 use crate::render::preview::inbox::Inbox;
-use crate::render::preview::priority::lower_thread_priority;
 use crate::render::{
-    Layer, PanoramaView, Picture, PointValues, PointView, Scene, ShadeScratch, compose,
-    panorama_of, point_values,
+    Layer, PanoramaView, Picture, PointValues, Scene, ShadeScratch, compose, panorama_of,
+    point_values,
 };
 use crate::train::session::latest::Latest;
 
 /// Niceness of the threads: below the preview's, above the trainer's.
 const NICE: i32 = 10;
 
-/// A panorama that is wanted.
-#[derive(Clone, Debug, PartialEq)]
-pub struct PanoramaWish {
-    /// The unit direction at its top edge.
-    pub up: Vec3,
-    /// Whether it is sharp rather than as blurred as the point's reflection.
-    pub is_sharp: bool,
-    /// Its widths, one after the other, pixels.
-    pub widths: Vec<u32>,
-}
-
-/// What is wanted.
-#[derive(Clone, Debug)]
-pub struct PointRequest {
-    /// Object, environment and edits.
-    pub scene: Scene,
-    /// The point.
-    pub view: PointView,
-    /// The panorama around it, unless the shown one will do.
-    pub panorama: Option<PanoramaWish>,
-}
-
-/// What was found; each number is the request's, from [`PointWorker::request`].
-#[derive(Clone, Debug)]
-pub struct FoundValues {
-    /// The request.
-    pub number: u64,
-    /// The values.
-    pub values: PointValues,
-}
-
 /// A finished panorama.
 #[derive(Clone, Debug)]
-pub struct FoundPanorama {
-    /// The request.
-    pub number: u64,
-    /// What it shows.
-    pub view: PanoramaView,
-    /// `[height * width]` sRGB with alpha 255.
-    pub pixels: Vec<[u8; 4]>,
-    /// Rows.
-    pub height: u32,
+pub(super) struct FoundPanorama {
+    /// The number of its request, from [`PointWorker::request`].
+    pub(super) number: u64,
+    pub(super) view: PanoramaView,
+    pub(super) picture: ScreenPhoto,
 }
 
 #[derive(Debug, Default)]
 struct Shared {
-    inbox: Inbox<PointRequest>,
-    values: Latest<FoundValues>,
+    /// What is wanted, and the widths of the panorama around it, one after the other; none where the shown one will do.
+    inbox: Inbox<(Wanted, Vec<u32>)>,
+    /// With the number of their request.
+    values: Latest<(u64, PointValues)>,
     panorama: Latest<FoundPanorama>,
 }
 
 /// The threads. Dropping it ends them.
 #[derive(Debug)]
-pub struct PointWorker {
+pub(super) struct PointWorker {
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
 }
@@ -84,23 +52,16 @@ impl PointWorker {
     ///
     /// # Errors
     /// When the system gives no threads.
-    pub fn new(wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
+    pub(super) fn new(wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
         let shared = Arc::new(Shared::default());
-        let pool = ThreadPoolBuilder::new()
-            .thread_name(|i| format!("neif-point-{i}"))
-            .start_handler(|_| lower_thread_priority(NICE))
-            .build()
-            .map_err(std::io::Error::other)?;
+        let pool = threads::pool("neif-point", 0, NICE)?;
         let theirs = Arc::clone(&shared);
-        let thread = std::thread::Builder::new()
-            .name("neif-point".to_owned())
-            .spawn(move || {
-                lower_thread_priority(NICE);
-                let mut scratch = ShadeScratch::default();
-                while let Some((number, request)) = theirs.inbox.take() {
-                    theirs.serve(number, &request, &pool, &mut scratch, &wake);
-                }
-            })?;
+        let thread = threads::spawn("neif-point", NICE, move || {
+            let mut scratch = ShadeScratch::default();
+            while let Some((number, (wanted, widths))) = theirs.inbox.take() {
+                theirs.serve(number, &wanted, &widths, &pool, &mut scratch, &wake);
+            }
+        })?;
         Ok(Self {
             shared,
             thread: Some(thread),
@@ -108,17 +69,17 @@ impl PointWorker {
     }
 
     /// Asks instead of whatever is waiting or running; returns the request's number, which grows.
-    pub fn request(&self, request: PointRequest) -> u64 {
-        self.shared.inbox.put(request)
+    pub(super) fn request(&self, wanted: Wanted, widths: Vec<u32>) -> u64 {
+        self.shared.inbox.put((wanted, widths))
     }
 
     /// The newest values.
-    pub fn values(&self) -> &Latest<FoundValues> {
+    pub(super) fn values(&self) -> &Latest<(u64, PointValues)> {
         &self.shared.values
     }
 
     /// The newest panorama.
-    pub fn panorama(&self) -> &Latest<FoundPanorama> {
+    pub(super) fn panorama(&self) -> &Latest<FoundPanorama> {
         &self.shared.panorama
     }
 }
@@ -137,31 +98,28 @@ impl Shared {
     fn serve(
         &self,
         number: u64,
-        request: &PointRequest,
+        wanted: &Wanted,
+        widths: &[u32],
         pool: &ThreadPool,
         scratch: &mut ShadeScratch,
         wake: &impl Fn(),
     ) {
-        let PointRequest { scene, view, .. } = request;
-        let Some(values) = point_values(scene, view, scratch) else {
+        let scene = &wanted.scene;
+        let Some(values) = point_values(scene, &wanted.view, scratch) else {
             return;
         };
-        let found = FoundValues { number, values };
-        self.values.publish(Arc::new(found));
+        self.values.publish(Arc::new((number, values)));
         wake();
-        let Some(wish) = &request.panorama else {
-            return;
-        };
-        let roughness = if wish.is_sharp {
+        let roughness = if wanted.is_sharp {
             0.0
         } else {
             values.cone_roughness
         };
         let never = AtomicBool::new(false);
-        for (i, &width) in wish.widths.iter().enumerate() {
+        for (i, &width) in widths.iter().enumerate() {
             let around = PanoramaView {
-                at: view.position,
-                up: wish.up,
+                at: wanted.view.position,
+                up: wanted.up,
                 roughness,
                 width,
             };
@@ -176,8 +134,7 @@ impl Shared {
             self.panorama.publish(Arc::new(FoundPanorama {
                 number,
                 view: around,
-                pixels: shown(scene, &picture),
-                height: picture.height,
+                picture: shown(scene, &picture),
             }));
             wake();
             if self.inbox.is_superseded() {
@@ -188,44 +145,47 @@ impl Shared {
 }
 
 /// The panorama as the viewport shows an environment.
-fn shown(scene: &Scene, picture: &Picture) -> Vec<[u8; 4]> {
-    let pixels = picture.pixels.iter().map(|&radiance| {
-        let color = compose(scene, Layer::Environment, 0.0, [0.0; 3], radiance);
-        let [r, g, b] = color.map(|v| (v * 255.0 + 0.5) as u8);
-        [r, g, b, 255]
-    });
-    pixels.collect()
+fn shown(scene: &Scene, picture: &Picture) -> ScreenPhoto {
+    let (width, height) = (picture.width as usize, picture.height as usize);
+    ScreenPhoto::thinned(width, height, |i| {
+        let color = compose(scene, Layer::Environment, 0.0, [0.0; 3], picture.pixels[i]);
+        color.map(|v| (v * 255.0 + 0.5) as u8)
+    })
 }
 
 #[cfg(test)]
 mod tests {
+    use glam::Vec3;
+
     use super::*;
+    use crate::app::inspect::Pick;
     use crate::render::test_scene;
 
     #[test]
     fn values_and_panoramas_arrive_and_newer_requests_come_first() {
         let worker = PointWorker::new(|| {}).unwrap();
-        let scene = test_scene::scene();
-        let camera = test_scene::camera(40, 30);
-        let (position, normal) = (Vec3::splat(0.4), Vec3::ONE.normalize_or_zero());
-        let request = |widths: &[u32]| PointRequest {
-            scene: scene.clone(),
-            view: PointView::from_camera(position, normal, normal, &camera),
-            panorama: Some(PanoramaWish {
-                up: Vec3::Z,
-                is_sharp: false,
-                widths: widths.to_vec(),
-            }),
+        let normal = Vec3::ONE.normalize_or_zero();
+        let pick = Pick {
+            position: Vec3::splat(0.4),
+            normal,
+            face_normal: normal,
+        };
+        let wanted = Wanted {
+            pick,
+            view: pick.seen_by(&test_scene::camera(40, 30)),
+            scene: test_scene::scene(),
+            up: Vec3::Z,
+            is_sharp: false,
         };
         // Far more than can be rendered while the test waits.
-        worker.request(request(&[8, 1 << 14]));
-        let last = worker.request(request(&[8, 16]));
+        worker.request(wanted.clone(), vec![8, 1 << 14]);
+        let last = worker.request(wanted, vec![8, 16]);
         let start = std::time::Instant::now();
         loop {
             let found = worker.panorama().get();
             let done = found.filter(|found| (found.number, found.view.width) == (last, 16));
             if let Some(found) = done {
-                assert_eq!(found.pixels.len(), 16 * 8);
+                assert_eq!(found.picture.pixels.len(), 16 * 8);
                 assert!(found.view.roughness > 0.0, "blurred like the point");
                 break;
             }
@@ -233,6 +193,6 @@ mod tests {
             std::thread::sleep(std::time::Duration::from_millis(5));
         }
         let values = worker.values().get().expect("values come first");
-        assert_eq!(values.number, last);
+        assert_eq!(values.0, last);
     }
 }

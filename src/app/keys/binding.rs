@@ -5,20 +5,12 @@ use egui::{Key, KeyboardShortcut, Modifiers};
 use crate::app::state::app_state::AppState;
 use crate::app::state::command::Command;
 
-pub(super) const FILE: &str = "File";
-pub(super) const EDIT: &str = "Edit";
-pub(super) const CAMERA: &str = "Camera";
-pub(super) const LIGHT: &str = "Environment";
-pub(super) const OBJECT: &str = "Object";
-pub(super) const COMPARE: &str = "Photos";
-pub(super) const LAYERS: &str = "Layers";
-pub(super) const TRAINING: &str = "Training";
-pub(super) const WINDOW: &str = "Window";
+/// What depends on the state of the window.
+type Of<T> = Box<dyn Fn(&AppState) -> T + Send + Sync>;
 
 /// A command with its name and keys, or a gesture, which has no command.
 ///
 /// Keys, menus, palette, help and the manual's table are all made of these.
-#[derive(Clone, Copy)]
 pub struct Binding {
     /// The heading it stands under.
     pub group: &'static str,
@@ -26,10 +18,9 @@ pub struct Binding {
     pub keys: &'static str,
     /// What it does.
     pub what: &'static str,
-    shortcuts: [Option<KeyboardShortcut>; 2],
-    command: Option<fn(&AppState) -> Command>,
+    command: Option<Of<Command>>,
     is_available: fn(&AppState) -> bool,
-    is_on: fn(&AppState) -> bool,
+    is_on: Of<bool>,
 }
 
 impl std::fmt::Debug for Binding {
@@ -41,59 +32,38 @@ impl std::fmt::Debug for Binding {
     }
 }
 
-/// Something done with the mouse, or handled elsewhere: only explained.
-pub const fn gesture(group: &'static str, keys: &'static str, what: &'static str) -> Binding {
+/// Something done with the mouse, or handled elsewhere: only explained. Its group is given by the table.
+pub(super) fn gesture(keys: &'static str, what: &'static str) -> Binding {
     Binding {
-        group,
+        group: "",
         keys,
         what,
-        shortcuts: [None, None],
         command: None,
         is_available: |_| true,
-        is_on: |_| false,
+        is_on: Box::new(|_| false),
     }
 }
 
-/// A command without a key: in menus and palette only.
-pub const fn plain(
-    group: &'static str,
+/// A command; without keys it is in menus and palette only.
+pub(super) fn entry(
+    keys: &'static str,
     what: &'static str,
-    command: fn(&AppState) -> Command,
+    command: impl Fn(&AppState) -> Command + Send + Sync + 'static,
 ) -> Binding {
     Binding {
-        command: Some(command),
-        ..gesture(group, "", what)
-    }
-}
-
-/// A command with a key.
-pub const fn key(
-    group: &'static str,
-    (keys, modifiers, key): (&'static str, Modifiers, Key),
-    what: &'static str,
-    command: fn(&AppState) -> Command,
-) -> Binding {
-    Binding {
-        keys,
-        shortcuts: [Some(KeyboardShortcut::new(modifiers, key)), None],
-        ..plain(group, what, command)
+        command: Some(Box::new(command)),
+        ..gesture(keys, what)
     }
 }
 
 impl Binding {
-    /// The same with a second key; [`Self::keys`] should name both.
-    pub const fn or(self, modifiers: Modifiers, key: Key) -> Self {
-        Self {
-            shortcuts: [
-                self.shortcuts[0],
-                Some(KeyboardShortcut::new(modifiers, key)),
-            ],
-            ..self
-        }
+    /// The same under this heading.
+    pub(super) fn under(self, group: &'static str) -> Self {
+        Self { group, ..self }
     }
 
     /// The same, possible only where `is_available` says so.
-    pub const fn when(self, is_available: fn(&AppState) -> bool) -> Self {
+    pub(super) fn when(self, is_available: fn(&AppState) -> bool) -> Self {
         Self {
             is_available,
             ..self
@@ -101,13 +71,16 @@ impl Binding {
     }
 
     /// The same, marked in menus while `is_on` says so.
-    pub const fn marked(self, is_on: fn(&AppState) -> bool) -> Self {
-        Self { is_on, ..self }
+    pub(super) fn marked(self, is_on: impl Fn(&AppState) -> bool + Send + Sync + 'static) -> Self {
+        Self {
+            is_on: Box::new(is_on),
+            ..self
+        }
     }
 
     /// Its keys.
     pub fn shortcuts(&self) -> impl Iterator<Item = KeyboardShortcut> {
-        self.shortcuts.into_iter().flatten()
+        self.keys.split(", ").flat_map(read_keys)
     }
 
     /// Whether it is a command and not a gesture.
@@ -117,12 +90,29 @@ impl Binding {
 
     /// What it causes now; none where it is a gesture or not possible.
     pub fn command(&self, state: &AppState) -> Option<Command> {
-        let command = self.command.filter(|_| (self.is_available)(state))?;
-        Some(command(state))
+        let command = self.command.as_ref();
+        Some(command.filter(|_| (self.is_available)(state))?(state))
     }
 
     /// Whether what it switches is on.
     pub fn is_on(&self, state: &AppState) -> bool {
         (self.is_on)(state)
     }
+}
+
+/// `Ctrl+Shift+Z` as the keyboard has it; none where it names no key. A plus is typed as an equals sign too.
+fn read_keys(written: &str) -> Vec<KeyboardShortcut> {
+    let (mut name, mut modifiers) = (written, Modifiers::NONE);
+    for (prefix, modifier) in [("Ctrl", Modifiers::COMMAND), ("Shift", Modifiers::SHIFT)] {
+        let rest = name.strip_prefix(prefix);
+        if let Some(rest) = rest.and_then(|rest| rest.strip_prefix(['+', ' '])) {
+            (name, modifiers) = (rest, modifiers.plus(modifier));
+        }
+    }
+    let keys = match Key::from_name(name) {
+        Some(Key::Plus) => vec![Key::Plus, Key::Equals],
+        key => key.into_iter().collect(),
+    };
+    let shortcut = |key| KeyboardShortcut::new(modifiers, key);
+    keys.into_iter().map(shortcut).collect()
 }

@@ -6,13 +6,13 @@ use crate::app::state::app_state::AppState;
 use crate::neif::EnvironmentTransform;
 
 /// The point of the environment that the gizmo holds, in its own coordinates: where the object stands in its own.
-pub fn anchor(state: &AppState) -> Vec3 {
+pub(in crate::app) fn anchor(state: &AppState) -> Vec3 {
     let bounds = state.view.bounds.map(|bounds| bounds.center());
     bounds.unwrap_or(state.view.home.pivot)
 }
 
 /// Size that steps and axes are measured by, scene units: the object's diagonal, or a quarter of the environment's.
-pub fn object_size(state: &AppState) -> f32 {
+pub(in crate::app) fn object_size(state: &AppState) -> f32 {
     let own = state.snapshot.as_ref();
     let room = own.map(|own| 0.25 * own.environment.inner_box().diagonal());
     let object = state.view.bounds.map(|bounds| bounds.diagonal());
@@ -20,7 +20,7 @@ pub fn object_size(state: &AppState) -> f32 {
 }
 
 /// Where the environment stands that the picture shows.
-pub fn shown_transform(state: &AppState) -> EnvironmentTransform {
+pub(in crate::app) fn shown_transform(state: &AppState) -> EnvironmentTransform {
     if state.is_original_shown {
         EnvironmentTransform::default()
     } else {

@@ -20,7 +20,7 @@ const STEPS_FACTOR: u64 = 4;
 /// The environment of a snapshot that was asked for.
 #[derive(Debug)]
 struct Asked {
-    /// Tells it from later ones, and keeps nothing of it.
+    /// Distinguishes it from later ones, and keeps nothing of it.
     environment: Weak<Environment>,
     step: u64,
     is_done: bool,
@@ -125,19 +125,9 @@ mod tests {
     use std::time::{Duration, Instant};
 
     use super::*;
+    use crate::app::state::app_state::tests::snapshot;
     use crate::app::state::source::Source;
-    use crate::render::test_scene;
     use crate::train::session::events::FinishReason;
-
-    fn snapshot(step: u64) -> Arc<Snapshot> {
-        let scene = test_scene::scene();
-        Arc::new(Snapshot {
-            step,
-            object: scene.object,
-            environment: scene.environment,
-            exposures: None,
-        })
-    }
 
     #[test]
     fn the_surroundings_of_a_capture_have_a_picture_while_it_trains_and_another_at_the_end() {

@@ -103,13 +103,9 @@ impl Snap {
         let decade = 10_f32.powf(wanted.log10().floor());
         let rounds = [1.0, 2.0, 5.0, 10.0].map(|step| step * decade);
         let misfit = |step: f32| (step / wanted).ln().abs();
-        let nearest = rounds.into_iter().reduce(|best, step| {
-            if misfit(step) < misfit(best) {
-                step
-            } else {
-                best
-            }
-        });
+        let nearest = rounds
+            .into_iter()
+            .min_by(|a, b| misfit(*a).total_cmp(&misfit(*b)));
         Self {
             length: nearest.unwrap_or(wanted),
             degrees: 15.0,
@@ -186,12 +182,10 @@ impl Gizmo {
     /// Unit vectors in the plane of a ring: away from the camera, and a quarter turn about the axis further.
     fn ring_axes(&self, axis: Axis) -> (Vec3, Vec3) {
         let (axis, view) = (axis.unit(), self.view());
-        let back = (view - axis * view.dot(axis)).normalize_or_zero();
-        let back = if back == Vec3::ZERO {
-            axis.any_orthonormal_vector()
-        } else {
-            back
-        };
+        let back = view - axis * view.dot(axis);
+        let back = back
+            .try_normalize()
+            .unwrap_or_else(|| axis.any_orthonormal_vector());
         (back, axis.cross(back))
     }
 
@@ -437,14 +431,8 @@ mod tests {
     fn snapping_moves_in_round_steps() {
         assert_eq!(Snap::for_object(1.1).length, 0.1);
         assert!((Snap::for_object(45.0).length - 5.0).abs() < 1e-4);
-        let camera = Camera::look_at(
-            Vec3::new(0.0, -5.0, 1.0),
-            Vec3::ZERO,
-            Vec3::Z,
-            0.8,
-            900,
-            700,
-        );
+        let eye = Vec3::new(0.0, -5.0, 1.0);
+        let camera = Camera::look_at(eye, Vec3::ZERO, Vec3::Z, 0.8, 900, 700);
         let grab = Grab {
             handle: Handle::Move(Axis::X),
             start: EnvironmentTransform::default(),

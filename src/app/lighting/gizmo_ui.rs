@@ -4,7 +4,6 @@
 use egui::{
     Color32, CursorIcon, Pos2, Rect, Response, Role, Sense, Shape, Stroke, Ui, WidgetInfo, vec2,
 };
-use glam::Vec2;
 
 use super::anchor::anchor;
 use super::gizmo::{Axis, Gizmo, Grab, Handle, place};
@@ -12,6 +11,7 @@ use crate::app::lighting::LightingCommand;
 use crate::app::state::app_state::AppState;
 use crate::app::state::command::Command;
 use crate::app::viewport::overlay::label;
+use crate::app::viewport::screen::Screen;
 use crate::neif::Environment;
 
 /// Length of an arrow in points.
@@ -24,7 +24,7 @@ const HIGHLIGHT: Color32 = Color32::from_rgb(255, 214, 74);
 const SHADE: Color32 = Color32::from_black_alpha(130);
 
 /// The colour of an axis.
-pub fn axis_color(axis: Axis) -> Color32 {
+pub(super) fn axis_color(axis: Axis) -> Color32 {
     match axis {
         Axis::X => Color32::from_rgb(240, 92, 92),
         Axis::Y => Color32::from_rgb(116, 205, 96),
@@ -32,50 +32,42 @@ pub fn axis_color(axis: Axis) -> Color32 {
     }
 }
 
-/// Draws the gizmo into the viewport `rect`, whose size in pixels is `window`.
-pub fn gizmo_ui(
+/// Draws the gizmo into the viewport.
+pub(in crate::app) fn gizmo_ui(
     ui: &Ui,
-    rect: Rect,
+    screen: Screen,
     state: &AppState,
-    window: (u32, u32),
     commands: &mut Vec<Command>,
 ) {
     if !state.lighting.is_gizmo_shown || state.is_original_shown {
         return;
     }
-    let Some(environment) = shown_environment(state) else {
+    let Some(environment) = state.shown_environment() else {
         return;
     };
-    let screen = Screen {
-        rect,
-        window,
-        per_point: ui.ctx().pixels_per_point(),
-    };
-    let camera = state.view.viewpoint.camera_for(window.0, window.1);
     let center = place(&state.look.transform, anchor(state));
-    let Some(gizmo) = Gizmo::new(&camera, center, ARROW * screen.per_point) else {
+    let Some(gizmo) = Gizmo::new(&screen.camera, center, ARROW * screen.per_point) else {
         return;
     };
     let handles = handles(environment);
     let grabbed = state.lighting.grab.as_ref().map(|grab| grab.handle);
     let pointer = ui.input(|input| input.pointer.hover_pos());
-    let pointer = pointer.filter(|at| rect.contains(*at) && grabbed.is_none());
+    let pointer = pointer.filter(|at| screen.rect.contains(*at) && grabbed.is_none());
     let nearest = pointer.and_then(|at| {
         let reach = REACH * screen.per_point;
         gizmo.nearest(screen.to_pixels(at), reach, &handles)
     });
-    let painter = ui.painter().with_clip_rect(rect);
+    let painter = ui.painter().with_clip_rect(screen.rect);
     for &handle in &handles {
-        let Some(knob) = gizmo.knob(handle) else {
+        let Some(knob) = gizmo.knob(handle).map(|knob| screen.to_points(knob)) else {
             continue;
         };
-        let knob = screen.to_points(knob);
         // A line is wide enough to be held anywhere: what catches the pointer goes along with it.
         let spot = pointer.filter(|_| nearest == Some(handle)).unwrap_or(knob);
         let spot = Rect::from_center_size(spot, vec2(2.0 * REACH, 2.0 * REACH));
         let response = ui.interact(spot, ui.scope_id().with(handle), Sense::drag());
         response.widget_info(|| WidgetInfo::labeled(Role::Slider, true, handle.name()));
-        drag_ui(ui, &response, handle, &screen, commands);
+        drag_ui(ui, &response, handle, screen, commands);
         let is_hot = grabbed.map_or(nearest == Some(handle) || response.hovered(), |held| {
             held == handle
         });
@@ -84,16 +76,10 @@ pub fn gizmo_ui(
         draw(&painter, handle, &outline, is_hot);
     }
     if let Some(grab) = &state.lighting.grab {
-        let at = screen.to_points(camera.project(center).unwrap_or_default());
+        let at = screen.place(center).unwrap_or(screen.rect.min);
         let at = at + vec2(0.0, ARROW + 14.0);
         label(ui, at, egui::Align2::CENTER_TOP, &amount(state, grab));
     }
-}
-
-/// The chosen environment, or the capture's own.
-fn shown_environment(state: &AppState) -> Option<&Environment> {
-    let own = state.snapshot.as_ref().map(|own| &own.environment);
-    Some(state.chosen_environment().or(own)?)
 }
 
 /// What is infinitely far can only be turned.
@@ -106,7 +92,7 @@ fn drag_ui(
     ui: &Ui,
     response: &Response,
     handle: Handle,
-    screen: &Screen,
+    screen: Screen,
     commands: &mut Vec<Command>,
 ) {
     let mut send = |command| commands.push(Command::Lighting(command));
@@ -154,20 +140,17 @@ fn draw(painter: &egui::Painter, handle: Handle, outline: &[Pos2], is_hot: bool)
                 painter.rect_stroke(square, 1.0, stroke, egui::StrokeKind::Middle);
             }
         }
-        Handle::Turn(_) => {
+        Handle::Turn(_) | Handle::Move(_) => {
             for (width, color) in lines {
                 painter.add(Shape::line(outline.to_vec(), Stroke::new(width, color)));
             }
         }
-        Handle::Move(_) => {
-            for (width, color) in lines {
-                painter.add(Shape::line(outline.to_vec(), Stroke::new(width, color)));
-            }
-            let along = (*tip - *before).normalized();
-            let across = along.rot90() * 5.5;
-            let head = vec![*tip + along * 9.0, *tip + across, *tip - across];
-            painter.add(Shape::convex_polygon(head, color, Stroke::NONE));
-        }
+    }
+    if let Handle::Move(_) = handle {
+        let along = (*tip - *before).normalized();
+        let across = along.rot90() * 5.5;
+        let head = vec![*tip + along * 9.0, *tip + across, *tip - across];
+        painter.add(Shape::convex_polygon(head, color, Stroke::NONE));
     }
 }
 
@@ -184,23 +167,5 @@ fn amount(state: &AppState, grab: &Grab) -> String {
             format!("{x:.0}°, {y:.0}°, {z:.0}°")
         }
         Handle::Scale => format!("× {:.2}", now.scale),
-    }
-}
-
-/// Where the viewport is.
-pub(super) struct Screen {
-    pub(super) rect: Rect,
-    pub(super) window: (u32, u32),
-    pub(super) per_point: f32,
-}
-
-impl Screen {
-    fn to_pixels(&self, at: Pos2) -> Vec2 {
-        let at = (at - self.rect.min) * self.per_point;
-        Vec2::new(at.x, at.y)
-    }
-
-    pub(super) fn to_points(&self, at: Vec2) -> Pos2 {
-        self.rect.min + vec2(at.x, at.y) / self.per_point
     }
 }

@@ -13,7 +13,7 @@ const FAR_OUT: f32 = 20.0;
 
 /// What a line is of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum LineKind {
+pub(super) enum LineKind {
     /// The inner box of the environment.
     Bounds,
     /// An axis of the environment, through the middle of its inner box.
@@ -24,16 +24,18 @@ pub enum LineKind {
 
 /// A line between two world points.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Line {
-    /// What of.
-    pub kind: LineKind,
-    /// Its ends.
-    pub ends: [Vec3; 2],
+pub(super) struct Line {
+    pub(super) kind: LineKind,
+    pub(super) ends: [Vec3; 2],
 }
 
 /// All lines of an environment that stands as `transform` says; what is infinitely far has no bounds, only directions.
 /// The world's axes are `size` long.
-pub fn lines(environment: &Environment, transform: &EnvironmentTransform, size: f32) -> Vec<Line> {
+pub(super) fn lines(
+    environment: &Environment,
+    transform: &EnvironmentTransform,
+    size: f32,
+) -> Vec<Line> {
     let motion = transform.environment_from_world();
     let mut all = Vec::new();
     let mut line = |kind, a, b| all.push(Line { kind, ends: [a, b] });
@@ -70,7 +72,7 @@ pub fn lines(environment: &Environment, transform: &EnvironmentTransform, size: 
 }
 
 /// The seen part of a line, as pixels of the camera's picture: runs of points, each to be joined.
-pub fn on_screen(camera: &Camera, line: &Line) -> Vec<Vec<Vec2>> {
+pub(super) fn on_screen(camera: &Camera, line: &Line) -> Vec<Vec<Vec2>> {
     let [a, b] = line.ends;
     let far = FAR_OUT * camera.height.max(1) as f32;
     let mut runs = Vec::new();
@@ -89,7 +91,7 @@ pub fn on_screen(camera: &Camera, line: &Line) -> Vec<Vec<Vec2>> {
 
 /// Where the ends of the world's axes appear on a small compass: right and down in lengths of an axis, and how far each
 /// points towards the viewer, -1 to 1.
-pub fn compass(camera: &Camera) -> [(Axis, Vec2, f32); 3] {
+pub(super) fn compass(camera: &Camera) -> [(Axis, Vec2, f32); 3] {
     let axes = camera.world_from_camera.matrix3;
     let part =
         |column: glam::Vec3A, axis: Axis| Vec3::from(column).normalize_or_zero().dot(axis.unit());

@@ -1,11 +1,12 @@
 //! Draws the lines of [`super::lines`] over the picture, and a compass of the world's axes in its corner.
 
-use egui::{Align2, Color32, FontId, Pos2, Rect, Shape, Stroke, Ui, vec2};
+use egui::{Align2, Color32, FontId, Pos2, Shape, Stroke, Ui, vec2};
 
 use super::anchor::{object_size, shown_transform};
-use super::gizmo_ui::{Screen, axis_color};
+use super::gizmo_ui::axis_color;
 use super::lines::{LineKind, compass, lines, on_screen};
 use crate::app::state::app_state::AppState;
+use crate::app::viewport::screen::Screen;
 use crate::geometry::Camera;
 
 /// Length of the compass' axes, in points.
@@ -13,24 +14,18 @@ const COMPASS: f32 = 20.0;
 /// Its centre, in points from the viewport's top right corner.
 const COMPASS_AT: egui::Vec2 = egui::Vec2::new(-36.0, 36.0);
 
-/// Draws both into the viewport `rect`, whose size in pixels is `window`.
-pub fn lines_ui(ui: &Ui, rect: Rect, state: &AppState, window: (u32, u32)) {
-    let camera = state.view.viewpoint.camera_for(window.0, window.1);
-    let painter = ui.painter().with_clip_rect(rect);
-    compass_ui(&painter, rect.right_top() + COMPASS_AT, &camera);
-    let own = state.snapshot.as_ref().map(|own| &own.environment);
-    let chosen = state.chosen_environment().or(own);
-    let Some(environment) = chosen.filter(|_| state.lighting.are_lines_shown) else {
+/// Draws both into the viewport.
+pub(in crate::app) fn lines_ui(ui: &Ui, screen: Screen, state: &AppState) {
+    let painter = ui.painter().with_clip_rect(screen.rect);
+    let corner = screen.rect.right_top();
+    compass_ui(&painter, corner + COMPASS_AT, &screen.camera);
+    let shown = state.shown_environment();
+    let Some(environment) = shown.filter(|_| state.lighting.are_lines_shown) else {
         return;
-    };
-    let screen = Screen {
-        rect,
-        window,
-        per_point: ui.ctx().pixels_per_point(),
     };
     let length = 0.6 * object_size(state);
     for line in lines(environment, &shown_transform(state), length) {
-        for run in on_screen(&camera, &line) {
+        for run in on_screen(&screen.camera, &line) {
             let run: Vec<Pos2> = run.iter().map(|p| screen.to_points(*p)).collect();
             draw(&painter, line.kind, &run);
         }
@@ -49,14 +44,12 @@ fn draw(painter: &egui::Painter, kind: LineKind, run: &[Pos2]) {
             painter.extend(Shape::dashed_line(run, stroke, 6.0, 4.0));
         }
         LineKind::World(axis) => {
-            painter.add(Shape::line(
-                run.to_vec(),
-                Stroke::new(2.0, axis_color(axis)),
-            ));
+            let color = axis_color(axis);
+            painter.add(Shape::line(run.to_vec(), Stroke::new(2.0, color)));
             if let Some(end) = run.last() {
                 let at = *end + vec2(6.0, 0.0);
                 let font = FontId::proportional(12.0);
-                painter.text(at, Align2::LEFT_CENTER, axis.name(), font, axis_color(axis));
+                painter.text(at, Align2::LEFT_CENTER, axis.name(), font, color);
             }
         }
     }
@@ -74,13 +67,10 @@ fn compass_ui(painter: &egui::Painter, center: Pos2, camera: &Camera) {
         painter.line_segment(line, Stroke::new(2.0, color));
         let at = center + to * (COMPASS + 8.0);
         let font = FontId::proportional(11.0);
-        painter.text(
-            at + vec2(1.0, 1.0),
-            Align2::CENTER_CENTER,
-            axis.name(),
-            font.clone(),
-            Color32::from_black_alpha(160),
-        );
-        painter.text(at, Align2::CENTER_CENTER, axis.name(), font, color);
+        let text = |at, color| {
+            painter.text(at, Align2::CENTER_CENTER, axis.name(), font.clone(), color);
+        };
+        text(at + vec2(1.0, 1.0), Color32::from_black_alpha(160));
+        text(at, color);
     }
 }

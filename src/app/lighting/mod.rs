@@ -1,14 +1,14 @@
 //! How the environment is seen, grabbed and compared: the part of the window's state beside the edits themselves.
 
-pub mod anchor;
-pub mod gallery_pictures;
+pub(super) mod anchor;
+pub(super) mod gallery_pictures;
 pub mod gizmo;
-pub mod gizmo_ui;
-pub mod lines;
-pub mod lines_ui;
-pub mod preview_side;
-pub mod split_ui;
-pub mod thumbnails;
+pub(super) mod gizmo_ui;
+mod lines;
+pub(super) mod lines_ui;
+pub(super) mod preview_side;
+pub(super) mod split_ui;
+mod thumbnails;
 
 use std::collections::BTreeSet;
 

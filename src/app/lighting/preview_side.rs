@@ -1,6 +1,5 @@
 //! One picture of the viewport: its preview, what was asked of it, and the texture that it fills.
 
-use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -13,21 +12,12 @@ use crate::render::{DrawnBy, GpuChoice, Preview, PreviewScene};
 use crate::train::Snapshot;
 
 /// A preview that keeps a texture up to date.
-pub struct PreviewSide {
+pub(in crate::app) struct PreviewSide {
     name: &'static str,
     preview: Preview,
     driver: PreviewDriver,
     n_frames_seen: u64,
     texture: Option<TextureHandle>,
-}
-
-impl fmt::Debug for PreviewSide {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("PreviewSide")
-            .field("name", &self.name)
-            .field("preview", &self.preview)
-            .finish_non_exhaustive()
-    }
 }
 
 impl PreviewSide {
@@ -36,7 +26,7 @@ impl PreviewSide {
     ///
     /// # Errors
     /// When the system gives no threads.
-    pub fn new(
+    pub(in crate::app) fn new(
         ctx: &Context,
         name: &'static str,
         n_threads: usize,
@@ -53,17 +43,17 @@ impl PreviewSide {
     }
 
     /// What draws its pictures.
-    pub fn drawn_by(&self) -> DrawnBy {
+    pub(in crate::app) fn drawn_by(&self) -> DrawnBy {
         self.preview.drawn_by()
     }
 
     /// The newest picture; none before the first.
-    pub fn texture(&self) -> Option<TextureId> {
+    pub(in crate::app) fn texture(&self) -> Option<TextureId> {
         self.texture.as_ref().map(TextureHandle::id)
     }
 
     /// Uploads the newest picture and returns what is known of it, if there is a new one.
-    pub fn take_frame(&mut self, ctx: &Context) -> Option<ShownPicture> {
+    pub(in crate::app) fn take_frame(&mut self, ctx: &Context) -> Option<ShownPicture> {
         let n_frames = self.preview.n_frames();
         if n_frames == self.n_frames_seen {
             return None;
@@ -91,7 +81,7 @@ impl PreviewSide {
     }
 
     /// Asks for what is missing; `scene` makes the picture of a snapshot.
-    pub fn ask(
+    pub(in crate::app) fn ask(
         &mut self,
         ctx: &Context,
         snapshot: &Arc<Snapshot>,
@@ -107,7 +97,7 @@ impl PreviewSide {
     }
 
     /// Forgets every picture: something else was opened.
-    pub fn clear(&mut self) {
+    pub(in crate::app) fn clear(&mut self) {
         self.driver.clear();
         self.texture = None;
     }

@@ -1,66 +1,41 @@
 //! A left and B right of a line that can be dragged: two looks beside each other.
 
-use egui::{
-    Align2, Color32, CursorIcon, Pos2, Rect, Role, Sense, Stroke, TextureId, Ui, WidgetInfo, pos2,
-};
+use egui::{Align2, Color32, Rect, TextureId, Ui, pos2, vec2};
 
 use crate::app::lighting::LightingCommand;
 use crate::app::state::app_state::AppState;
 use crate::app::state::command::Command;
-use crate::app::viewport::overlay::label;
-
-/// Width of the strip that catches the line, in points.
-const GRAB: f32 = 14.0;
+use crate::app::viewport::overlay::{self, label};
 
 /// Draws the picture `a` into all of `rect`, or `b` right of the line while both are compared.
-pub fn pictures_ui(ui: &Ui, rect: Rect, state: &AppState, a: TextureId, b: Option<TextureId>) {
+pub(in crate::app) fn pictures_ui(
+    ui: &Ui,
+    rect: Rect,
+    state: &AppState,
+    a: TextureId,
+    b: Option<TextureId>,
+) {
     let split = state.lighting.split.filter(|_| b.is_some()).unwrap_or(1.0);
-    let x = rect.left() + split * rect.width();
+    let (left, right) = rect.split_left_right_at_fraction(split);
     let part = |texture, from: f32, to: f32, area| {
         let seen = Rect::from_min_max(pos2(from, 0.0), pos2(to, 1.0));
         ui.painter().image(texture, area, seen, Color32::WHITE);
     };
-    part(
-        a,
-        0.0,
-        split,
-        Rect::from_min_max(rect.min, pos2(x, rect.bottom())),
-    );
+    part(a, 0.0, split, left);
     if let Some(b) = b.filter(|_| split < 1.0) {
-        part(
-            b,
-            split,
-            1.0,
-            Rect::from_min_max(pos2(x, rect.top()), rect.max),
-        );
+        part(b, split, 1.0, right);
     }
 }
 
 /// Draws the line with its names, and takes drags of it.
-pub fn line_ui(ui: &Ui, rect: Rect, state: &AppState, commands: &mut Vec<Command>) {
+pub(in crate::app) fn line_ui(ui: &Ui, rect: Rect, state: &AppState, commands: &mut Vec<Command>) {
     let Some(split) = state.lighting.split else {
         return;
     };
-    let x = rect.left() + split * rect.width();
-    let strip = Rect::from_x_y_ranges(x - 0.5 * GRAB..=x + 0.5 * GRAB, rect.y_range());
-    let handle = ui
-        .interact(strip, ui.scope_id().with("split"), Sense::drag())
-        .on_hover_cursor(CursorIcon::ResizeHorizontal);
-    handle.widget_info(|| WidgetInfo::labeled(Role::Slider, true, "Line between A and B"));
-    if let Some(Pos2 { x, .. }) = handle.interact_pointer_pos().filter(|_| handle.dragged()) {
-        let at = (x - rect.left()) / rect.width().max(1.0);
-        commands.push(Command::Lighting(LightingCommand::MoveSplit(at)));
-    }
-    let is_hot = handle.hovered() || handle.dragged();
-    let width = if is_hot { 3.0 } else { 1.5 };
-    for (stroke, color) in [
-        (width + 2.0, Color32::from_black_alpha(120)),
-        (width, Color32::WHITE),
-    ] {
-        let stroke = Stroke::new(stroke, color);
-        ui.painter().vline(x, rect.y_range(), stroke);
-    }
-    let y = rect.top() + 10.0;
-    label(ui, pos2(x - 10.0, y), Align2::RIGHT_TOP, "A");
-    label(ui, pos2(x + 10.0, y), Align2::LEFT_TOP, "B");
+    let at = overlay::line_ui(ui, rect, split, "split", "Line between A and B");
+    let moved = at.map(LightingCommand::MoveSplit);
+    commands.extend(moved.map(Command::Lighting));
+    let at = pos2(rect.left() + split * rect.width(), rect.top() + 10.0);
+    label(ui, at - vec2(10.0, 0.0), Align2::RIGHT_TOP, "A");
+    label(ui, at + vec2(10.0, 0.0), Align2::LEFT_TOP, "B");
 }

@@ -12,12 +12,12 @@ use directories::ProjectDirs;
 use glam::Vec3;
 
 use crate::app::work::opener::ScreenPhoto;
+use crate::app::work::threads;
 use crate::color::luminance;
 use crate::data::write_atomically;
 use crate::neif::Environment;
 use crate::neif::light::display::Display;
-use crate::render::preview::priority::lower_thread_priority;
-use crate::render::{PanoramaView, Picture, Scene, panorama_of};
+use crate::render::{PanoramaView, Scene, panorama_of};
 
 /// Pixels per row; half as many rows.
 const WIDTH: u32 = 176;
@@ -32,7 +32,7 @@ const MOST_GAIN: f32 = 64.0;
 
 /// What a small picture is of.
 #[derive(Clone, Debug)]
-pub enum Subject {
+pub(super) enum Subject {
     /// An environment in a file.
     File(PathBuf),
     /// One that is in no file, or is still being trained.
@@ -41,7 +41,7 @@ pub enum Subject {
 
 /// Makes thumbnails of environments and collects them.
 #[derive(Debug)]
-pub struct Thumbnails {
+pub(super) struct Thumbnails {
     wanted: Sender<Subject>,
     done: Receiver<(Subject, ScreenPhoto)>,
     asked: HashSet<PathBuf>,
@@ -52,15 +52,13 @@ impl Thumbnails {
     ///
     /// # Errors
     /// When the system gives no thread.
-    pub fn new(folder: Option<PathBuf>, wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
+    pub(super) fn new(
+        folder: Option<PathBuf>,
+        wake: impl Fn() + Send + 'static,
+    ) -> std::io::Result<Self> {
         let (wanted, subjects) = bounded::<Subject>(QUEUE);
         let (sender, done) = bounded(QUEUE);
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(1)
-            .thread_name(|_| "neif-thumbnail".to_owned())
-            .start_handler(|_| lower_thread_priority(NICE))
-            .build()
-            .map_err(std::io::Error::other)?;
+        let pool = threads::pool("neif-thumbnail", 1, NICE)?;
         let work = move || {
             for subject in subjects {
                 let Some(photo) = pool.install(|| subject.photo(folder.as_deref())) else {
@@ -73,9 +71,7 @@ impl Thumbnails {
                 wake();
             }
         };
-        std::thread::Builder::new()
-            .name("neif-thumbnails".to_owned())
-            .spawn(work)?;
+        threads::spawn("neif-thumbnails", NICE, work)?;
         Ok(Self {
             wanted,
             done,
@@ -84,7 +80,7 @@ impl Thumbnails {
     }
 
     /// Asks for the picture of a file, once.
-    pub fn ask(&mut self, path: &Path) {
+    pub(super) fn ask(&mut self, path: &Path) {
         let file = Subject::File(path.to_owned());
         if !self.asked.contains(path) && self.wanted.try_send(file).is_ok() {
             self.asked.insert(path.to_owned());
@@ -92,13 +88,13 @@ impl Thumbnails {
     }
 
     /// Asks for the picture of what is loaded, every time; false where too much waits already.
-    pub fn ask_loaded(&self, environment: Arc<Environment>) -> bool {
+    pub(super) fn ask_loaded(&self, environment: Arc<Environment>) -> bool {
         let loaded = Subject::Loaded(environment);
         self.wanted.try_send(loaded).is_ok()
     }
 
     /// The next finished picture with what it is of, if there is one.
-    pub fn next(&self) -> Option<(Subject, ScreenPhoto)> {
+    pub(super) fn next(&self) -> Option<(Subject, ScreenPhoto)> {
         self.done.try_recv().ok()
     }
 }
@@ -116,7 +112,7 @@ impl Subject {
 }
 
 /// Where thumbnails are kept; none on a system without a home folder.
-pub fn cache_folder() -> Option<PathBuf> {
+pub(super) fn cache_folder() -> Option<PathBuf> {
     ProjectDirs::from("", "", "neif").map(|dirs| dirs.cache_dir().join("thumbnails"))
 }
 
@@ -177,29 +173,17 @@ fn picture_of(environment: Arc<Environment>) -> ScreenPhoto {
         roughness: 0.0,
         width: WIDTH,
     };
-    let display = Display {
-        gamma: environment.gamma(),
-    };
+    let gamma = environment.gamma();
+    let display = Display { gamma };
     let scene = Scene::new(None, environment);
     let seen = panorama_of(&scene, &view, &AtomicBool::new(false));
-    let Picture {
-        width,
-        height,
-        pixels,
-    } = seen.unwrap_or(Picture {
-        width: 0,
-        height: 0,
-        pixels: Vec::new(),
+    // Nothing cancels it.
+    let (width, height, pixels) = seen.map_or((0, 0, Vec::new()), |seen| {
+        (seen.width, seen.height, seen.pixels)
     });
     let gain = gain(&pixels);
     let shown = |v: f32| (display.value((v * gain).max(0.0)).min(1.0) * 255.0 + 0.5) as u8;
-    let pixels = pixels
-        .iter()
-        .map(|[r, g, b]| [shown(*r), shown(*g), shown(*b), 255]);
-    ScreenPhoto {
-        size: [width as usize, height as usize],
-        pixels: pixels.collect(),
-    }
+    ScreenPhoto::thinned(width as usize, height as usize, |i| pixels[i].map(shown))
 }
 
 /// Brings the median luminance to [`MEDIAN`].
@@ -253,10 +237,8 @@ mod tests {
     #[test]
     fn a_thumbnail_is_kept_until_its_file_changes() {
         let folder = tempfile::tempdir().unwrap();
-        let (file, cache) = (
-            folder.path().join("a.safetensors"),
-            folder.path().join("cache"),
-        );
+        let file = folder.path().join("a.safetensors");
+        let cache = folder.path().join("cache");
         sky([1.0, 0.2, 0.2], Vec3::Z)
             .save(&file, Storage::F32)
             .unwrap();
@@ -280,10 +262,8 @@ mod tests {
     #[test]
     fn what_cannot_be_read_has_no_thumbnail_and_the_rest_comes() {
         let folder = tempfile::tempdir().unwrap();
-        let (good, bad) = (
-            folder.path().join("a.safetensors"),
-            folder.path().join("b.safetensors"),
-        );
+        let good = folder.path().join("a.safetensors");
+        let bad = folder.path().join("b.safetensors");
         sky([1.0; 3], Vec3::Z).save(&good, Storage::F32).unwrap();
         std::fs::write(&bad, "no environment").unwrap();
         let (sender, woken) = bounded(8);

@@ -1,7 +1,9 @@
 //! Headings that fold what is below them.
 
 use egui::collapsing_header::paint_default_icon;
-use egui::{FontSelection, Role, Sense, TextWrapMode, Ui, WidgetInfo, WidgetText, vec2};
+use egui::{
+    Align, FontSelection, Layout, Role, Sense, TextWrapMode, Ui, WidgetInfo, WidgetText, vec2,
+};
 
 use crate::app::session::preferences::PreferencesCommand;
 use crate::app::state::app_state::AppState;
@@ -11,6 +13,23 @@ use crate::app::state::sections::Section;
 /// Size of a main heading's text.
 const SIZE: f32 = 15.0;
 
+/// Draws a section's heading with what stands beside it at the right; returns whether what is below it is shown.
+pub fn section_row(
+    ui: &mut Ui,
+    state: &AppState,
+    section: Section,
+    commands: &mut Vec<Command>,
+    beside: impl FnOnce(&mut Ui, &mut Vec<Command>),
+) -> bool {
+    let row = ui.horizontal(|ui| {
+        let is_open = section_heading(ui, state, section, commands);
+        let layout = Layout::right_to_left(Align::Center);
+        ui.with_layout(layout, |ui| beside(ui, commands));
+        is_open
+    });
+    row.inner
+}
+
 /// Draws a section's heading; returns whether what is below it is shown.
 pub fn section_heading(
     ui: &mut Ui,
@@ -18,8 +37,8 @@ pub fn section_heading(
     section: Section,
     commands: &mut Vec<Command>,
 ) -> bool {
-    let is_open = !state.preferences.folded.has(section);
-    let name = section.name();
+    let is_open = !state.preferences.folded.contains(&section);
+    let name: &str = section.into();
     let text = match section {
         Section::Skips | Section::Slice => egui::RichText::new(name),
         _ => egui::RichText::new(name).strong().size(SIZE),

@@ -6,6 +6,7 @@ use egui::{
 use glam::Vec3;
 use std::ops::RangeInclusive;
 
+use crate::app::state::command::Command;
 use crate::app::theme;
 
 /// Width of the names at the left of rows.
@@ -26,7 +27,7 @@ pub struct Setting {
 
 /// Says in the log, at its finest level, where a control is: its middle in physical pixels. The window is driven by it from
 /// outside, by mouse, in its test.
-pub fn tell_place(ui: &Ui, name: &str, rect: egui::Rect) {
+pub fn log_place(ui: &Ui, name: &str, rect: egui::Rect) {
     let per_point = ui.ctx().pixels_per_point();
     let (center, size) = (rect.center() * per_point, rect.size() * per_point);
     tracing::trace!(
@@ -48,17 +49,27 @@ pub fn slider_row(ui: &mut Ui, setting: &Setting, value: &mut f32) -> bool {
             .add(slider)
             .labelled_by(name.id)
             .on_hover_text(setting.hint);
-        tell_place(ui, setting.name, slider.rect);
-        let mut is_changed = slider.changed();
-        let wants_default =
-            name.double_clicked() | reset_button(ui, setting.name, *value != setting.default);
-        if wants_default && *value != setting.default {
-            *value = setting.default;
-            is_changed = true;
-        }
-        is_changed
+        log_place(ui, setting.name, slider.rect);
+        let is_changed = slider.changed();
+        is_changed | reset_ui(ui, &name, setting.name, value, setting.default)
     })
     .inner
+}
+
+/// What brings the default of a row back: a double-click on its label, or a button; true when it was.
+fn reset_ui<T: PartialEq>(
+    ui: &mut Ui,
+    label: &Response,
+    name: &str,
+    value: &mut T,
+    default: T,
+) -> bool {
+    let is_other = *value != default;
+    let is_wanted = label.double_clicked() | reset_button(ui, name, is_other);
+    if is_wanted && is_other {
+        *value = default;
+    }
+    is_wanted && is_other
 }
 
 /// The name at the left of a row; it can be double-clicked.
@@ -77,7 +88,7 @@ pub fn name_label(ui: &mut Ui, name: &str) -> Response {
 }
 
 /// A small button that brings a default back; dead while nothing is to bring back.
-pub fn reset_button(ui: &mut Ui, what: &str, is_enabled: bool) -> bool {
+fn reset_button(ui: &mut Ui, what: &str, is_enabled: bool) -> bool {
     let button = ui.add_enabled(
         is_enabled,
         Button::new(RichText::new("↺").monospace().size(15.0)).frame(false),
@@ -120,23 +131,18 @@ fn numbers_row(
         for (axis, v) in parts.into_iter().zip(value.as_mut()) {
             let number = number(v);
             let response = ui.add_sized([46.0, ui.spacing().interact_size.y], number);
-            describe_number(&response, &format!("{name} {axis}"));
+            set_label(&response, &format!("{name} {axis}"));
             is_changed |= response
                 .on_hover_text(format!("{name} {axis}: drag or type"))
                 .changed();
         }
-        let wants_default = label.double_clicked() | reset_button(ui, name, *value != default);
-        if wants_default && *value != default {
-            *value = default;
-            is_changed = true;
-        }
-        is_changed
+        is_changed | reset_ui(ui, &label, name, value, default)
     })
     .inner
 }
 
-/// Gives a number field a name for assistive technology.
-pub fn describe_number(response: &Response, name: &str) {
+/// Gives a control a name for assistive technology.
+pub fn set_label(response: &Response, name: &str) {
     response
         .ctx
         .accesskit_node_builder(response.id, |node| node.set_label(name.to_owned()));
@@ -148,34 +154,68 @@ pub fn color_row(ui: &mut Ui, name: &str, color: &mut Vec3) -> bool {
         let label = name_label(ui, name);
         let mut rgb = color.to_array();
         let button = ui.color_edit_button_rgb(&mut rgb);
-        describe_number(&button, name);
+        set_label(&button, name);
         // White on white is no button.
         let edge = egui::Stroke::new(1.0, theme::weak(ui.visuals()));
         ui.painter()
             .rect_stroke(button.rect, 2.0, edge, egui::StrokeKind::Inside);
-        let mut is_changed = button.changed();
-        if is_changed {
+        if button.changed() {
             *color = Vec3::from(rgb);
         }
-        let wants_default = label.double_clicked() | reset_button(ui, name, *color != Vec3::ONE);
-        if wants_default && *color != Vec3::ONE {
-            *color = Vec3::ONE;
-            is_changed = true;
-        }
-        is_changed
+        button.changed() | reset_ui(ui, &label, name, color, Vec3::ONE)
     })
     .inner
 }
 
-/// A window in front of everything, with room around its content.
-pub fn modal(ui: &Ui, name: &str) -> egui::Modal {
-    let frame = egui::Frame::popup(ui.style()).inner_margin(16);
-    egui::Modal::new(egui::Id::unique(name)).frame(frame)
+/// Sends a command when something is clicked.
+pub fn on_click<C>(response: &Response, command: C, commands: &mut Vec<C>) {
+    commands.extend(response.clicked().then_some(command));
 }
 
-/// A heading.
-pub fn heading(ui: &mut Ui, text: &str) -> Response {
-    ui.label(RichText::new(text).strong().size(15.0))
+/// Choices beside each other, each with its name and a hint, one of them chosen `now`; the one that is clicked.
+pub fn choices_ui<T: Copy + PartialEq>(
+    ui: &mut Ui,
+    now: T,
+    choices: impl IntoIterator<Item = (T, impl Into<String>, &'static str)>,
+) -> Option<T> {
+    let mut clicked = None;
+    for (choice, name, hint) in choices {
+        let button = ui.selectable_label(now == choice, name.into());
+        if button.on_hover_text(hint).clicked() {
+            clicked = Some(choice);
+        }
+    }
+    clicked
+}
+
+/// A number that can be typed or dragged, with a name for assistive technology.
+pub fn number_ui(ui: &mut Ui, name: &str, number: DragValue<'_>) -> Response {
+    let response = ui.add(number);
+    set_label(&response, name);
+    response
+}
+
+/// A number of seconds of training, 5 to a day.
+pub fn training_secs(secs: &mut f64) -> DragValue<'_> {
+    let number = DragValue::new(secs).range(5.0..=86_400.0);
+    number.speed(5.0).max_decimals(0).suffix(" s")
+}
+
+/// A window in front of everything, with room around its content; sends `close` when `content` returns true, or it is left
+/// by Esc or a click beside it.
+pub fn modal_ui(
+    ui: &Ui,
+    name: &str,
+    close: Command,
+    commands: &mut Vec<Command>,
+    content: impl FnOnce(&mut Ui, &mut Vec<Command>) -> bool,
+) {
+    let frame = egui::Frame::popup(ui.style()).inner_margin(16);
+    let modal = egui::Modal::new(egui::Id::unique(name)).frame(frame);
+    let modal = modal.show(ui.ctx(), |ui| content(ui, commands));
+    if modal.inner || modal.should_close() {
+        commands.push(close);
+    }
 }
 
 /// Text that matters less.

@@ -30,7 +30,7 @@ struct Slot {
 
 /// Saves the session every few seconds.
 #[derive(Debug, Default)]
-pub struct Autosave {
+pub(in crate::app) struct Autosave {
     slot: Option<Slot>,
     written: Option<SessionFile>,
     looked_secs: f64,
@@ -38,13 +38,13 @@ pub struct Autosave {
 
 impl Autosave {
     /// In the folder for the program's data; does nothing where there is none.
-    pub fn new() -> Self {
+    pub(in crate::app) fn new() -> Self {
         let dirs = ProjectDirs::from("", "", "neif");
         dirs.map_or_else(Self::default, |dirs| Self::in_folder(dirs.data_local_dir()))
     }
 
     /// In this folder.
-    pub fn in_folder(folder: &Path) -> Self {
+    pub(in crate::app) fn in_folder(folder: &Path) -> Self {
         if let Err(error) = std::fs::create_dir_all(folder) {
             tracing::warn!("{}: no autosave: {error}", folder.display());
         }
@@ -60,13 +60,13 @@ impl Autosave {
     }
 
     /// The file that an earlier window has left behind, if there is one.
-    pub fn left_behind(&self) -> Option<&Path> {
+    pub(in crate::app) fn left_behind(&self) -> Option<&Path> {
         let file = self.slot.as_ref().map(|slot| slot.file.as_path());
         file.filter(|file| file.exists())
     }
 
     /// Saves what has changed, if it is time; else the seconds until then.
-    pub fn look(&mut self, state: &AppState, keeper: &Keeper) -> Option<f64> {
+    pub(in crate::app) fn look(&mut self, state: &AppState, keeper: &Keeper) -> Option<f64> {
         let slot = self.slot.as_ref()?;
         let wait = self.looked_secs + INTERVAL_SECS - state.messages.now_secs;
         if wait > 0.0 {
@@ -86,7 +86,7 @@ impl Autosave {
     }
 
     /// The window ends properly: nothing is left behind but what was offered and not answered.
-    pub fn end(&self, state: &AppState, keeper: &Keeper) {
+    pub(in crate::app) fn end(&self, state: &AppState, keeper: &Keeper) {
         if let Some(slot) = &self.slot {
             let unanswered = state.session.recovery.as_ref();
             let keep = unanswered.map_or(Keep::Remove, |session| Keep::Write(session.to_text()));

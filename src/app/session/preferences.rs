@@ -3,12 +3,13 @@
 //!
 //! Kept in a small TOML file in the system's folder for settings.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use directories::ProjectDirs;
 use serde::{Deserialize, Serialize};
 
-use crate::app::state::sections::{Folded, Section};
+use crate::app::state::sections::Section;
 
 /// Smallest and largest size of the text, times the system's.
 const ZOOM_RANGE: [f32; 2] = [0.5, 3.0];
@@ -62,7 +63,7 @@ pub enum Side {
 }
 
 /// All of it.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Preferences {
     /// Dark or light.
@@ -71,8 +72,8 @@ pub struct Preferences {
     pub zoom: f32,
     /// Whether opening a capture starts training.
     pub is_auto_start: bool,
-    /// Which parts of the side panels are folded.
-    pub folded: Folded,
+    /// Which parts of the side panels are folded; at first those that few people need.
+    pub folded: BTreeSet<Section>,
     /// Whether the list of messages is open.
     pub is_log_open: bool,
     /// Width and height of the window, in points; none is the usual size.
@@ -87,7 +88,7 @@ impl Default for Preferences {
             theme: ThemeChoice::default(),
             zoom: 1.0,
             is_auto_start: true,
-            folded: Folded::default(),
+            folded: BTreeSet::from([Section::Skips, Section::Slice]),
             is_log_open: false,
             window: None,
             panels: Panels::default(),
@@ -123,7 +124,15 @@ impl Panels {
     }
 
     /// One of them.
-    pub fn side(&mut self, side: Side) -> &mut SidePanel {
+    pub fn side(&self, side: Side) -> SidePanel {
+        match side {
+            Side::Left => self.left,
+            Side::Right => self.right,
+        }
+    }
+
+    /// One of them, to be changed.
+    pub fn side_mut(&mut self, side: Side) -> &mut SidePanel {
         match side {
             Side::Left => &mut self.left,
             Side::Right => &mut self.right,
@@ -182,6 +191,8 @@ pub fn load(file: &Path) -> (Preferences, Option<String>) {
 
 #[cfg(test)]
 mod tests {
+    use strum::VariantArray as _;
+
     use super::*;
     use crate::app::changes::preferences::apply;
     use crate::app::state::app_state::AppState;
@@ -202,7 +213,7 @@ mod tests {
             apply(&mut state, command);
         }
         assert_eq!(state.preferences.zoom, 3.0);
-        assert!(state.preferences.folded.has(Section::Material));
+        assert!(state.preferences.folded.contains(&Section::Material));
         assert_eq!(state.preferences.window, Some([16_384.0, 700.0]));
         std::fs::write(&file, state.preferences.to_text()).unwrap();
         assert_eq!(load(&file), (state.preferences, None));
@@ -216,6 +227,18 @@ mod tests {
         let (preferences, problem) = load(&file);
         assert_eq!(preferences, Preferences::default());
         assert!(problem.is_some_and(|problem| problem.contains("settings.toml")));
+    }
+
+    #[test]
+    fn every_section_folds_by_itself() {
+        let mut state = AppState::default();
+        state.preferences.folded.clear();
+        for &section in Section::VARIANTS {
+            apply(&mut state, PreferencesCommand::Fold(section));
+            assert_eq!(state.preferences.folded, BTreeSet::from([section]));
+            apply(&mut state, PreferencesCommand::Fold(section));
+            assert_eq!(state.preferences.folded, BTreeSet::new());
+        }
     }
 
     #[test]

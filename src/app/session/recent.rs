@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 
 use directories::ProjectDirs;
 
+use crate::app::work::keeper::{Keep, Keeper};
+
 /// Paths kept.
 const MAX_RECENT: usize = 8;
 
@@ -13,19 +15,14 @@ fn file() -> Option<PathBuf> {
 }
 
 /// The list, newest first; empty where there is none or it is damaged.
-pub fn load() -> Vec<PathBuf> {
+pub(in crate::app) fn load() -> Vec<PathBuf> {
     file().map_or_else(Vec::new, |file| load_from(&file))
 }
 
 /// Keeps the list.
-pub fn save(recent: &[PathBuf]) {
-    if let Some(file) = file()
-        && let Err(error) = save_to(&file, recent)
-    {
-        tracing::warn!(
-            "{}: cannot keep the list of opened files: {error}",
-            file.display()
-        );
+pub(in crate::app) fn save(recent: &[PathBuf], keeper: &Keeper) {
+    if let Some(file) = file() {
+        save_to(&file, recent, keeper);
     }
 }
 
@@ -36,18 +33,18 @@ fn load_from(file: &Path) -> Vec<PathBuf> {
     recent
 }
 
-fn save_to(file: &Path, recent: &[PathBuf]) -> std::io::Result<()> {
-    let folder = file.parent().unwrap_or(Path::new("."));
-    std::fs::create_dir_all(folder)?;
-    let mut whole = tempfile::NamedTempFile::new_in(folder)?;
-    serde_json::to_writer(&mut whole, recent)?;
-    whole.as_file().sync_all()?;
-    whole.persist(file)?;
-    Ok(())
+fn save_to(file: &Path, recent: &[PathBuf], keeper: &Keeper) {
+    match serde_json::to_string(recent) {
+        Ok(text) => keeper.keep(file, Keep::Write(text)),
+        Err(error) => tracing::warn!(
+            "{}: cannot keep the list of opened files: {error}",
+            file.display()
+        ),
+    }
 }
 
 /// Puts a path at the top of the list.
-pub fn add(recent: &mut Vec<PathBuf>, path: &Path) {
+pub(in crate::app) fn add(recent: &mut Vec<PathBuf>, path: &Path) {
     let path = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
     recent.retain(|old| *old != path);
     recent.insert(0, path);
@@ -66,7 +63,9 @@ mod tests {
         for name in ["/a", "/b", "/a"] {
             add(&mut recent, Path::new(name));
         }
-        save_to(&file, &recent).unwrap();
+        let keeper = Keeper::new(|| {}).unwrap();
+        save_to(&file, &recent, &keeper);
+        drop(keeper);
         assert_eq!(load_from(&file), [PathBuf::from("/a"), PathBuf::from("/b")]);
     }
 

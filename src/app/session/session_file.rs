@@ -309,9 +309,9 @@ mod tests {
         let mut state = AppState {
             source: Source::Capture("/data/mug".into()),
             layer: Layer::Normal,
-            budget_secs: 61.5,
             ..AppState::default()
         };
+        state.watch.budget_secs = 61.5;
         state.look.edit = MaterialEdit {
             roughness: RoughnessEdit::Constant(a),
             tint_color: Vec3::new(b, c, d),

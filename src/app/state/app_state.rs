@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
 use super::export::ExportState;
 use super::history::History;
@@ -21,14 +21,11 @@ use crate::app::session::saving::SessionState;
 use crate::app::viewport::camera_control::{Viewpoint, nearest_view, point_looked_at, up_axis};
 use crate::app::work::pace::Pace;
 use crate::data::{Dataset, View};
-use crate::geometry::Aabb;
-use crate::neif::{Environment, Region};
+use crate::geometry::{Aabb, Camera, Hit};
+use crate::neif::{Environment, ObjectModel, Region};
 use crate::render::preview::progressive::Recomputed;
-use crate::render::{DrawnBy, Layer, Scene};
+use crate::render::{DrawnBy, Layer, PreviewScene, Scene};
 use crate::train::Snapshot;
-
-/// Training time that is asked for at first, in seconds.
-pub const DEFAULT_BUDGET_SECS: f64 = 300.0;
 
 /// The camera and where it came from.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -150,14 +147,12 @@ pub struct Overlays {
 }
 
 /// All of it.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct AppState {
     /// What is open.
     pub source: Source,
     /// How training goes.
     pub training: TrainingState,
-    /// Training time for the next run, in seconds.
-    pub budget_secs: f64,
     /// How training and the window share the processor.
     pub pace: Pace,
     /// The opened capture, once it is read.
@@ -210,41 +205,6 @@ pub struct AppState {
     pub is_full_screen: bool,
 }
 
-impl Default for AppState {
-    fn default() -> Self {
-        Self {
-            source: Source::default(),
-            training: TrainingState::default(),
-            budget_secs: DEFAULT_BUDGET_SECS,
-            pace: Pace::default(),
-            dataset: None,
-            snapshot: None,
-            look: Look::default(),
-            is_original_shown: false,
-            layer: Layer::default(),
-            lighting: LightingState::default(),
-            environments: Vec::new(),
-            view: ViewState::default(),
-            compare: Compare::default(),
-            inspect: InspectState::default(),
-            watch: WatchState::default(),
-            messages: Messages::default(),
-            overlays: Overlays::default(),
-            export: ExportState::default(),
-            recent: Vec::new(),
-            adapter: Adapter::default(),
-            drawn_by: DrawnBy::default(),
-            shown: None,
-            preferences: Preferences::default(),
-            history: History::default(),
-            session: SessionState::default(),
-            leaving: None,
-            is_leaving_for_sure: false,
-            is_full_screen: false,
-        }
-    }
-}
-
 impl AppState {
     /// Whether a window over the main one wants an answer.
     pub fn is_asking(&self) -> bool {
@@ -252,7 +212,7 @@ impl AppState {
     }
 
     /// Takes in what draws the preview; says so where a graphics card has failed.
-    pub fn tell_who_draws(&mut self, drawn_by: DrawnBy) {
+    pub fn set_drawn_by(&mut self, drawn_by: DrawnBy) {
         if let Some(news) = drawn_by.news_after(&self.drawn_by) {
             self.messages.say(Level::Warning, news);
         }
@@ -325,9 +285,54 @@ impl AppState {
         })
     }
 
+    /// Files of the environments that were taken off the list.
+    pub fn removed_environments(&self) -> impl Iterator<Item = &Path> {
+        let removed = self.lighting.removed.iter();
+        removed.filter_map(move |index| Some(&*self.environments.get(*index)?.path))
+    }
+
+    /// Takes the environments of these files off the list, and no others.
+    pub fn remove_environments(&mut self, files: &[PathBuf]) {
+        let entries = self.environments.iter().enumerate();
+        let removed = entries.filter(|(_, entry)| files.contains(&entry.path));
+        self.lighting.removed = removed.map(|(index, _)| index).collect();
+    }
+
     /// The chosen environment, unless it is the capture's own or not read yet.
     pub fn chosen_environment(&self) -> Option<&Arc<Environment>> {
         self.environment_of(&self.look)
+    }
+
+    /// The chosen environment, or the capture's own.
+    pub fn shown_environment(&self) -> Option<&Arc<Environment>> {
+        let own = self.snapshot.as_ref().map(|own| &own.environment);
+        self.chosen_environment().or(own)
+    }
+
+    /// The trained object, where there is one.
+    pub fn object(&self) -> Option<&ObjectModel> {
+        self.snapshot.as_ref()?.object.as_deref()
+    }
+
+    /// The point of the object that is seen at a pixel of a window of that size.
+    pub fn hit_at(&self, at: Vec2, window: (u32, u32)) -> Option<Hit> {
+        let ray = self.window_camera(window).ray(at.x, at.y);
+        self.object()?.tracer.intersect(&ray, 0.0, f32::INFINITY)
+    }
+
+    /// A scene as a camera sees it, of the layer that is shown.
+    pub fn picture_of(&self, scene: Scene, camera: Camera) -> PreviewScene {
+        PreviewScene {
+            scene,
+            camera,
+            layer: self.layer,
+            highlight: self.highlight(),
+        }
+    }
+
+    /// The camera of a window of that size in pixels.
+    pub fn window_camera(&self, window: (u32, u32)) -> Camera {
+        self.view.viewpoint.camera_for(window.0, window.1)
     }
 
     fn environment_of(&self, look: &Look) -> Option<&Arc<Environment>> {
@@ -354,13 +359,7 @@ impl AppState {
 
     /// Takes in a capture and puts the camera where its first photo was taken.
     pub fn set_dataset(&mut self, dataset: Arc<Dataset>) {
-        let first = dataset
-            .train
-            .iter()
-            .chain(&dataset.val)
-            .chain(&dataset.test)
-            .next();
-        if let Some(first) = first {
+        if let Some(first) = dataset.views().next() {
             let cameras = || dataset.train.iter().map(|view| &view.camera);
             let bounds = dataset.mesh.as_ref().map(|mesh| mesh.bounds());
             let pivot = bounds
@@ -386,10 +385,8 @@ impl AppState {
     /// Puts the camera where a model without photos can be seen.
     pub fn look_at_model(&mut self, snapshot: &Snapshot) {
         let up = snapshot.environment.up();
-        let bounds = snapshot
-            .object
-            .as_ref()
-            .map(|object| object.tracer.mesh().bounds());
+        let object = snapshot.object.as_ref();
+        let bounds = object.map(|object| object.tracer.mesh().bounds());
         let inner = snapshot.environment.inner_box();
         let home = if let Some(bounds) = bounds {
             let eye = bounds.center() + (Vec3::new(1.0, -1.0, 0.0) + up * 0.5) * bounds.diagonal();
@@ -410,9 +407,7 @@ impl AppState {
             was_moved: false,
         };
     }
-}
 
-impl AppState {
     /// The region that the material panel changes; none is the whole object.
     pub fn scope(&self) -> Option<(usize, &Region)> {
         let index = self.inspect.scope?;
@@ -432,6 +427,17 @@ pub(in crate::app) mod tests {
     use crate::render::test_scene::{camera, scene};
     use crate::train::photos::photo_exposures::PhotoExposures;
 
+    /// The test scene as training has it at a step.
+    pub(in crate::app) fn snapshot(step: u64) -> Arc<Snapshot> {
+        let scene = scene();
+        Arc::new(Snapshot {
+            step,
+            object: scene.object,
+            environment: scene.environment,
+            exposures: None,
+        })
+    }
+
     /// A capture of one grey photo, `a`, and a trained scene in which it has `gain`.
     pub(in crate::app) fn one_photo(gain: Vec3) -> (Arc<Dataset>, Snapshot) {
         let view = View {
@@ -446,12 +452,9 @@ pub(in crate::app) mod tests {
             mask: None,
         };
         let dataset = Dataset::of_views(vec![view]);
-        let scene = scene();
         let snapshot = Snapshot {
-            step: 1,
-            object: scene.object,
-            environment: scene.environment,
             exposures: Some(Arc::new(PhotoExposures::of(&dataset, &[gain]))),
+            ..Snapshot::clone(&snapshot(1))
         };
         (Arc::new(dataset), snapshot)
     }

@@ -18,7 +18,7 @@ use crate::app::session::preferences::PreferencesCommand;
 use crate::app::session::saving::SessionCommand;
 use crate::app::session::session_file::SessionFile;
 use crate::app::viewport::camera_control::CameraMove;
-use crate::app::work::pace::PaceCommand;
+use crate::app::work::pace::Pace;
 use crate::neif::{EnvironmentTransform, MaterialEdit};
 use crate::render::Layer;
 use crate::train::session::events::TrainCommand;
@@ -71,8 +71,8 @@ pub enum Command {
     Browsed(Result<Option<PathBuf>, String>),
     /// Control training.
     Train(Train),
-    /// Share the processor between training and the window.
-    Pace(PaceCommand),
+    /// How training and the window share the processor.
+    SetPace(Pace),
     /// Training time for the next run, in seconds.
     SetBudget(f64),
     /// Whether opening a capture starts training.
@@ -163,6 +163,8 @@ pub enum Effect {
     MatchExposure,
     /// Show the system's dialog.
     Browse(Browse, PathPurpose),
+    /// Show the system's dialog for an export, with this path in it.
+    BrowseExport(PathBuf),
     /// Write the table of the run's figures.
     WriteLog(PathBuf),
     /// Take pictures away.

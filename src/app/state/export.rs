@@ -25,7 +25,7 @@ pub(in crate::app) const EXR_LAYERS: [Layer; 6] = [
 ];
 
 /// What is taken away.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, strum::IntoStaticStr, strum::VariantArray)]
 pub enum Subject {
     /// The current view.
     #[default]
@@ -33,21 +33,8 @@ pub enum Subject {
     /// A full turn.
     Turntable,
     /// The way through the key views.
+    #[strum(serialize = "Camera path")]
     Path,
-}
-
-impl Subject {
-    /// All of them, in order.
-    pub const ALL: [Self; 3] = [Self::Picture, Self::Turntable, Self::Path];
-
-    /// For people.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Picture => "Picture",
-            Self::Turntable => "Turntable",
-            Self::Path => "Camera path",
-        }
-    }
 }
 
 /// What is chosen.
@@ -186,8 +173,6 @@ pub enum ExportEffect {
     SaveKeys(PathBuf),
     /// End what runs.
     Cancel,
-    /// Show the system's dialog, with this path in it.
-    Browse(PathBuf),
 }
 
 /// What is to be rendered, and where it goes.

@@ -41,13 +41,8 @@ impl Messages {
         let mut lines = lines.lines().map(str::to_owned);
         let text = lines.next().unwrap_or_default();
         let causes: Vec<_> = lines.collect();
-        if self
-            .list
-            .back()
-            .is_some_and(|last| last.text == text && last.level == level)
-        {
-            self.list.pop_back();
-        }
+        self.list
+            .pop_back_if(|last| last.text == text && last.level == level);
         match level {
             Level::Error => tracing::error!("{text}"),
             Level::Warning => tracing::warn!("{text}"),
@@ -157,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn causes_are_told_once_each() {
+    fn causes_are_listed_once_each() {
         #[derive(Debug, thiserror::Error)]
         #[error("cannot read the run")]
         struct Outer(#[source] std::io::Error);

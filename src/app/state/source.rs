@@ -55,12 +55,18 @@ pub fn file_name(path: &Path) -> String {
         .into_owned()
 }
 
-/// The name of the environment in a file. Runs all call theirs the same; the folder's name says more.
-pub fn environment_name(path: &Path) -> String {
-    let stem = path.file_stem().map_or_else(
+/// The same without the extension.
+pub fn file_stem(path: &Path) -> String {
+    let stem = path.file_stem();
+    stem.map_or_else(
         || file_name(path),
         |stem| stem.to_string_lossy().into_owned(),
-    );
+    )
+}
+
+/// The name of the environment in a file. Runs all call theirs the same; the folder's name says more.
+pub fn environment_name(path: &Path) -> String {
+    let stem = file_stem(path);
     match path.parent().and_then(Path::file_name) {
         Some(folder) if stem == "environment" => folder.to_string_lossy().into_owned(),
         _ => stem,

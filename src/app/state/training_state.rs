@@ -113,18 +113,10 @@ pub struct TrainingState {
     pub progress: Progress,
     /// Facts of the capture.
     pub capture: Option<CaptureInfo>,
-    /// Training loss.
-    pub loss: Curve,
-    /// Its part that object pixels cause.
-    pub loss_object: Curve,
-    /// Its part that background pixels cause.
-    pub loss_background: Curve,
-    /// PSNR on held-out pixels.
-    pub psnr: Curve,
-    /// The same on object pixels.
-    pub psnr_object: Curve,
-    /// The same on background pixels.
-    pub psnr_background: Curve,
+    /// Training loss: all of it, and its parts that object and background pixels cause.
+    pub loss: [Curve; 3],
+    /// PSNR on held-out pixels: on all of them, on those of the object, and of the background.
+    pub psnr: [Curve; 3],
     /// All figures as a table.
     pub log: TrainingLog,
     /// The last measurement.
@@ -236,12 +228,8 @@ impl TrainingState {
     }
 
     fn take_progress(&mut self, p: Progress) {
-        let curves = [
-            (&mut self.loss, p.loss),
-            (&mut self.loss_object, p.loss_object),
-            (&mut self.loss_background, p.loss_background),
-        ];
-        for (curve, loss) in curves {
+        let losses = [p.loss, p.loss_object, p.loss_background];
+        for (curve, loss) in self.loss.iter_mut().zip(losses) {
             // A run without an object has no such part.
             if loss > 0.0 {
                 curve.push(p.elapsed_secs, p.step, f64::from(loss));
@@ -252,12 +240,8 @@ impl TrainingState {
     }
 
     fn take_validation(&mut self, v: Validation) {
-        let curves = [
-            (&mut self.psnr, Some(v.psnr)),
-            (&mut self.psnr_object, v.psnr_object),
-            (&mut self.psnr_background, v.psnr_background),
-        ];
-        for (curve, psnr) in curves {
+        let psnr = [Some(v.psnr), v.psnr_object, v.psnr_background];
+        for (curve, psnr) in self.psnr.iter_mut().zip(psnr) {
             if let Some(psnr) = psnr {
                 curve.push(v.elapsed_secs, v.step, psnr);
             }
@@ -331,7 +315,7 @@ mod tests {
         };
         state.recall(vec![TrainEvent::Progress(report)]);
         assert_eq!((state.phase.clone(), state.progress.step), (Phase::Idle, 7));
-        assert!(!state.is_unsaved() && state.loss.points().len() == 1);
+        assert!(!state.is_unsaved() && state.loss[0].points().len() == 1);
     }
 
     #[test]
@@ -342,7 +326,7 @@ mod tests {
             fraction: 0.5,
         });
         assert_eq!(state.phase.name(), "Loading");
-        let told = state.take(TrainEvent::Loaded {
+        let messages = state.take(TrainEvent::Loaded {
             n_train: 3,
             n_val: 1,
             width: 4,
@@ -352,13 +336,16 @@ mod tests {
             found: vec!["uncertain".to_owned()],
         });
         let expected = [(Level::Warning, "odd"), (Level::Info, "uncertain")];
-        assert_eq!(told, expected.map(|(level, what)| (level, what.to_owned())));
+        assert_eq!(
+            messages,
+            expected.map(|(level, what)| (level, what.to_owned()))
+        );
         state.take(TrainEvent::Progress(Progress {
             step: 7,
             loss: 0.5,
             ..Progress::default()
         }));
-        assert!(state.is_unsaved() && state.loss.points().len() == 1);
+        assert!(state.is_unsaved() && state.loss[0].points().len() == 1);
         state.take(TrainEvent::Retracing { fraction: 0.5 });
         assert_eq!(state.retraced, Some(0.5));
         state.take(TrainEvent::Progress(state.progress));

@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use strum::VariantArray as _;
+
 use crate::color::map::ColorMap;
 use crate::render::output::slice::SlicePlane;
 use crate::train::measure::view_error::ViewFigures;
@@ -36,44 +38,35 @@ impl Comparison {
             Self::Off => "Off",
             Self::Beside => "Side by side",
             Self::Flicker => "Flicker",
-            Self::Error(kind) => kind.name(),
+            Self::Error(kind) => kind.into(),
         }
     }
 
     /// What the key of the error maps shows next: one after the other, then none.
     pub fn next_error(self) -> Self {
         let Self::Error(now) = self else {
-            return Self::Error(ErrorKind::ALL[0]);
+            return Self::Error(ErrorKind::VARIANTS[0]);
         };
-        let mut later = ErrorKind::ALL.into_iter().skip_while(|kind| *kind != now);
-        later.nth(1).map_or(Self::Off, Self::Error)
+        let later = ErrorKind::VARIANTS.get(now as usize + 1);
+        later.copied().map_or(Self::Off, Self::Error)
     }
 }
 
 /// Which difference an error map shows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, strum::IntoStaticStr, strum::VariantArray)]
 pub enum ErrorKind {
     /// Mean absolute difference of the sRGB values.
+    #[strum(serialize = "Error, absolute")]
     Absolute,
     /// Mean of rendering less photo.
+    #[strum(serialize = "Error, signed")]
     Signed,
     /// What a person sees who flips between the two.
+    #[strum(serialize = "Error, FLIP")]
     Flip,
 }
 
 impl ErrorKind {
-    /// All, in the order of the menu.
-    pub const ALL: [Self; 3] = [Self::Absolute, Self::Signed, Self::Flip];
-
-    /// For people.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Absolute => "Error, absolute",
-            Self::Signed => "Error, signed",
-            Self::Flip => "Error, FLIP",
-        }
-    }
-
     /// What the colour bar measures.
     pub fn legend(self) -> &'static str {
         match self {
@@ -135,6 +128,8 @@ pub enum PlotAxis {
 pub struct WatchState {
     /// What curves are drawn over.
     pub plot_over: PlotAxis,
+    /// Training time for the next run, in seconds.
+    pub budget_secs: f64,
     /// How much longer to train when asked to, in seconds.
     pub extend_secs: f64,
     /// Whether the capture's cameras are drawn.
@@ -155,6 +150,7 @@ impl Default for WatchState {
     fn default() -> Self {
         Self {
             plot_over: PlotAxis::default(),
+            budget_secs: 300.0,
             extend_secs: 120.0,
             are_cameras_shown: false,
             is_slice_shown: false,

@@ -247,15 +247,8 @@ pub fn front(up: Vec3) -> Vec3 {
 /// The world's up axis: the mean of the cameras' up vectors, snapped to the nearest axis.
 pub fn up_axis<'a>(cameras: impl IntoIterator<Item = &'a Camera>) -> Vec3 {
     let mean: Vec3 = cameras.into_iter().map(Camera::up).sum();
-    let axes = [
-        Vec3::Z,
-        Vec3::NEG_Z,
-        Vec3::Y,
-        Vec3::NEG_Y,
-        Vec3::X,
-        Vec3::NEG_X,
-    ];
-    axes.into_iter()
+    let axes = [Vec3::Z, Vec3::Y, Vec3::X].into_iter();
+    axes.flat_map(|axis| [axis, -axis])
         .max_by(|a, b| a.dot(mean).total_cmp(&b.dot(mean)))
         .unwrap_or(Vec3::Z)
 }
@@ -283,8 +276,8 @@ pub fn nearest_view<'a>(
 ) -> Option<usize> {
     let misfit = |view: &View| {
         let apart = (view.camera.position() - camera.position()).length();
-        apart * (1.0 + view.camera.forward().angle_between(camera.forward()))
-            + view.camera.forward().angle_between(camera.forward())
+        let angle = view.camera.forward().angle_between(camera.forward());
+        apart * (1.0 + angle) + angle
     };
     let views = views.into_iter().map(misfit).enumerate();
     views.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(i, _)| i)

@@ -1,14 +1,12 @@
 //! The photo in the viewport: over the preview, beside it, in turn with it, or what is different about it.
 
-use egui::{Align2, Color32, CursorIcon, Pos2, Rect, Sense, Stroke, TextureId, Ui, pos2, vec2};
+use egui::{Align2, Color32, Pos2, Rect, TextureId, Ui, pos2, vec2};
 
-use super::overlay::{Pictures, WHOLE, color_bar, label};
+use super::overlay::{self, Pictures, WHOLE, color_bar, label};
 use crate::app::state::app_state::AppState;
 use crate::app::state::command::Command;
 use crate::app::state::watch::{Comparison, ErrorKind, MeasuredView};
 
-/// Width of the strip that catches the wipe's line.
-const WIPE_GRAB: f32 = 14.0;
 /// Seconds that photo and rendering are shown in turn: two changes there and back a second, which disturbs nobody.
 const FLICKER_SECS: f64 = 0.25;
 /// Gap between two pictures side by side.
@@ -89,35 +87,14 @@ fn name_ui(ui: &Ui, area: Rect, text: &str) {
 }
 
 fn wipe_ui(ui: &Ui, photo: TextureId, area: Rect, wipe: f32, commands: &mut Vec<Command>) {
-    let x = area.left() + wipe * area.width();
-    let left = Rect::from_min_max(area.min, pos2(x, area.bottom()));
+    let (left, _) = area.split_left_right_at_fraction(wipe);
     let part = Rect::from_min_max(Pos2::ZERO, pos2(wipe, 1.0));
     ui.painter().image(photo, left, part, Color32::WHITE);
-    let strip = Rect::from_x_y_ranges(x - 0.5 * WIPE_GRAB..=x + 0.5 * WIPE_GRAB, area.y_range());
-    let handle = ui
-        .interact(strip, ui.scope_id().with("wipe"), Sense::drag())
-        .on_hover_cursor(CursorIcon::ResizeHorizontal);
-    handle.widget_info(|| {
-        egui::WidgetInfo::labeled(egui::Role::Slider, true, "Wipe between photo and rendering")
-    });
-    if let Some(at) = handle.interact_pointer_pos().filter(|_| handle.dragged()) {
-        commands.push(Command::SetWipe(Some((at.x - area.left()) / area.width())));
-    }
-    let width = if handle.hovered() || handle.dragged() {
-        3.0
-    } else {
-        1.5
-    };
-    for (stroke, color) in [
-        (width + 2.0, Color32::from_black_alpha(120)),
-        (width, Color32::WHITE),
-    ] {
-        ui.painter()
-            .vline(x, area.y_range(), Stroke::new(stroke, color));
-    }
-    let y = area.bottom() - 10.0;
-    label(ui, pos2(x - 10.0, y), Align2::RIGHT_BOTTOM, "Photo");
-    label(ui, pos2(x + 10.0, y), Align2::LEFT_BOTTOM, "Rendering");
+    let at = overlay::line_ui(ui, area, wipe, "wipe", "Wipe between photo and rendering");
+    commands.extend(at.map(|at| Command::SetWipe(Some(at))));
+    let at = left.right_bottom() - vec2(0.0, 10.0);
+    label(ui, at - vec2(10.0, 0.0), Align2::RIGHT_BOTTOM, "Photo");
+    label(ui, at + vec2(10.0, 0.0), Align2::LEFT_BOTTOM, "Rendering");
 }
 
 /// The error map with its colour bar and figures.
@@ -143,8 +120,8 @@ fn error_ui(ui: &Ui, area: Rect, kind: ErrorKind, state: &AppState, map: Option<
 /// The figures of a view in one line.
 pub fn figures_line(measured: MeasuredView) -> String {
     let figures = measured.figures;
-    let db = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |v| format!("{v:.2} dB"));
-    let share = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |v| format!("{v:.3}"));
+    let db = |value: Option<f64>| value.map_or("–".to_owned(), |v| format!("{v:.2} dB"));
+    let share = |value: Option<f64>| value.map_or("–".to_owned(), |v| format!("{v:.3}"));
     // The step of an environment alone is not known.
     let step = match measured.step {
         0 => String::new(),

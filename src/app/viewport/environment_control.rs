@@ -63,10 +63,8 @@ mod tests {
             let end = turned(&start, up, 40.0);
             let turn = Quat::from_axis_angle(up, 40_f32.to_radians());
             let p = Vec3::new(0.3, -1.0, 2.0);
-            let (before, after) = (
-                start.environment_from_world().point(p),
-                end.environment_from_world().point(turn * p),
-            );
+            let before = start.environment_from_world().point(p);
+            let after = end.environment_from_world().point(turn * p);
             assert!(
                 (before - after).length() < 1e-4,
                 "{up}: {before} and {after}"

@@ -1,9 +1,10 @@
 //! The capture's cameras in the viewport: small pyramids, coloured by split, to be named and visited.
 
-use egui::{Color32, Pos2, Rect, Response, Stroke, Ui, pos2};
-use glam::{Vec2, Vec3};
+use egui::{Color32, Pos2, Response, Stroke, Ui};
+use glam::Vec3;
 
 use super::overlay::label;
+use super::screen::Screen;
 use crate::app::state::app_state::AppState;
 use crate::app::state::command::Command;
 use crate::data::{Split, View};
@@ -23,30 +24,22 @@ pub(super) fn split_color(split: Split) -> Color32 {
     }
 }
 
-/// Draws the cameras over the preview in `rect`; the one under the pointer is named and visited on a click.
+/// Draws the cameras over the preview; the one under the pointer is named and visited on a click.
 /// Whether one is under the pointer.
 pub(super) fn frustums_ui(
     ui: &Ui,
-    rect: Rect,
+    screen: Screen,
     response: &Response,
     state: &AppState,
-    window: (u32, u32),
     commands: &mut Vec<Command>,
 ) -> bool {
     if !state.watch.are_cameras_shown {
         return false;
     }
-    let camera = state.view.viewpoint.camera_for(window.0, window.1);
-    let screen = Screen {
-        camera,
-        origin: rect.min,
-        points_per_px: 1.0 / ui.ctx().pixels_per_point(),
-    };
     let depth = DEPTH * mean_distance(state);
-    let hovered = response
-        .hover_pos()
-        .and_then(|at| nearest(state, &screen, at));
-    let painter = ui.painter_at(rect);
+    let pointer = response.hover_pos();
+    let hovered = pointer.and_then(|at| nearest(state, screen, at));
+    let painter = ui.painter_at(screen.rect);
     for (i, view) in state.views().enumerate() {
         if state.view.at_view == Some(i) {
             continue;
@@ -54,7 +47,7 @@ pub(super) fn frustums_ui(
         let width = if hovered == Some(i) { 2.5 } else { 1.0 };
         let stroke = Stroke::new(width, split_color(view.split));
         for [a, b] in edges(&view.camera, depth) {
-            if let (Some(a), Some(b)) = (screen.point(a), screen.point(b)) {
+            if let (Some(a), Some(b)) = (seen(screen, a), seen(screen, b)) {
                 painter.line_segment([a, b], stroke);
             }
         }
@@ -62,7 +55,7 @@ pub(super) fn frustums_ui(
     let Some((index, view)) = hovered.and_then(|i| Some((i, state.view_at(i)?))) else {
         return false;
     };
-    if let Some(at) = screen.point(view.camera.position()) {
+    if let Some(at) = seen(screen, view.camera.position()) {
         let name = view.full_name();
         let anchor = egui::Align2::LEFT_BOTTOM;
         label(ui, at + egui::vec2(8.0, -8.0), anchor, &name);
@@ -74,26 +67,16 @@ pub(super) fn frustums_ui(
     true
 }
 
-/// From the world to the window.
-struct Screen {
-    camera: Camera,
-    origin: Pos2,
-    points_per_px: f32,
-}
-
-impl Screen {
-    fn point(&self, p_world: Vec3) -> Option<Pos2> {
-        let Vec2 { x, y } = self.camera.project(p_world)?;
-        // Farther out, lines only cost time.
-        let is_near = x.abs() < 1e5 && y.abs() < 1e5;
-        is_near.then(|| self.origin + pos2(x, y).to_vec2() * self.points_per_px)
-    }
+/// Where a world point is seen; farther out, lines only cost time.
+fn seen(screen: Screen, p_world: Vec3) -> Option<Pos2> {
+    let at = screen.camera.project(p_world)?;
+    (at.abs().max_element() < 1e5).then(|| screen.to_points(at))
 }
 
 /// The camera whose place is nearest to the pointer, if one is near.
-fn nearest(state: &AppState, screen: &Screen, pointer: Pos2) -> Option<usize> {
+fn nearest(state: &AppState, screen: Screen, pointer: Pos2) -> Option<usize> {
     let distance = |(i, view): (usize, &View)| {
-        let at = screen.point(view.camera.position())?;
+        let at = seen(screen, view.camera.position())?;
         (state.view.at_view != Some(i)).then_some((i, at.distance(pointer)))
     };
     let cameras = state.views().enumerate().filter_map(distance);
@@ -104,11 +87,10 @@ fn nearest(state: &AppState, screen: &Screen, pointer: Pos2) -> Option<usize> {
 /// Mean distance of the cameras from the pivot: the measure of the capture.
 fn mean_distance(state: &AppState) -> f32 {
     let pivot = state.view.home.pivot;
-    let distances = || {
-        let views = state.views();
-        views.map(|view| (view.camera.position() - pivot).length())
-    };
-    distances().sum::<f32>() / distances().count().max(1) as f32
+    let distances = state
+        .views()
+        .map(|view| (view.camera.position() - pivot).length());
+    distances.sum::<f32>() / state.views().count().max(1) as f32
 }
 
 /// The four edges from the lens and the four around the picture, and a tick that says where up is.

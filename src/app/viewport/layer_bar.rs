@@ -14,8 +14,7 @@ pub(super) fn layer_bar_ui(ui: &Ui, rect: Rect, state: &AppState) {
     let sequential = |t: f32| ColorMap::Sequential.srgb8(t);
     match state.layer {
         Layer::Depth => {
-            let snapshot = state.snapshot.as_ref();
-            let Some(object) = snapshot.and_then(|snapshot| snapshot.object.as_ref()) else {
+            let Some(object) = state.object() else {
                 return;
             };
             let eye = state.view.viewpoint.camera.position();

@@ -10,4 +10,5 @@ pub mod fly;
 mod frustums;
 mod layer_bar;
 pub mod overlay;
+pub(super) mod screen;
 pub(super) mod texture;

@@ -3,7 +3,10 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use egui::{Align2, Color32, FontId, Pos2, Rect, Stroke, TextureId, Ui, pos2, vec2};
+use egui::{
+    Align2, Color32, CursorIcon, FontId, Pos2, Rect, Role, Sense, Stroke, TextureId, Ui,
+    WidgetInfo, pos2, vec2,
+};
 
 /// All of a texture.
 pub(in crate::app) const WHOLE: Rect = Rect {
@@ -45,6 +48,36 @@ pub(in crate::app) fn label(ui: &Ui, at: Pos2, anchor: Align2, text: &str) -> Re
     ui.painter()
         .galley(rect.min + vec2(6.0, 3.0), galley, Color32::WHITE);
     rect
+}
+
+/// Width of the strip that catches a line, in points.
+const LINE_GRAB: f32 = 14.0;
+
+/// An upright line between two pictures, at `share` of the width of `rect`; the share that it is dragged to.
+pub(in crate::app) fn line_ui(
+    ui: &Ui,
+    rect: Rect,
+    share: f32,
+    id: &str,
+    name: &str,
+) -> Option<f32> {
+    let x = rect.left() + share * rect.width();
+    let strip = Rect::from_x_y_ranges(x - 0.5 * LINE_GRAB..=x + 0.5 * LINE_GRAB, rect.y_range());
+    let handle = ui
+        .interact(strip, ui.scope_id().with(id), Sense::drag())
+        .on_hover_cursor(CursorIcon::ResizeHorizontal);
+    handle.widget_info(|| WidgetInfo::labeled(Role::Slider, true, name));
+    let is_hot = handle.hovered() || handle.dragged();
+    let width = if is_hot { 3.0 } else { 1.5 };
+    for (width, color) in [
+        (width + 2.0, Color32::from_black_alpha(120)),
+        (width, Color32::WHITE),
+    ] {
+        ui.painter()
+            .vline(x, rect.y_range(), Stroke::new(width, color));
+    }
+    let at = handle.interact_pointer_pos().filter(|_| handle.dragged())?;
+    Some((at.x - rect.left()) / rect.width().max(1.0))
 }
 
 /// Size of the colour bar.

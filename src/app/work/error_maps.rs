@@ -8,16 +8,17 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use crossbeam::channel::{Receiver, Sender, bounded};
 use egui::{Context, TextureHandle, TextureId, TextureOptions};
-use rayon::{ThreadPool, ThreadPoolBuilder};
+use rayon::ThreadPool;
+use strum::VariantArray as _;
 
 use super::opener::ScreenPhoto;
+use super::threads;
 use crate::app::state::app_state::AppState;
 use crate::app::state::look::Look;
 use crate::app::state::training_state::{Level, Phase};
 use crate::app::state::watch::{Comparison, ErrorKind, MeasuredView};
 use crate::app::viewport::texture;
 use crate::data::Dataset;
-use crate::render::preview::priority::lower_thread_priority;
 use crate::render::{Layer, Scene, render};
 use crate::train::Snapshot;
 use crate::train::measure::view_error::ViewError;
@@ -26,8 +27,6 @@ use crate::train::measure::view_error::ViewError;
 const NICE: i32 = 8;
 /// Share of the time that measurements may take while training runs.
 const SHARE: f64 = 0.1;
-/// Longest side of a map on screen; larger ones are thinned.
-const MAX_SIDE: usize = 2048;
 /// Progress is reported in so many parts.
 const PARTS: u32 = 20;
 
@@ -94,29 +93,19 @@ fn decide(
     now_secs: f64,
 ) -> Decision {
     let Some(wanted) = wanted else {
-        return if running.is_some() {
-            Decision::Cancel
-        } else {
-            Decision::Nothing
-        };
+        return running.map_or(Decision::Nothing, |_| Decision::Cancel);
     };
-    if let Some(running) = running {
-        return if running.is_same_view(wanted) {
-            Decision::Nothing
-        } else {
-            Decision::Start
-        };
-    }
-    let Some(done) = done.filter(|done| done.subject.is_same_view(wanted)) else {
-        return Decision::Start;
+    let done = done.filter(|done| done.subject.is_same_view(wanted));
+    let is_due = match (running, done) {
+        (Some(running), _) => !running.is_same_view(wanted),
+        (None, None) => true,
+        (None, Some(done)) => {
+            let is_newer = !Arc::ptr_eq(&done.subject.snapshot, &wanted.snapshot);
+            let rest = done.took_secs * (1.0 / SHARE - 1.0);
+            is_newer && (!is_training || now_secs - done.ended_secs >= rest)
+        }
     };
-    let is_newer = !Arc::ptr_eq(&done.subject.snapshot, &wanted.snapshot);
-    let rest = if is_training {
-        done.took_secs * (1.0 / SHARE - 1.0)
-    } else {
-        0.0
-    };
-    if is_newer && now_secs - done.ended_secs >= rest {
+    if is_due {
         Decision::Start
     } else {
         Decision::Nothing
@@ -127,16 +116,14 @@ fn decide(
 struct Maps {
     number: u64,
     measured: MeasuredView,
-    pictures: [ScreenPhoto; ErrorKind::ALL.len()],
+    /// By kind of error.
+    pictures: [ScreenPhoto; ErrorKind::VARIANTS.len()],
 }
 
 /// A thread at work.
 struct Running {
-    subject: Subject,
-    number: u64,
+    job: Arc<Job>,
     begun_secs: f64,
-    cancel: Arc<AtomicBool>,
-    parts_done: Arc<AtomicU32>,
 }
 
 /// The threads, their newest result, and its picture on the graphics card.
@@ -157,11 +144,7 @@ impl ErrorMaps {
     /// # Errors
     /// When the system gives none.
     pub(in crate::app) fn new() -> std::io::Result<Self> {
-        let pool = ThreadPoolBuilder::new()
-            .thread_name(|i| format!("neif-compare-{i}"))
-            .start_handler(|_| lower_thread_priority(NICE))
-            .build()
-            .map_err(std::io::Error::other)?;
+        let pool = threads::pool("neif-compare", 0, NICE)?;
         let (sender, results) = bounded(4);
         Ok(Self {
             pool: Arc::new(pool),
@@ -182,7 +165,7 @@ impl ErrorMaps {
             self.take(state, maps, now);
         }
         let wanted = Subject::of(state);
-        let running = self.running.as_ref().map(|running| &running.subject);
+        let running = self.running.as_ref().map(|running| &running.job.subject);
         let is_training = state.training.phase == Phase::Training;
         match decide(
             running,
@@ -201,7 +184,7 @@ impl ErrorMaps {
             }
         }
         state.watch.measuring = self.running.as_ref().map(|running| {
-            let parts = running.parts_done.load(Ordering::Relaxed);
+            let parts = running.job.parts_done.load(Ordering::Relaxed);
             parts as f32 / PARTS as f32
         });
         self.upload(ctx, state);
@@ -225,13 +208,13 @@ impl ErrorMaps {
     }
 
     fn take(&mut self, state: &mut AppState, maps: Maps, now: f64) {
-        let Some(running) = self.running.take_if(|r| r.number == maps.number) else {
+        let Some(running) = self.running.take_if(|r| r.job.number == maps.number) else {
             return;
         };
         self.done = Some(Done {
             took_secs: now - running.begun_secs,
             ended_secs: now,
-            subject: running.subject,
+            subject: running.job.subject.clone(),
         });
         state.watch.measured = Some(maps.measured);
         if !maps.measured.is_edited {
@@ -243,41 +226,35 @@ impl ErrorMaps {
 
     fn cancel(&mut self) {
         if let Some(running) = self.running.take() {
-            running.cancel.store(true, Ordering::Relaxed);
+            running.job.cancel.store(true, Ordering::Relaxed);
         }
     }
 
     fn start(&mut self, ctx: &Context, state: &mut AppState, subject: Subject) {
         self.n_started += 1;
-        let running = Running {
-            number: self.n_started,
-            begun_secs: state.messages.now_secs,
-            cancel: Arc::default(),
-            parts_done: Arc::default(),
-            subject: subject.clone(),
-        };
-        let job = Job {
+        let job = Arc::new(Job {
             scene: state.scene_of(&subject.snapshot),
             subject,
-            number: running.number,
-            cancel: Arc::clone(&running.cancel),
-            parts_done: Arc::clone(&running.parts_done),
+            number: self.n_started,
+            cancel: AtomicBool::new(false),
+            parts_done: AtomicU32::new(0),
             ctx: ctx.clone(),
-        };
+        });
         let (pool, sender) = (Arc::clone(&self.pool), self.sender.clone());
-        let spawned = std::thread::Builder::new()
-            .name("neif-compare".to_owned())
-            .spawn(move || {
-                lower_thread_priority(NICE);
-                // A window that has closed takes no results; that is no error.
-                if let Some(maps) = pool.install(|| job.run())
-                    && sender.send(maps).is_ok()
-                {
-                    job.ctx.request_repaint();
-                }
-            });
+        let theirs = Arc::clone(&job);
+        let spawned = threads::spawn("neif-compare", NICE, move || {
+            // A window that has closed takes no results; that is no error.
+            if let Some(maps) = pool.install(|| theirs.run())
+                && sender.send(maps).is_ok()
+            {
+                theirs.ctx.request_repaint();
+            }
+        });
         match spawned {
-            Ok(_detached) => self.running = Some(running),
+            Ok(_detached) => {
+                let begun_secs = state.messages.now_secs;
+                self.running = Some(Running { job, begun_secs });
+            }
             Err(error) => state
                 .messages
                 .say(Level::Error, format!("cannot compare: {error}")),
@@ -292,9 +269,8 @@ impl ErrorMaps {
             .texture
             .as_ref()
             .is_some_and(|(number, of, _)| (*number, *of) == (maps.number, kind));
-        let index = ErrorKind::ALL.iter().position(|other| *other == kind);
-        if let (false, Some(index)) = (is_current, index) {
-            let picture = &maps.pictures[index];
+        if !is_current {
+            let picture = &maps.pictures[kind as usize];
             let pixels = (picture.size, picture.pixels.as_slice());
             let texture = texture::upload(ctx, "error map", pixels, TextureOptions::NEAREST);
             self.texture = Some((maps.number, kind, texture));
@@ -302,13 +278,13 @@ impl ErrorMaps {
     }
 }
 
-/// What a thread needs.
+/// What a thread needs, and how far it is.
 struct Job {
     scene: Scene,
     subject: Subject,
     number: u64,
-    cancel: Arc<AtomicBool>,
-    parts_done: Arc<AtomicU32>,
+    cancel: AtomicBool,
+    parts_done: AtomicU32,
     ctx: Context,
 }
 
@@ -316,22 +292,26 @@ impl Job {
     /// Renders and compares; `None` when cancelled.
     fn run(&self) -> Option<Maps> {
         let view = self.subject.dataset.views().nth(self.subject.view)?;
-        let tell = |done: f32| {
+        let on_progress = |done: f32| {
             let parts = (done * PARTS as f32) as u32;
             if self.parts_done.fetch_max(parts, Ordering::Relaxed) < parts {
                 self.ctx.request_repaint();
             }
         };
-        let picture = render(&self.scene, &view.camera, Layer::Final, &self.cancel, &tell)?;
+        let picture = render(
+            &self.scene,
+            &view.camera,
+            Layer::Final,
+            &self.cancel,
+            &on_progress,
+        )?;
         let error = ViewError::of(&picture, view);
-        let pictures = ErrorKind::ALL.map(|kind| {
-            let values = match kind {
-                ErrorKind::Absolute => &error.absolute,
-                ErrorKind::Signed => &error.signed,
-                ErrorKind::Flip => &error.flip,
-            };
-            colored(values, error.width, kind)
-        });
+        let pictures = [
+            (ErrorKind::Absolute, &error.absolute),
+            (ErrorKind::Signed, &error.signed),
+            (ErrorKind::Flip, &error.flip),
+        ];
+        let pictures = pictures.map(|(kind, values)| colored(values, error.width, kind));
         Some(Maps {
             number: self.number,
             measured: MeasuredView {
@@ -348,22 +328,13 @@ impl Job {
 /// The picture of some values, thinned to what a screen can show.
 fn colored(values: &[f32], width: usize, kind: ErrorKind) -> ScreenPhoto {
     let height = values.len() / width.max(1);
-    let stride = width.max(height).div_ceil(MAX_SIDE).max(1);
-    let size = [width.div_ceil(stride), height.div_ceil(stride)];
-    let pixels = (0..size[0] * size[1])
-        .map(|i| {
-            let (x, y) = (i % size[0] * stride, i / size[0] * stride);
-            let [r, g, b] = kind.color(values[y * width + x]);
-            [r, g, b, 255]
-        })
-        .collect();
-    ScreenPhoto { size, pixels }
+    ScreenPhoto::thinned(width, height, |i| kind.color(values[i]))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::test_scene::scene;
+    use crate::app::state::app_state::tests::snapshot;
 
     fn subject(snapshot: &Arc<Snapshot>, dataset: &Arc<Dataset>, view: usize) -> Subject {
         Subject {
@@ -376,23 +347,13 @@ mod tests {
         }
     }
 
-    fn snapshot() -> Arc<Snapshot> {
-        let scene = scene();
-        Arc::new(Snapshot {
-            step: 1,
-            object: scene.object,
-            environment: scene.environment,
-            exposures: None,
-        })
-    }
-
     fn dataset() -> Arc<Dataset> {
         Arc::new(Dataset::of_views(Vec::new()))
     }
 
     #[test]
     fn another_view_is_measured_at_once_and_a_newer_snapshot_in_its_turn() {
-        let (first, second, dataset) = (snapshot(), snapshot(), dataset());
+        let (first, second, dataset) = (snapshot(1), snapshot(1), dataset());
         let here = subject(&first, &dataset, 0);
         let newer = subject(&second, &dataset, 0);
         let there = subject(&first, &dataset, 1);

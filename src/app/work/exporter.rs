@@ -1,4 +1,4 @@
-//! The thread that renders and writes what is taken away, and the file dialog for where.
+//! The thread that renders and writes what is taken away.
 //!
 //! It has a thread pool of its own, below the window and the preview; while training runs it takes half of the cores.
 
@@ -11,16 +11,12 @@ use std::time::Duration;
 use crossbeam::channel::{Receiver, TryRecvError, bounded};
 use egui::Context;
 
-use super::dialog::FileDialog;
-use crate::app::changes::export::{apply, plan, say_ending};
+use super::threads;
+use crate::app::changes::export::{plan, say_ending};
 use crate::app::state::app_state::AppState;
-use crate::app::state::command::Effect;
-use crate::app::state::export::{
-    ExportCommand, ExportEffect, ExportSettings, Order, RunningExport,
-};
+use crate::app::state::export::{ExportEffect, Order, RunningExport};
 use crate::app::state::training_state::{Level, Phase};
 use crate::data::{Ending, write_key_views};
-use crate::render::preview::priority::lower_thread_priority;
 use crate::render::{Destination, Film};
 
 /// Niceness of rendering: between the preview and training.
@@ -35,7 +31,6 @@ const STEPS: f32 = 10_000.0;
 pub(in crate::app) struct Exporter {
     ctx: Context,
     job: Option<Job>,
-    dialog: Option<FileDialog>,
 }
 
 /// What runs.
@@ -54,7 +49,6 @@ impl Exporter {
         Self {
             ctx: ctx.clone(),
             job: None,
-            dialog: None,
         }
     }
 
@@ -64,7 +58,6 @@ impl Exporter {
             ExportEffect::Write(order) => self.begin(state, order),
             ExportEffect::SaveKeys(path) => save_keys(state, &path),
             ExportEffect::Cancel => self.cancel(),
-            ExportEffect::Browse(path) => self.browse(state, &path),
         }
     }
 
@@ -74,12 +67,12 @@ impl Exporter {
             state.messages.say(Level::Warning, text);
             return;
         }
-        let order = if order.may_replace {
-            order
+        let path = if order.may_replace {
+            order.path
         } else {
-            let path = unused(&order.path);
-            Order { path, ..order }
+            unused(&order.path)
         };
+        let order = Order { path, ..order };
         let n_cores = std::thread::available_parallelism().map_or(1, usize::from);
         let n_threads = if state.training.phase == Phase::Training {
             n_cores.div_ceil(2)
@@ -109,27 +102,8 @@ impl Exporter {
         }
     }
 
-    fn browse(&mut self, state: &mut AppState, path: &Path) {
-        let (settings, path, wake) = (state.export.settings, path.to_owned(), self.ctx.clone());
-        let dialog = FileDialog::with(
-            move || ask(&settings, &path),
-            move || wake.request_repaint(),
-        );
-        match dialog {
-            Ok(dialog) => self.dialog = Some(dialog),
-            Err(error) => {
-                let reason = format!("cannot show the file dialog: {error}");
-                tell_browsed(state, Err(reason));
-            }
-        }
-    }
-
     /// Takes in what has happened since the last frame.
     pub(in crate::app) fn poll(&mut self, state: &mut AppState) {
-        if let Some(answer) = self.dialog.as_ref().and_then(FileDialog::poll) {
-            self.dialog = None;
-            tell_browsed(state, answer);
-        }
         let Some(job) = &self.job else { return };
         if let Some(running) = &mut state.export.running {
             running.fraction = job.progress.load(Ordering::Relaxed) as f32 / STEPS;
@@ -160,12 +134,6 @@ impl Exporter {
     }
 }
 
-fn tell_browsed(state: &mut AppState, answer: Result<Option<PathBuf>, String>) {
-    let mut effects: Vec<Effect> = Vec::new();
-    apply(state, ExportCommand::Browsed(answer), &mut effects);
-    debug_assert!(effects.is_empty(), "an answer asks for nothing");
-}
-
 impl Job {
     fn spawn(
         film: Film,
@@ -174,26 +142,17 @@ impl Job {
         n_threads: usize,
         wake: Context,
     ) -> std::io::Result<Self> {
-        let (cancel, progress) = (
-            Arc::new(AtomicBool::new(false)),
-            Arc::new(AtomicU32::new(0)),
-        );
-        let (sender, result) = bounded(1);
+        let (cancel, progress) = (Arc::<AtomicBool>::default(), Arc::<AtomicU32>::default());
         let (cancel_there, progress_there) = (Arc::clone(&cancel), Arc::clone(&progress));
-        let work = move || {
-            lower_thread_priority(NICE);
+        let (sender, result) = bounded(1);
+        let thread = threads::spawn("neif-export", NICE, move || {
             let on_progress = |fraction: f32| {
                 let now = (fraction * STEPS) as u32;
                 if progress_there.fetch_max(now, Ordering::Relaxed) < now {
                     wake.request_repaint_after(REPAINT);
                 }
             };
-            let pool = rayon::ThreadPoolBuilder::new()
-                .num_threads(n_threads)
-                .thread_name(|i| format!("neif-export-{i}"))
-                .start_handler(|_| lower_thread_priority(NICE))
-                .build();
-            let written = match pool {
+            let written = match threads::pool("neif-export", n_threads, NICE) {
                 Ok(pool) => pool
                     .install(|| film.write(&destination, &cancel_there, &on_progress))
                     .map_err(|error| error.to_string()),
@@ -203,10 +162,7 @@ impl Job {
             if sender.send(written).is_ok() {
                 wake.request_repaint();
             }
-        };
-        let thread = std::thread::Builder::new()
-            .name("neif-export".to_owned())
-            .spawn(work)?;
+        })?;
         Ok(Self {
             path,
             cancel,
@@ -226,46 +182,27 @@ fn save_keys(state: &mut AppState, path: &Path) {
         .and_then(|()| {
             write_key_views(&path, &state.export.keys).map_err(|error| error.to_string())
         });
-    let told = written.map(|()| {
+    let ending = written.map(|()| {
         let path = path.display();
         format!("Saved {path}: `neif render RUN --cameras {path} --frames N` takes the same way")
     });
-    say_ending(state, told);
+    say_ending(state, ending);
 }
 
 /// The path, or with a number behind its name where that exists.
 fn unused(path: &Path) -> PathBuf {
-    let (stem, ending) = (path.file_stem(), path.extension());
+    let original = path;
     let name = |number: u32| {
-        let mut name = stem.unwrap_or_default().to_owned();
+        let mut name = path.file_stem().unwrap_or_default().to_owned();
         name.push(format!("_{number}"));
-        if let Some(ending) = ending {
-            name.push(".");
-            name.push(ending);
-        }
-        path.with_file_name(name)
+        let path = path.with_file_name(name);
+        // Added: what follows a dot in the stem is no ending.
+        path.with_added_extension(original.extension().unwrap_or_default())
     };
     let mut paths = std::iter::once(path.to_owned()).chain((2..100_000).map(name));
     paths
         .find(|path| !path.exists())
         .unwrap_or_else(|| path.to_owned())
-}
-
-fn ask(settings: &ExportSettings, path: &Path) -> Option<PathBuf> {
-    let mut dialog = rfd::FileDialog::new().set_title("Export to");
-    if let Some(folder) = path.ancestors().skip(1).find(|folder| folder.is_dir()) {
-        dialog = dialog.set_directory(folder);
-    }
-    if settings.needs_folder() {
-        return dialog.pick_folder();
-    }
-    if let Some(name) = path.file_name() {
-        dialog = dialog.set_file_name(name.to_string_lossy());
-    }
-    let ending = settings.kind().extension();
-    dialog
-        .add_filter(ending.to_uppercase(), &[ending])
-        .save_file()
 }
 
 #[cfg(test)]

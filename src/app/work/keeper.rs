@@ -6,6 +6,7 @@ use std::thread::JoinHandle;
 
 use crossbeam::channel::{Receiver, Sender, bounded};
 
+use super::threads::spawn;
 use crate::data::write_atomically;
 
 /// Files that may wait; a person cannot ask for more in the time that one takes.
@@ -13,27 +14,21 @@ const QUEUE: usize = 64;
 
 /// What to do with a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Keep {
+pub(in crate::app) enum Keep {
     /// Write this text; the folder is made where it is missing.
     Write(String),
     /// Remove it, if it is there.
     Remove,
 }
 
-/// What became of it.
-#[derive(Debug)]
-pub struct Kept {
-    /// The file.
-    pub path: PathBuf,
-    /// Why it could not be done, with the file's name.
-    pub result: Result<(), String>,
-}
+/// What to say of a file: that it was written, if anything, or why it could not be.
+type Ending = Result<Option<String>, String>;
 
 /// The thread's handle; dropping it waits until all is written.
 #[derive(Debug)]
-pub struct Keeper {
-    jobs: Option<Sender<(PathBuf, Keep)>>,
-    results: Receiver<Kept>,
+pub(in crate::app) struct Keeper {
+    jobs: Option<Sender<(PathBuf, Keep, Option<&'static str>)>>,
+    endings: Receiver<Ending>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -42,39 +37,48 @@ impl Keeper {
     ///
     /// # Errors
     /// When the system gives no thread.
-    pub fn new(wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
-        let (jobs, queue) = bounded::<(PathBuf, Keep)>(QUEUE);
-        let (sender, results) = bounded(QUEUE);
-        let thread = std::thread::Builder::new()
-            .name("neif-keep".to_owned())
-            .spawn(move || {
-                for (path, keep) in queue {
-                    let result = carry_out(&path, &keep)
-                        .map_err(|error| format!("{}: cannot be written: {error}", path.display()));
-                    // A full queue means that nobody listens; the files matter more.
-                    if sender.try_send(Kept { path, result }).is_ok() {
-                        wake();
-                    }
+    pub(in crate::app) fn new(wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
+        let (jobs, queue) = bounded::<(PathBuf, Keep, Option<&'static str>)>(QUEUE);
+        let (sender, endings) = bounded(QUEUE);
+        let thread = spawn("neif-keep", 0, move || {
+            for (path, keep, done) in queue {
+                let shown = path.display();
+                let ending = carry_out(&path, &keep)
+                    .map(|()| done.map(|done| format!("{done} {shown}")))
+                    .map_err(|error| format!("{shown}: cannot be written: {error}"));
+                // A full queue means that nobody listens; the files matter more.
+                if sender.try_send(ending).is_ok() {
+                    wake();
                 }
-            })?;
+            }
+        })?;
         Ok(Self {
             jobs: Some(jobs),
-            results,
+            endings,
             thread: Some(thread),
         })
     }
 
     /// Queues a file. Never waits.
-    pub fn keep(&self, path: &Path, keep: Keep) {
+    pub(in crate::app) fn keep(&self, path: &Path, keep: Keep) {
+        self.queue(path, keep, None);
+    }
+
+    /// Queues a text that the person asked to be written, which is said after `done` when it is.
+    pub(in crate::app) fn save(&self, path: &Path, text: String, done: &'static str) {
+        self.queue(path, Keep::Write(text), Some(done));
+    }
+
+    fn queue(&self, path: &Path, keep: Keep, done: Option<&'static str>) {
         let Some(jobs) = &self.jobs else { return };
-        if jobs.try_send((path.to_owned(), keep)).is_err() {
+        if jobs.try_send((path.to_owned(), keep, done)).is_err() {
             tracing::warn!("{}: not written: too many files wait", path.display());
         }
     }
 
-    /// The next file that is done, if there is one.
-    pub fn next(&self) -> Option<Kept> {
-        self.results.try_recv().ok()
+    /// What is to be said of the next file that is done, if there is one.
+    pub(in crate::app) fn next(&self) -> Option<Ending> {
+        self.endings.try_recv().ok()
     }
 }
 
@@ -124,13 +128,13 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_written_is_told_with_its_name() {
+    fn what_cannot_be_written_is_said_with_its_name() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("file");
         std::fs::write(&file, "").unwrap();
         let keeper = Keeper::new(|| {}).unwrap();
         keeper.keep(&file.join("below"), Keep::Write(String::new()));
-        let kept = keeper.results.recv().unwrap();
-        assert!(kept.result.unwrap_err().contains("below"));
+        let ending = keeper.endings.recv().unwrap();
+        assert!(ending.unwrap_err().contains("below"));
     }
 }

@@ -3,12 +3,13 @@
 //! `tasks` holds all of it: the training session, files being read (`opener`), written (`keeper`, `exporter`) or chosen (`dialog`),
 //! and the preview (`preview_driver`, at the `pace` that leaves time for training).
 
-pub mod dialog;
+mod dialog;
 pub(super) mod error_maps;
 mod exporter;
-pub mod keeper;
-pub mod opener;
+pub(super) mod keeper;
+pub(super) mod opener;
 pub mod pace;
 pub mod preview_driver;
 pub(super) mod slice_view;
 pub(super) mod tasks;
+pub(super) mod threads;

@@ -1,20 +1,18 @@
 //! Reads files on threads of their own, so that the window never waits for a disk.
 
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crossbeam::channel::{Receiver, Sender, bounded};
+use egui::Context;
 
+use super::threads::spawn;
 use crate::app::session::session_file::{EXTENSION, SessionFile};
 use crate::app::state::messages::with_causes;
-use crate::data::{
-    DataError, Dataset, LoadOptions, Photo, first_photo, list_capture, write_atomically,
-};
+use crate::data::{DataError, Dataset, LoadOptions, Photo, first_photo, list_capture};
 use crate::neif::distant::is_environment_file;
 use crate::neif::{Environment, EnvironmentTransform};
 use crate::render::Scene;
-use crate::render::preview::priority::lower_thread_priority;
 use crate::train::Snapshot;
 use crate::train::session::events::TrainEvent;
 use crate::train::session::saved::run_folder::{ENVIRONMENT, RunFolder};
@@ -23,137 +21,112 @@ use crate::train::session::saved::run_folder::{ENVIRONMENT, RunFolder};
 const QUEUE: usize = 64;
 /// Niceness of reading: below the window, above the trainer.
 const NICE: i32 = 4;
-/// Longest side of a photo on screen; larger ones are thinned.
-const MAX_PHOTO_SIDE: usize = 2048;
+/// Longest side of a picture on screen; larger ones are thinned.
+const MAX_SIDE: usize = 2048;
 
 /// A photo as the screen needs it.
-#[derive(Clone, PartialEq, Eq)]
-pub struct ScreenPhoto {
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(in crate::app) struct ScreenPhoto {
     /// Width and height in pixels.
-    pub size: [usize; 2],
+    pub(in crate::app) size: [usize; 2],
     /// `[height * width]` sRGB with alpha 255.
-    pub pixels: Vec<[u8; 4]>,
+    pub(in crate::app) pixels: Vec<[u8; 4]>,
 }
 
-impl std::fmt::Debug for ScreenPhoto {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("ScreenPhoto")
-            .field("size", &self.size)
-            .finish_non_exhaustive()
+impl ScreenPhoto {
+    /// The sRGB pixels of a picture, by their index in it, thinned to what a screen can show.
+    pub(in crate::app) fn thinned(
+        width: usize,
+        height: usize,
+        pixel: impl Fn(usize) -> [u8; 3],
+    ) -> Self {
+        let stride = width.max(height).div_ceil(MAX_SIDE).max(1);
+        let size = [width.div_ceil(stride), height.div_ceil(stride)];
+        let pixels = (0..size[0] * size[1]).map(|i| {
+            let (x, y) = (i % size[0] * stride, i / size[0] * stride);
+            let [r, g, b] = pixel(y * width + x);
+            [r, g, b, 255]
+        });
+        Self {
+            size,
+            pixels: pixels.collect(),
+        }
     }
 }
 
 /// What a path turned out to be, or what was read.
 #[derive(Debug)]
-pub enum Opened {
+pub(super) enum Opened {
     /// A capture, to be trained on.
     Capture(PathBuf),
     /// A saved run: its model at once, its photos later.
     Run {
-        /// The folder.
         path: PathBuf,
-        /// The model.
         snapshot: Arc<Snapshot>,
-        /// The figures of its training so far.
+        /// Of its training so far.
         figures: Vec<TrainEvent>,
     },
-    /// The photos of a run.
+    /// The photos of the run at this path.
     RunDataset {
-        /// The run's folder.
         path: PathBuf,
-        /// The capture.
         dataset: Arc<Dataset>,
     },
-    /// An environment.
+    /// An environment, or why it cannot be used.
     Environment {
-        /// The file.
         path: PathBuf,
-        /// Its content, or why it cannot be used.
         result: Result<Arc<Environment>, String>,
     },
-    /// A session.
     Session {
-        /// The file.
         path: PathBuf,
-        /// What it holds.
         session: Box<SessionFile>,
     },
     /// A session that an earlier window has left behind.
     LeftBehind(Box<SessionFile>),
-    /// The first photo of a capture that is being read.
-    FirstPhoto {
-        /// The capture.
-        path: PathBuf,
-        /// The photo.
-        photo: ScreenPhoto,
-    },
-    /// The photo of a view of the open capture.
-    ViewPhoto {
-        /// Index of the view.
-        view: usize,
-        /// The photo.
-        photo: ScreenPhoto,
-    },
-    /// How the environment is as bright as the capture's own.
+    /// The first photo of the capture at this path, which is being read.
+    FirstPhoto { path: PathBuf, photo: ScreenPhoto },
+    /// The photo of a view of the open capture, by its index.
+    ViewPhoto { view: usize, photo: ScreenPhoto },
+    /// How the environment of this index is as bright as the capture's own; none where there is no light to compare.
     Matched {
-        /// Which environment.
         environment: usize,
-        /// Its transform; none where there is no light to compare.
         transform: Option<EnvironmentTransform>,
     },
-    /// A file was written.
-    Wrote(PathBuf),
-    /// It cannot be used.
-    Failed {
-        /// What was opened.
-        path: PathBuf,
-        /// Why, with file and field.
-        reason: String,
-    },
+    /// Why something cannot be used, with file and field.
+    Failed(String),
 }
 
 /// Starts the threads and collects their results.
 #[derive(Debug)]
-pub struct Opener {
+pub(in crate::app) struct Opener {
     results: Receiver<Opened>,
     sender: Sender<Opened>,
-    wake: Wake,
-}
-
-/// Called when there is news.
-#[derive(Clone)]
-struct Wake(Arc<dyn Fn() + Send + Sync>);
-
-impl std::fmt::Debug for Wake {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str("Wake")
-    }
+    ctx: Context,
 }
 
 impl Opener {
-    /// `wake` is called after each result.
-    pub fn new(wake: impl Fn() + Send + Sync + 'static) -> Self {
+    /// `ctx` is woken after each result.
+    pub(super) fn new(ctx: &Context) -> Self {
         let (sender, results) = bounded(QUEUE);
         Self {
             results,
             sender,
-            wake: Wake(Arc::new(wake)),
+            ctx: ctx.clone(),
         }
     }
 
     /// The next result, if there is one.
-    pub fn next(&self) -> Option<Opened> {
+    pub(super) fn next(&self) -> Option<Opened> {
         self.results.try_recv().ok()
     }
 
     /// Finds out what is at `path` and reads it; a capture is only named, its session reads it.
-    pub fn open(&self, path: &Path) {
+    pub(in crate::app) fn open(&self, path: &Path) {
         let path = path.to_owned();
         self.spawn(move |send| open(path, send));
     }
 
     /// Reads the session that an earlier window has left behind; a damaged one is no session.
-    pub fn left_behind(&self, path: &Path) {
+    pub(in crate::app) fn left_behind(&self, path: &Path) {
         let path = path.to_owned();
         self.spawn(move |send| match SessionFile::read(&path) {
             Ok(session) => send(Opened::LeftBehind(Box::new(session))),
@@ -162,7 +135,7 @@ impl Opener {
     }
 
     /// Reads an environment from its file, or from the folder of a run.
-    pub fn load_environment(&self, path: &Path) {
+    pub(in crate::app) fn load_environment(&self, path: &Path) {
         let path = if path.is_dir() {
             path.join(ENVIRONMENT)
         } else {
@@ -172,7 +145,12 @@ impl Opener {
     }
 
     /// Compares the scene's environment, the one with index `environment`, with the capture's own.
-    pub fn match_exposure(&self, scene: Scene, own: Arc<Environment>, environment: usize) {
+    pub(in crate::app) fn match_exposure(
+        &self,
+        scene: Scene,
+        own: Arc<Environment>,
+        environment: usize,
+    ) {
         self.spawn(move |send| {
             let transform = scene.matched_to(&own);
             send(Opened::Matched {
@@ -183,7 +161,7 @@ impl Opener {
     }
 
     /// Reads the first photo of a capture, ahead of everything else.
-    pub fn first_photo(&self, path: &Path) {
+    pub(in crate::app) fn first_photo(&self, path: &Path) {
         let path = path.to_owned();
         self.spawn(move |send| {
             if let Some(photo) = first_photo(&path) {
@@ -194,54 +172,25 @@ impl Opener {
     }
 
     /// Prepares the photo of a view for the screen.
-    pub fn view_photo(&self, dataset: &Arc<Dataset>, view: usize) {
+    pub(in crate::app) fn view_photo(&self, dataset: &Arc<Dataset>, view: usize) {
         let dataset = Arc::clone(dataset);
         self.spawn(move |send| {
-            let mut views = dataset
-                .train
-                .iter()
-                .chain(&dataset.val)
-                .chain(&dataset.test);
-            if let Some(found) = views.nth(view) {
-                send(Opened::ViewPhoto {
-                    view,
-                    photo: screen_photo(&found.photo),
-                });
+            if let Some(found) = dataset.views().nth(view) {
+                let photo = screen_photo(&found.photo);
+                send(Opened::ViewPhoto { view, photo });
             }
-        });
-    }
-
-    /// Writes a text file whole or not at all, and the folder for it.
-    pub fn write_text(&self, path: PathBuf, text: String) {
-        self.spawn(move |send| {
-            let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
-            let written = folder
-                .map_or(Ok(()), std::fs::create_dir_all)
-                .and_then(|()| write_atomically(&path, |w| w.write_all(text.as_bytes())));
-            send(match written {
-                Ok(()) => Opened::Wrote(path),
-                Err(error) => Opened::Failed {
-                    reason: format!("{}: cannot be written: {error}", path.display()),
-                    path,
-                },
-            });
         });
     }
 
     fn spawn(&self, work: impl FnOnce(&dyn Fn(Opened)) + Send + 'static) {
-        let (sender, wake) = (self.sender.clone(), self.wake.clone());
+        let (sender, ctx) = (self.sender.clone(), self.ctx.clone());
         let send = move |opened| {
             // The window has closed when nobody takes results any more.
             if sender.send(opened).is_ok() {
-                (wake.0)();
+                ctx.request_repaint();
             }
         };
-        let spawned = std::thread::Builder::new()
-            .name("neif-open".to_owned())
-            .spawn(move || {
-                lower_thread_priority(NICE);
-                work(&send);
-            });
+        let spawned = spawn("neif-open", NICE, move || work(&send));
         if let Err(error) = spawned {
             tracing::error!("cannot start a thread to read files: {error}");
         }
@@ -249,40 +198,26 @@ impl Opener {
 }
 
 fn open(path: PathBuf, send: &dyn Fn(Opened)) {
-    let failed = |reason: String| Opened::Failed {
-        path: path.clone(),
-        reason,
-    };
     if !path.exists() {
-        send(failed(format!(
-            "{}: no such file or folder",
-            path.display()
-        )));
+        let reason = format!("{}: no such file or folder", path.display());
+        send(Opened::Failed(reason));
     } else if RunFolder::is_run(&path) {
         open_run(&path, send);
     } else if is_environment_file(&path) {
         send(load_environment(path));
-    } else if path
-        .extension()
-        .is_some_and(|extension| extension == EXTENSION)
-    {
-        match SessionFile::read(&path) {
-            Ok(session) => send(Opened::Session {
-                path,
-                session: Box::new(session),
-            }),
-            Err(reason) => send(failed(reason)),
-        }
+    } else if path.extension().is_some_and(|ending| ending == EXTENSION) {
+        let session = SessionFile::read(&path).map(Box::new);
+        send(session.map_or_else(Opened::Failed, |session| Opened::Session { path, session }));
     } else {
         // Listing reveals at once what training would find out later, in the words of the command line.
-        match list_capture(&path) {
-            Ok(_) => send(Opened::Capture(path)),
+        send(match list_capture(&path) {
+            Ok(_) => Opened::Capture(path),
             Err(error @ DataError::NotADataset { .. }) => {
                 let else_ = "nor is it a run folder or an environment (.safetensors, .hdr, .exr)";
-                send(failed(format!("{error}\n  {else_}")));
+                Opened::Failed(format!("{error}\n  {else_}"))
             }
-            Err(error) => send(failed(error.to_string())),
-        }
+            Err(error) => Opened::Failed(error.to_string()),
+        });
     }
 }
 
@@ -293,13 +228,7 @@ fn open_run(path: &Path, send: &dyn Fn(Opened)) {
     });
     let (folder, snapshot) = match opened {
         Ok(both) => both,
-        Err(error) => {
-            send(Opened::Failed {
-                path: path.to_owned(),
-                reason: with_causes(&error),
-            });
-            return;
-        }
+        Err(error) => return send(Opened::Failed(with_causes(&error))),
     };
     let log = folder.log();
     send(Opened::Run {
@@ -321,13 +250,10 @@ fn open_run(path: &Path, send: &dyn Fn(Opened)) {
             path: path.to_owned(),
             dataset: Arc::new(dataset),
         }),
-        Err(error) => send(Opened::Failed {
-            path: dataset,
-            reason: format!(
-                "The run is shown without its photos\n{}",
-                with_causes(&error)
-            ),
-        }),
+        Err(error) => send(Opened::Failed(format!(
+            "The run is shown without its photos\n{}",
+            with_causes(&error)
+        ))),
     }
 }
 
@@ -338,33 +264,30 @@ fn load_environment(path: PathBuf) -> Opened {
     Opened::Environment { path, result }
 }
 
-/// Thins a photo to what a screen can show.
 fn screen_photo(photo: &Photo) -> ScreenPhoto {
+    let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
     let (width, height) = (photo.width() as usize, photo.height() as usize);
-    let stride = width.max(height).div_ceil(MAX_PHOTO_SIDE).max(1);
-    let size = [width.div_ceil(stride), height.div_ceil(stride)];
-    let pixels = (0..size[0] * size[1])
-        .map(|i| {
-            let (x, y) = (i % size[0] * stride, i / size[0] * stride);
-            let [r, g, b] = photo
-                .srgb(y * width + x)
-                .map(|v| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u8);
-            [r, g, b, 255]
-        })
-        .collect();
-    ScreenPhoto { size, pixels }
+    ScreenPhoto::thinned(width, height, |i| photo.srgb(i).map(byte))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn opened(path: &Path) -> Opened {
+    /// Why what is at a path cannot be used.
+    fn failure(path: &Path) -> String {
         let found = std::cell::RefCell::new(Vec::new());
         open(path.to_owned(), &|opened| found.borrow_mut().push(opened));
-        let mut found = found.into_inner();
-        assert_eq!(found.len(), 1, "{found:?}");
-        found.remove(0)
+        match &found.into_inner()[..] {
+            [
+                Opened::Failed(reason)
+                | Opened::Environment {
+                    result: Err(reason),
+                    ..
+                },
+            ] => reason.clone(),
+            other => panic!("{other:?}"),
+        }
     }
 
     #[test]
@@ -377,26 +300,18 @@ mod tests {
             folder.path().join("missing"),
             folder.path().to_owned(),
         ] {
-            match opened(&path) {
-                Opened::Failed { reason, .. } => {
-                    assert!(reason.contains(&*path.to_string_lossy()), "{reason}");
-                }
-                other => panic!("{other:?}"),
-            }
+            let reason = failure(&path);
+            assert!(reason.contains(&*path.to_string_lossy()), "{reason}");
         }
     }
 
     #[test]
     fn a_folder_of_no_known_layout_says_what_was_looked_for_like_the_command_line() {
         let folder = tempfile::tempdir().unwrap();
-        match opened(folder.path()) {
-            Opened::Failed { reason, .. } => {
-                let said = list_capture(folder.path()).unwrap_err().to_string();
-                assert!(reason.starts_with(&said), "{reason}");
-                assert!(reason.contains("COLMAP"), "{reason}");
-            }
-            other => panic!("{other:?}"),
-        }
+        let reason = failure(folder.path());
+        let said = list_capture(folder.path()).unwrap_err().to_string();
+        assert!(reason.starts_with(&said), "{reason}");
+        assert!(reason.contains("COLMAP"), "{reason}");
     }
 
     #[test]
@@ -404,13 +319,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("env.safetensors");
         std::fs::write(&path, [1, 2, 3]).unwrap();
-        match opened(&path) {
-            Opened::Environment {
-                result: Err(reason),
-                ..
-            } => assert!(reason.contains("env.safetensors"), "{reason}"),
-            other => panic!("{other:?}"),
-        }
+        let reason = failure(&path);
+        assert!(reason.contains("env.safetensors"), "{reason}");
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use crate::train::session::handle::Threads;
 
 /// What comes first while training.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, strum::IntoStaticStr, strum::VariantArray)]
 pub enum Pace {
     /// The window: training leaves it a core, and pictures follow each other as fast as they can.
     Responsive,
@@ -11,22 +11,11 @@ pub enum Pace {
     #[default]
     Balanced,
     /// Training: pictures in motion are few.
+    #[strum(serialize = "Fast training")]
     Fast,
 }
 
 impl Pace {
-    /// All, from the window's side to training's.
-    pub const ALL: [Self; 3] = [Self::Responsive, Self::Balanced, Self::Fast];
-
-    /// As on the buttons.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Responsive => "Responsive",
-            Self::Balanced => "Balanced",
-            Self::Fast => "Fast training",
-        }
-    }
-
     pub(in crate::app) fn hint(self) -> &'static str {
         match self {
             Self::Responsive => "Training leaves a core to the window",
@@ -53,20 +42,13 @@ impl Pace {
     }
 }
 
-/// Changes of the pace.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum PaceCommand {
-    /// Take this one.
-    Choose(Pace),
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn the_nearer_to_training_the_less_for_pictures() {
-        let shares = Pace::ALL.map(Pace::drag_share);
+        let shares = [Pace::Responsive, Pace::Balanced, Pace::Fast].map(Pace::drag_share);
         assert!(shares.iter().rev().is_sorted(), "{shares:?}");
         assert!(shares.iter().all(|share| (0.1..=1.0).contains(share)));
     }

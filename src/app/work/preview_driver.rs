@@ -180,7 +180,7 @@ impl PreviewDriver {
         wanted
     }
 
-    /// Tells the number that the preview gave to what was last wanted.
+    /// Takes note of the number that the preview gave to what was last wanted.
     pub fn was_requested(&mut self, number: u64) {
         let step = self.asked.as_ref().map_or(0, |asked| asked.snapshot.step);
         self.requests.push_back((number, step));
@@ -225,19 +225,10 @@ impl PreviewDriver {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::app::state::app_state::tests::snapshot;
     use crate::render::Layer;
     use crate::render::preview::progressive::Recomputed;
-    use crate::render::test_scene::{camera, scene};
-
-    fn snapshot(step: u64) -> Arc<Snapshot> {
-        let scene = scene();
-        Arc::new(Snapshot {
-            step,
-            object: scene.object,
-            environment: scene.environment,
-            exposures: None,
-        })
-    }
+    use crate::render::test_scene::camera;
 
     fn picture(width: u32) -> impl Fn(&Snapshot) -> PreviewScene {
         move |snapshot| PreviewScene {
@@ -258,7 +249,28 @@ mod tests {
         }
     }
 
-    /// Tells the driver that its last request is done at the cost of a full picture.
+    /// The last picture of a request.
+    fn frame(request: u64, cpu_secs: f64) -> PreviewFrame {
+        PreviewFrame {
+            request,
+            scale: 4,
+            is_fine: false,
+            is_last: true,
+            width: 1,
+            height: 1,
+            pixels: Vec::new(),
+            recomputed: Recomputed::default(),
+            cpu_secs,
+        }
+    }
+
+    /// What a driver asks for first.
+    fn first(driver: &mut PreviewDriver, snapshot: &Arc<Snapshot>, is_training: bool) -> Wanted {
+        let wanted = driver.decide(snapshot, picture(100), &situation(0.0, is_training));
+        wanted.expect("the first picture")
+    }
+
+    /// Informs the driver that its last request is done at the cost of a full picture.
     fn finish(driver: &mut PreviewDriver, wanted: &Wanted, full_cost_secs: f64) {
         let scale = if let Passes::Only(scale) = wanted.passes {
             scale
@@ -269,38 +281,30 @@ mod tests {
         let number = driver.requests.back().map_or(1, |(last, _)| last + 1);
         driver.was_requested(number);
         let frame = PreviewFrame {
-            request: number,
             scale,
-            is_fine: false,
-            is_last: true,
-            width: 1,
-            height: 1,
-            pixels: Vec::new(),
             recomputed: Recomputed {
                 traced: 1,
                 background: 1,
                 object: 1,
             },
-            cpu_secs: full_cost_secs / f64::from(scale * scale),
+            ..frame(number, full_cost_secs / f64::from(scale * scale))
         };
         assert_eq!(driver.was_shown(&frame), Some(wanted.snapshot.step));
     }
 
     #[test]
     fn nothing_is_asked_for_twice() {
-        let (mut driver, first) = (PreviewDriver::default(), snapshot(1));
-        let wanted = driver
-            .decide(&first, picture(100), &situation(0.0, false))
-            .expect("the first picture");
+        let (mut driver, newest) = (PreviewDriver::default(), snapshot(1));
+        let wanted = first(&mut driver, &newest, false);
         assert!(
             driver
-                .decide(&first, picture(100), &situation(0.1, false))
+                .decide(&newest, picture(100), &situation(0.1, false))
                 .is_none()
         );
         finish(&mut driver, &wanted, 1.0);
         assert!(
             driver
-                .decide(&first, picture(100), &situation(9.0, false))
+                .decide(&newest, picture(100), &situation(9.0, false))
                 .is_none()
         );
     }
@@ -308,9 +312,7 @@ mod tests {
     #[test]
     fn refreshes_stay_within_their_share_and_become_fine() {
         let mut driver = PreviewDriver::default();
-        let mut wanted = driver
-            .decide(&snapshot(0), picture(100), &situation(0.0, true))
-            .expect("the first picture");
+        let mut wanted = first(&mut driver, &snapshot(0), true);
         let (mut spent, mut scales, cost) = (0.0, Vec::new(), 4.0);
         for tick in 1..3000 {
             finish(&mut driver, &wanted, cost);
@@ -339,21 +341,19 @@ mod tests {
 
     #[test]
     fn the_window_is_woken_for_what_waits_and_for_nothing_else() {
-        let (mut driver, first) = (PreviewDriver::default(), snapshot(0));
-        let wanted = driver
-            .decide(&first, picture(100), &situation(0.0, true))
-            .expect("the first picture");
+        let (mut driver, newest) = (PreviewDriver::default(), snapshot(0));
+        let wanted = first(&mut driver, &newest, true);
         let decide = |driver: &mut PreviewDriver, newest, now| {
             let wanted = driver.decide(newest, picture(100), &situation(now, true));
             (wanted.is_some(), driver.wait_secs(now))
         };
         assert_eq!(
-            decide(&mut driver, &first, 0.1),
+            decide(&mut driver, &newest, 0.1),
             (false, None),
             "it is being drawn"
         );
         finish(&mut driver, &wanted, 0.01);
-        assert_eq!(decide(&mut driver, &first, 60.0), (false, None));
+        assert_eq!(decide(&mut driver, &newest, 60.0), (false, None));
         driver.refreshed_secs = 60.0;
         let newest = snapshot(1);
         let (is_asked, wait) = decide(&mut driver, &newest, 60.25);
@@ -364,10 +364,8 @@ mod tests {
     #[test]
     fn a_coarse_refresh_becomes_fine_when_training_rests() {
         let mut driver = PreviewDriver::default();
-        let first = driver
-            .decide(&snapshot(0), picture(100), &situation(0.0, true))
-            .expect("the first picture");
-        finish(&mut driver, &first, 4.0);
+        let wanted = first(&mut driver, &snapshot(0), true);
+        finish(&mut driver, &wanted, 4.0);
         let newest = snapshot(1);
         let refresh = driver
             .decide(&newest, picture(100), &situation(5.0, true))
@@ -383,9 +381,7 @@ mod tests {
     #[test]
     fn a_drag_keeps_its_snapshot_so_that_parts_can_be_reused() {
         let mut driver = PreviewDriver::default();
-        driver
-            .decide(&snapshot(0), picture(100), &situation(0.0, true))
-            .expect("the first picture");
+        first(&mut driver, &snapshot(0), true);
         let mut steps = Vec::new();
         for i in 1..20 {
             let now = f64::from(i) * 0.05;
@@ -404,54 +400,35 @@ mod tests {
 
     #[test]
     fn a_drag_beside_training_leaves_time_between_pictures_and_ends_where_it_stopped() {
-        let (mut driver, first) = (PreviewDriver::default(), snapshot(0));
+        let (mut driver, newest) = (PreviewDriver::default(), snapshot(0));
         let at = situation;
-        driver
-            .decide(&first, picture(100), &at(0.0, true))
-            .expect("the first picture");
+        first(&mut driver, &newest, true);
         driver.was_requested(1);
         // A tenth of a second at half of two cores.
         let motion = PreviewFrame {
-            request: 1,
             scale: 2,
-            is_fine: false,
             is_last: false,
-            width: 1,
-            height: 1,
-            pixels: Vec::new(),
-            recomputed: Recomputed::default(),
-            cpu_secs: 0.1,
+            ..frame(1, 0.1)
         };
         driver.was_shown(&motion);
         let mut shown = Vec::new();
         for i in 1..=100 {
             let now = at(1.0 + f64::from(i) * 0.01, true);
-            let wanted = driver.decide(&first, picture(100 + i as u32), &now);
+            let wanted = driver.decide(&newest, picture(100 + i as u32), &now);
             shown.extend(wanted.map(|wanted| wanted.scene.camera.width));
         }
         assert!((9..=11).contains(&shown.len()), "{shown:?}");
         let wait = driver.wait_secs(2.0).expect("a change waits");
         assert!(wait <= 0.1, "woken after {wait} s");
-        let last = driver.decide(&first, picture(200), &at(2.0 + wait + 1e-6, true));
+        let last = driver.decide(&newest, picture(200), &at(2.0 + wait + 1e-6, true));
         assert_eq!(last.expect("the end").scene.camera.width, 200);
-        let free = driver.decide(&first, picture(201), &at(2.2, false));
+        let free = driver.decide(&newest, picture(201), &at(2.2, false));
         assert!(free.is_some(), "nothing waits when nothing trains");
     }
 
     #[test]
     fn pictures_of_superseded_requests_are_shown_but_not_those_of_something_closed() {
         let mut driver = PreviewDriver::default();
-        let frame = |request| PreviewFrame {
-            request,
-            scale: 4,
-            is_fine: false,
-            is_last: true,
-            width: 1,
-            height: 1,
-            pixels: Vec::new(),
-            recomputed: Recomputed::default(),
-            cpu_secs: 0.1,
-        };
         for (number, width) in [(1, 100), (2, 101)] {
             let step = number + 10;
             let now = situation(100.0 * number as f64, false);
@@ -460,11 +437,11 @@ mod tests {
                 .expect("a change");
             driver.was_requested(number);
         }
-        assert_eq!(driver.was_shown(&frame(1)), Some(11));
+        assert_eq!(driver.was_shown(&frame(1, 0.1)), Some(11));
         assert!(!driver.is_done, "the newest is still to come");
-        assert_eq!(driver.was_shown(&frame(2)), Some(12));
+        assert_eq!(driver.was_shown(&frame(2, 0.1)), Some(12));
         assert!(driver.is_done);
         driver.clear();
-        assert_eq!(driver.was_shown(&frame(2)), None);
+        assert_eq!(driver.was_shown(&frame(2, 0.1)), None);
     }
 }

@@ -6,12 +6,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use crossbeam::channel::{Receiver, bounded};
 use egui::{ColorImage, Context, TextureHandle, TextureId, TextureOptions};
 
+use super::threads::spawn;
 use crate::app::state::app_state::AppState;
 use crate::app::state::training_state::{Level, Phase};
 use crate::color::map::{ColorMap, NEUTRAL};
 use crate::neif::Environment;
 use crate::render::output::slice::{DensitySlice, SlicePlane, density_share, density_slice};
-use crate::render::preview::priority::lower_thread_priority;
 
 /// Niceness of the thread: above the trainer alone.
 const NICE: i32 = 8;
@@ -62,9 +62,8 @@ impl SliceView {
         if let Some(Ok(slice)) = result {
             self.take(ctx, slice);
         }
-        let own = state.snapshot.as_ref().map(|s| &s.environment);
-        let environment = state.chosen_environment().or(own).cloned();
-        let Some(environment) = environment.filter(|_| state.watch.is_slice_shown) else {
+        let shown = state.shown_environment().cloned();
+        let Some(environment) = shown.filter(|_| state.watch.is_slice_shown) else {
             self.running = None;
             return;
         };
@@ -106,16 +105,13 @@ impl SliceView {
         let cancel = Arc::new(AtomicBool::new(false));
         let (environment, plane) = (Arc::clone(&cut.environment), cut.plane);
         let (flag, ctx) = (Arc::clone(&cancel), ctx.clone());
-        std::thread::Builder::new()
-            .name("neif-slice".to_owned())
-            .spawn(move || {
-                lower_thread_priority(NICE);
-                let slice = density_slice(&environment, plane, SIDE, &flag);
-                // Nobody takes it when another one was asked for meanwhile.
-                if sender.send(slice).is_ok() {
-                    ctx.request_repaint();
-                }
-            })?;
+        spawn("neif-slice", NICE, move || {
+            let slice = density_slice(&environment, plane, SIDE, &flag);
+            // Nobody takes it when another one was asked for meanwhile.
+            if sender.send(slice).is_ok() {
+                ctx.request_repaint();
+            }
+        })?;
         self.running = Some(Running {
             cut,
             cancel,

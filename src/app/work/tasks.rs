@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use egui::Context;
 
-use super::dialog::FileDialog;
+use super::dialog::{FileDialog, ask, ask_export};
 use super::exporter::Exporter;
 use super::keeper::Keeper;
 use super::opener::{Opened, Opener, ScreenPhoto};
@@ -16,9 +16,11 @@ use crate::app::assets;
 use crate::app::changes::apply::apply;
 use crate::app::changes::leaving;
 use crate::app::changes::saving::stand_at_wanted_view;
+use crate::app::inspect::InspectState;
 use crate::app::session::recent;
-use crate::app::state::app_state::{AppState, PathPurpose, ViewState};
-use crate::app::state::command::{Browse, Command, Effect};
+use crate::app::state::app_state::{AppState, Compare, ViewState};
+use crate::app::state::command::{Command, Effect};
+use crate::app::state::export::ExportCommand;
 use crate::app::state::history::History;
 use crate::app::state::look::Look;
 use crate::app::state::source::{EnvironmentContent, Source};
@@ -62,7 +64,7 @@ pub(in crate::app) struct Work {
     snapshot_version: u64,
     growth_version: u64,
     opener: Opener,
-    dialog: Option<FileDialog>,
+    dialogs: Vec<FileDialog>,
     /// Captures that are read as somebody chose.
     chosen: Vec<(PathBuf, CaptureChoices)>,
     keeper: Keeper,
@@ -73,15 +75,13 @@ impl Work {
     /// Nothing goes on yet; `ctx` is woken when there is news.
     pub(in crate::app) fn new(ctx: &Context) -> std::io::Result<Self> {
         let wake = ctx.clone();
-        let opener = Opener::new(move || wake.request_repaint());
-        let wake = ctx.clone();
         Ok(Self {
             ctx: ctx.clone(),
             session: None,
             snapshot_version: 0,
             growth_version: 0,
-            opener,
-            dialog: None,
+            opener: Opener::new(ctx),
+            dialogs: Vec::new(),
             chosen: Vec::new(),
             keeper: Keeper::new(move || wake.request_repaint())?,
             exporter: Exporter::new(ctx),
@@ -138,8 +138,18 @@ impl Work {
                 }
             }
             Effect::MatchExposure => self.match_exposure(state),
-            Effect::Browse(kind, purpose) => self.browse(state, kind, purpose),
-            Effect::WriteLog(path) => self.opener.write_text(path, state.training.log.to_csv()),
+            Effect::Browse(kind, purpose) => {
+                self.browse(state, move || ask(kind, purpose), Command::Browsed);
+            }
+            Effect::BrowseExport(path) => {
+                let settings = state.export.settings;
+                let command = |answer| Command::Export(ExportCommand::Browsed(answer));
+                self.browse(state, move || ask_export(&settings, &path), command);
+            }
+            Effect::WriteLog(path) => {
+                let csv = state.training.log.to_csv();
+                self.keeper.save(&path, csv, "Written to");
+            }
             Effect::Export(effect) => self.exporter.carry_out(state, effect),
             Effect::SaveSession(file) => self.save_session(state, file),
             Effect::RestoreSession(session) => return self.open_session(state, session, None),
@@ -174,14 +184,18 @@ impl Work {
         }
     }
 
-    fn browse(&mut self, state: &mut AppState, kind: Browse, purpose: PathPurpose) {
-        let wake = self.ctx.clone();
-        match FileDialog::open(kind, purpose, move || wake.request_repaint()) {
-            Ok(dialog) => self.dialog = Some(dialog),
-            Err(error) => state.messages.say(
-                Level::Error,
-                format!("cannot show the file dialog: {error}"),
-            ),
+    fn browse(
+        &mut self,
+        state: &mut AppState,
+        ask: impl FnOnce() -> Option<PathBuf> + Send + 'static,
+        command: fn(Result<Option<PathBuf>, String>) -> Command,
+    ) {
+        match FileDialog::open(&self.ctx, ask, command) {
+            Ok(dialog) => self.dialogs.push(dialog),
+            Err(error) => {
+                let reason = format!("cannot show the file dialog: {error}");
+                apply(state, command(Err(reason)), &mut Vec::new());
+            }
         }
     }
 
@@ -191,7 +205,9 @@ impl Work {
         if let Some(path) = source.path() {
             self.opener.first_photo(path);
         }
-        remember(state, &source);
+        if let Source::Capture(path) = &source {
+            self.remember(state, path);
+        }
         state.source = source;
         self.bring_back_pending(state);
         if state.preferences.is_auto_start {
@@ -216,13 +232,13 @@ impl Work {
         state.lighting.kept = None;
         state.view = ViewState::default();
         state.export.keys.clear();
-        state.compare = crate::app::state::app_state::Compare::default();
-        state.inspect = crate::app::inspect::InspectState::default();
+        state.compare = Compare::default();
+        state.inspect = InspectState::default();
         state.watch.forget();
     }
 
     fn start(&mut self, state: &mut AppState) {
-        let budget = Budget::Seconds(state.budget_secs);
+        let budget = Budget::Seconds(state.watch.budget_secs);
         let options = match &state.source {
             Source::Demo(path) | Source::Capture(path) => TrainConfig::preset(PRESET)
                 .map(|config| SessionOptions {
@@ -274,13 +290,17 @@ impl Work {
         while let Some(opened) = self.opener.next() {
             news.extend(self.take(state, opened));
         }
-        if let Some(answer) = self.dialog.as_ref().and_then(FileDialog::poll) {
-            self.dialog = None;
-            let mut effects = Vec::new();
-            apply(state, Command::Browsed(answer), &mut effects);
-            for effect in effects {
-                news.extend(self.carry_out(state, effect));
+        let mut effects = Vec::new();
+        self.dialogs.retain(|dialog| {
+            let answer = dialog.poll();
+            let is_open = answer.is_none();
+            if let Some(answer) = answer {
+                apply(state, answer, &mut effects);
             }
+            is_open
+        });
+        for effect in effects {
+            news.extend(self.carry_out(state, effect));
         }
         news
     }
@@ -314,11 +334,8 @@ impl Work {
         let (picture, version) = self.session.as_ref()?.growth();
         let is_new = std::mem::replace(&mut self.growth_version, version) != version;
         let picture = picture.filter(|_| is_new && state.snapshot.is_none())?;
-        let pixels = picture.pixels.iter().map(|[r, g, b]| [*r, *g, *b, 255]);
-        let shown = ScreenPhoto {
-            size: picture.size,
-            pixels: pixels.collect(),
-        };
+        let [width, height] = picture.size;
+        let shown = ScreenPhoto::thinned(width, height, |i| picture.pixels[i]);
         Some(News::FirstPicture(shown, GROWTH))
     }
 
@@ -334,8 +351,8 @@ impl Work {
                 state.training.recall(figures);
                 state.look_at_model(&snapshot);
                 state.snapshot = Some(snapshot);
+                self.remember(state, &path);
                 state.source = Source::Run(path);
-                remember(state, &state.source.clone());
                 self.bring_back_pending(state);
                 return Some(News::Reset);
             }
@@ -368,11 +385,8 @@ impl Work {
             {
                 return Some(News::FirstPicture(photo, FIRST_PHOTO));
             }
-            Opened::Wrote(path) => state
-                .messages
-                .say(Level::Info, format!("Written to {}", path.display())),
             Opened::ViewPhoto { view, photo } => return Some(News::ViewPhoto(view, photo)),
-            Opened::Failed { reason, .. } => state.messages.say(Level::Error, reason),
+            Opened::Failed(reason) => state.messages.say(Level::Error, reason),
             // Read for something that is no longer open.
             Opened::RunDataset { .. } | Opened::FirstPhoto { .. } | Opened::Matched { .. } => {}
         }
@@ -388,11 +402,8 @@ impl Work {
         let environment = match result {
             Ok(environment) => environment,
             Err(reason) => {
-                let failed = state
-                    .environments
-                    .iter_mut()
-                    .find(|entry| entry.path == path);
-                if let Some(entry) = failed {
+                let mut entries = state.environments.iter_mut();
+                if let Some(entry) = entries.find(|entry| entry.path == path) {
                     entry.content = EnvironmentContent::Failed(reason.clone());
                 }
                 if state.chosen_environment().is_none() {
@@ -412,8 +423,8 @@ impl Work {
             });
             state.look_at_model(&snapshot);
             state.snapshot = Some(snapshot);
+            self.remember(state, &path);
             state.source = Source::Environment(path);
-            remember(state, &state.source.clone());
             self.bring_back_pending(state);
             return Some(News::Reset);
         }
@@ -447,11 +458,10 @@ impl Work {
             tracing::debug!("the run ended with an error: {error}");
         }
     }
-}
 
-fn remember(state: &mut AppState, source: &Source) {
-    if let (Some(path), false) = (source.path(), matches!(source, Source::Demo(_))) {
+    /// Puts what was opened or saved on the list of that.
+    fn remember(&self, state: &mut AppState, path: &Path) {
         recent::add(&mut state.recent, path);
-        recent::save(&state.recent);
+        recent::save(&state.recent, &self.keeper);
     }
 }

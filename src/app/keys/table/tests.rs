@@ -27,6 +27,19 @@ fn every_command_has_a_menu_and_a_name_of_its_own() {
     }
 }
 
+#[test]
+fn every_key_of_a_command_is_one() {
+    for binding in BINDINGS.iter().filter(|b| b.is_command()) {
+        let written = binding.keys.split(", ").filter(|keys| !keys.is_empty());
+        let plus = usize::from(binding.keys.ends_with('+'));
+        assert_eq!(
+            binding.shortcuts().count(),
+            written.count() + plus,
+            "{binding:?}"
+        );
+    }
+}
+
 /// The section of `docs/window.md` between the two marks is this table and nothing else.
 #[test]
 fn the_manual_lists_these_keys() {

@@ -4,7 +4,7 @@ use egui::{RichText, ScrollArea, Ui};
 
 use crate::app::keys::binding::Binding;
 use crate::app::keys::table::BINDINGS;
-use crate::app::panels::widgets::{modal, weak};
+use crate::app::panels::widgets::{modal_ui, weak};
 use crate::app::state::app_state::AppState;
 use crate::app::state::command::Command;
 
@@ -27,7 +27,7 @@ pub fn help_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     if !state.overlays.is_help_open {
         return;
     }
-    let modal = modal(ui, "help").show(ui.ctx(), |ui| {
+    modal_ui(ui, "help", Command::ToggleHelp, commands, |ui, _| {
         ui.heading("Mouse and keys");
         ui.add_space(4.0);
         // The table is taller than a small window.
@@ -50,9 +50,6 @@ pub fn help_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
         ui.add_space(6.0);
         ui.button("Close").clicked()
     });
-    if modal.inner || modal.should_close() {
-        commands.push(Command::ToggleHelp);
-    }
 }
 
 fn column(ui: &mut Ui, groups: &[&str], [width, keys]: [f32; 2]) {

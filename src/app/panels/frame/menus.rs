@@ -4,7 +4,7 @@ use egui::{Button, Ui};
 
 use crate::app::keys::binding::Binding;
 use crate::app::keys::table::{BINDINGS, MENUS};
-use crate::app::panels::widgets::describe_number;
+use crate::app::panels::widgets::set_label;
 use crate::app::state::app_state::AppState;
 use crate::app::state::command::Command;
 
@@ -29,9 +29,7 @@ fn group_ui(ui: &mut Ui, group: &str, state: &AppState, commands: &mut Vec<Comma
         let button =
             Button::selectable(binding.is_on(state), binding.what).shortcut_text(binding.keys);
         let button = ui.add_enabled(command.is_some(), button);
-        describe_number(&button, binding.what);
-        if button.clicked() {
-            commands.extend(command);
-        }
+        set_label(&button, binding.what);
+        commands.extend(command.filter(|_| button.clicked()));
     }
 }

@@ -3,7 +3,7 @@
 use egui::{Button, Key, Modifiers, ScrollArea, TextEdit, Ui};
 
 use crate::app::changes::palette::found;
-use crate::app::panels::widgets::{describe_number, modal, weak};
+use crate::app::panels::widgets::{modal_ui, on_click, set_label, weak};
 use crate::app::state::app_state::AppState;
 use crate::app::state::command::Command;
 use crate::app::state::palette::{Palette, PaletteCommand};
@@ -18,17 +18,16 @@ pub fn palette_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     let Some(palette) = &state.overlays.palette else {
         return;
     };
-    let modal = modal(ui, "palette").show(ui.ctx(), |ui| {
+    let close = Command::Palette(PaletteCommand::Toggle);
+    modal_ui(ui, "palette", close, commands, |ui, commands| {
         ui.set_width(WIDTH);
         // Before the field sees them: in it they would move the cursor.
         commands.extend(keys(ui, palette).map(Command::Palette));
         field_ui(ui, palette, commands);
         ui.add_space(4.0);
         answers_ui(ui, state, palette, commands);
+        false
     });
-    if modal.should_close() {
-        commands.push(Command::Palette(PaletteCommand::Toggle));
-    }
 }
 
 fn keys(ui: &Ui, palette: &Palette) -> Option<PaletteCommand> {
@@ -48,7 +47,7 @@ fn field_ui(ui: &mut Ui, palette: &Palette, commands: &mut Vec<Command>) {
         .desired_width(f32::INFINITY)
         .hint_text("Find a command");
     let field = ui.add(field);
-    describe_number(&field, "Find a command");
+    set_label(&field, "Find a command");
     field.request_focus();
     if field.changed() {
         commands.push(Command::Palette(PaletteCommand::Type(typed)));
@@ -73,13 +72,11 @@ fn answers_ui(ui: &mut Ui, state: &AppState, palette: &Palette, commands: &mut V
                 .shortcut_text(binding.keys)
                 .min_size(egui::vec2(ui.available_width(), 0.0));
             let button = ui.add(button);
-            describe_number(&button, binding.what);
+            set_label(&button, binding.what);
             if is_chosen {
                 button.scroll_to_me(None);
             }
-            if button.clicked() {
-                commands.push(Command::Palette(PaletteCommand::Run(i)));
-            }
+            on_click(&button, Command::Palette(PaletteCommand::Run(i)), commands);
         }
     });
 }

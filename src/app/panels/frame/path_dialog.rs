@@ -2,7 +2,7 @@
 
 use egui::{Button, RichText, TextEdit, Ui};
 
-use crate::app::panels::widgets::{modal, weak};
+use crate::app::panels::widgets::{modal_ui, on_click, weak};
 use crate::app::state::app_state::{AppState, PathDialog, PathPurpose};
 use crate::app::state::command::{Browse, Command};
 use crate::app::state::source::file_name;
@@ -17,28 +17,46 @@ pub fn path_dialog_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>
     let Some(dialog) = &state.overlays.path_dialog else {
         return;
     };
-    let modal = modal(ui, "path").show(ui.ctx(), |ui| {
-        ui.set_width(WIDTH);
-        let (title, what) = match dialog.purpose {
-            PathPurpose::Open => ("Open", "A capture (folder or transforms.json), a saved run, a session, or an environment (.safetensors, or a panorama as .hdr or .exr). Dropping it on the window works too."),
-            PathPurpose::AddEnvironment => ("Add an environment", "A trained environment (.safetensors), a saved run whose environment is meant, or a panorama (.hdr, .exr). Dropping a file on the window works too."),
-            PathPurpose::Save => ("Save the run", "A folder for the model and everything to go on with it; it is made if it does not exist."),
-            PathPurpose::Log => ("Export the figures", "A file for loss, PSNR and speed over the run so far, as a table with commas (.csv)."),
-            PathPurpose::SaveSession => ("Save the session", "A small file that names what is open and holds all edits, camera and layout. What was trained and never saved goes into a folder beside it."),
-        };
-        ui.heading(title);
-        ui.label(weak(ui, what));
-        ui.add_space(6.0);
-        path_ui(ui, dialog, commands);
-        if dialog.purpose == PathPurpose::Open {
-            recent_ui(ui, state, commands);
-        }
-        ui.add_space(8.0);
-        ui.button("Cancel").clicked()
-    });
-    if modal.inner || modal.should_close() {
-        commands.push(Command::ClosePathDialog);
-    }
+    modal_ui(
+        ui,
+        "path",
+        Command::ClosePathDialog,
+        commands,
+        |ui, commands| {
+            ui.set_width(WIDTH);
+            let (title, what) = match dialog.purpose {
+                PathPurpose::Open => (
+                    "Open",
+                    "A capture (folder or transforms.json), a saved run, a session, or an environment (.safetensors, or a panorama as .hdr or .exr). Dropping it on the window works too.",
+                ),
+                PathPurpose::AddEnvironment => (
+                    "Add an environment",
+                    "A trained environment (.safetensors), a saved run whose environment is meant, or a panorama (.hdr, .exr). Dropping a file on the window works too.",
+                ),
+                PathPurpose::Save => (
+                    "Save the run",
+                    "A folder for the model and everything to go on with it; it is made if it does not exist.",
+                ),
+                PathPurpose::Log => (
+                    "Export the figures",
+                    "A file for loss, PSNR and speed over the run so far, as a table with commas (.csv).",
+                ),
+                PathPurpose::SaveSession => (
+                    "Save the session",
+                    "A small file that names what is open and holds all edits, camera and layout. What was trained and never saved goes into a folder beside it.",
+                ),
+            };
+            ui.heading(title);
+            ui.label(weak(ui, what));
+            ui.add_space(6.0);
+            path_ui(ui, dialog, commands);
+            if dialog.purpose == PathPurpose::Open {
+                recent_ui(ui, state, commands);
+            }
+            ui.add_space(8.0);
+            ui.button("Cancel").clicked()
+        },
+    );
 }
 
 fn path_ui(ui: &mut Ui, dialog: &PathDialog, commands: &mut Vec<Command>) {
@@ -69,11 +87,8 @@ fn path_ui(ui: &mut Ui, dialog: &PathDialog, commands: &mut Vec<Command>) {
         if !is_entered && ui.memory(|memory| memory.focused().is_none()) {
             edit.request_focus();
         }
-        if ui
-            .add_enabled(!typed.trim().is_empty(), Button::new(verb))
-            .clicked()
-            || is_entered
-        {
+        let button = ui.add_enabled(!typed.trim().is_empty(), Button::new(verb));
+        if button.clicked() || is_entered {
             commands.push(Command::UseTypedPath);
         }
     });
@@ -88,12 +103,8 @@ fn path_ui(ui: &mut Ui, dialog: &PathDialog, commands: &mut Vec<Command>) {
             PathPurpose::SaveSession | PathPurpose::Log => &browse[1..],
         };
         for (text, kind) in browse {
-            if ui
-                .add_enabled(!dialog.is_browsing, Button::new(*text))
-                .clicked()
-            {
-                commands.push(Command::Browse(*kind));
-            }
+            let button = ui.add_enabled(!dialog.is_browsing, Button::new(*text));
+            on_click(&button, Command::Browse(*kind), commands);
         }
         if dialog.is_browsing {
             ui.label(weak(ui, "Waiting for the system's dialog…"));
@@ -111,25 +122,14 @@ fn recent_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
         ui.label(weak(ui, "Nothing was opened yet."));
     }
     for path in &state.recent {
-        let text = format!(
-            "{}   {}",
-            file_name(path),
-            path.parent().unwrap_or(path).display()
-        );
-        if ui
-            .add(Button::new(text).frame(false).truncate())
-            .on_hover_text(path.display().to_string())
-            .clicked()
-        {
-            commands.push(Command::Open(path.clone()));
-        }
+        let folder = path.parent().unwrap_or(path).display();
+        let text = format!("{}   {folder}", file_name(path));
+        let button = ui.add(Button::new(text).frame(false).truncate());
+        let button = button.on_hover_text(path.display().to_string());
+        on_click(&button, Command::Open(path.clone()), commands);
     }
     ui.add_space(6.0);
-    if ui
-        .button("Bundled demo")
-        .on_hover_text("A small capture that comes with the program")
-        .clicked()
-    {
-        commands.push(Command::OpenDemo);
-    }
+    let demo = ui.button("Bundled demo");
+    let demo = demo.on_hover_text("A small capture that comes with the program");
+    on_click(&demo, Command::OpenDemo, commands);
 }

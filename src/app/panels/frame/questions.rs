@@ -2,7 +2,7 @@
 
 use egui::{Align2, Area, Frame, Ui, vec2};
 
-use crate::app::panels::widgets::{modal, tell_place};
+use crate::app::panels::widgets::{log_place, modal_ui, on_click};
 use crate::app::session::leaving::{Goal, LeavingCommand};
 use crate::app::session::saving::SessionCommand;
 use crate::app::state::app_state::{AppState, PathPurpose};
@@ -14,29 +14,31 @@ pub fn stop_question_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Comman
     if !state.overlays.is_stop_asked {
         return;
     }
-    let modal = modal(ui, "stop").show(ui.ctx(), |ui| {
-        ui.set_width(360.0);
-        ui.heading("Stop without saving?");
-        ui.label(format!(
+    modal_ui(
+        ui,
+        "stop",
+        Command::CloseOverlays,
+        commands,
+        |ui, commands| {
+            ui.set_width(360.0);
+            ui.heading("Stop without saving?");
+            ui.label(format!(
             "{} steps were never saved. The result stays on screen, but it cannot be trained further.",
             n_unsaved(state)
         ));
-        ui.add_space(8.0);
-        ui.horizontal(|ui| {
-            if ui.button("Save first…").clicked() {
-                commands.push(Command::CloseOverlays);
-                commands.push(Command::AskPath(PathPurpose::Save));
-            }
-            if ui.button("Stop without saving").clicked() {
-                commands.push(Command::Train(Train::StopForSure));
-            }
-            ui.button("Keep training").clicked()
-        })
-        .inner
-    });
-    if modal.inner || modal.should_close() {
-        commands.push(Command::CloseOverlays);
-    }
+            ui.add_space(8.0);
+            ui.horizontal(|ui| {
+                if ui.button("Save first…").clicked() {
+                    commands.push(Command::CloseOverlays);
+                    commands.push(Command::AskPath(PathPurpose::Save));
+                }
+                let stop = ui.button("Stop without saving");
+                on_click(&stop, Command::Train(Train::StopForSure), commands);
+                ui.button("Keep training").clicked()
+            })
+            .inner
+        },
+    );
 }
 
 fn n_unsaved(state: &AppState) -> u64 {
@@ -50,47 +52,39 @@ pub fn leaving_question_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Com
     let Some(leaving) = state.leaving.as_ref().filter(|_| !is_choosing_folder) else {
         return;
     };
-    let (heading, discard) = match &leaving.goal {
-        Goal::Close => (
-            "Close without saving the run?".to_owned(),
-            "Close without saving",
-        ),
+    let (what, discard) = match &leaving.goal {
+        Goal::Close => (None, "Close without saving"),
         Goal::Open(path) => (
-            format!("Save the run before opening “{}”?", file_name(path)),
+            Some(format!("“{}”", file_name(path))),
             "Open without saving",
         ),
-        Goal::OpenDemo => (
-            "Save the run before opening the demo?".to_owned(),
-            "Open without saving",
-        ),
+        Goal::OpenDemo => (Some("the demo".to_owned()), "Open without saving"),
     };
-    let modal = modal(ui, "leaving").show(ui.ctx(), |ui| {
+    let heading = what.map_or("Close without saving the run?".to_owned(), |what| {
+        format!("Save the run before opening {what}?")
+    });
+    let close = Command::Leaving(LeavingCommand::Cancel);
+    modal_ui(ui, "leaving", close, commands, |ui, commands| {
         ui.set_width(400.0);
         ui.heading(heading);
-        ui.label(format!(
-            "{} steps of training would be lost.",
-            n_unsaved(state)
-        ));
+        let n = n_unsaved(state);
+        ui.label(format!("{n} steps of training would be lost."));
         ui.add_space(8.0);
         ui.horizontal(|ui| {
             if leaving.saving_after.is_some() {
                 ui.spinner();
                 ui.label("Saving…");
-            } else if ui.button("Save the run").clicked() {
-                commands.push(Command::Leaving(LeavingCommand::Save));
+            } else {
+                let save = ui.button("Save the run");
+                on_click(&save, Command::Leaving(LeavingCommand::Save), commands);
             }
             let button = ui.button(discard);
-            tell_place(ui, discard, button.rect);
-            if button.clicked() {
-                commands.push(Command::Leaving(LeavingCommand::Discard));
-            }
+            log_place(ui, discard, button.rect);
+            on_click(&button, Command::Leaving(LeavingCommand::Discard), commands);
             ui.button("Cancel").clicked()
         })
         .inner
     });
-    if modal.inner || modal.should_close() {
-        commands.push(Command::Leaving(LeavingCommand::Cancel));
-    }
 }
 
 /// Offers, at the top of `ui`, what a window that did not end properly has left behind.
@@ -98,11 +92,8 @@ pub fn recovery_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     let Some(session) = &state.session.recovery else {
         return;
     };
-    let name = session
-        .source
-        .as_ref()
-        .map(|source| file_name(&source.path));
-    let name = name.unwrap_or_else(|| "nothing open".to_owned());
+    let source = session.source.as_ref();
+    let name = source.map_or("nothing open".to_owned(), |source| file_name(&source.path));
     let at = ui.max_rect().center_top() + vec2(0.0, 40.0);
     let area = Area::new(egui::Id::unique("recovery"))
         .pivot(Align2::CENTER_TOP)
@@ -114,11 +105,11 @@ pub fn recovery_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
                 ui.label("neif was not closed properly.");
                 ui.label(format!("Restore the last session ({name})?"));
                 ui.horizontal(|ui| {
-                    if ui.button("Restore session").clicked() {
-                        commands.push(Command::Session(SessionCommand::Restore));
-                    }
-                    if ui.button("Forget it").clicked() {
-                        commands.push(Command::Session(SessionCommand::Forget));
+                    for (text, command) in [
+                        ("Restore session", SessionCommand::Restore),
+                        ("Forget it", SessionCommand::Forget),
+                    ] {
+                        on_click(&ui.button(text), Command::Session(command), commands);
                     }
                 });
             });

@@ -2,10 +2,10 @@
 
 use egui::{Align, Color32, Layout, ProgressBar, RichText, Ui};
 
-use crate::app::panels::widgets::{count, duration, weak};
+use crate::app::panels::widgets::{count, duration, on_click, weak};
 use crate::app::state::app_state::AppState;
 use crate::app::state::command::Command;
-use crate::app::state::training_state::Phase;
+use crate::app::state::training_state::{Phase, headline};
 use crate::app::theme;
 use crate::render::DrawnBy;
 
@@ -47,12 +47,8 @@ fn figures_ui(ui: &mut Ui, state: &AppState) {
         ui.label(format!("{} left", duration(p.eta_secs)));
     }
     progress(ui, p.fraction, &state.training.saved_fractions());
-    if let Some(psnr) = state
-        .training
-        .validation
-        .and_then(|v| v.psnr_object.or(Some(v.psnr)))
-    {
-        ui.label(format!("{psnr:.1} dB"))
+    if let Some(validation) = &state.training.validation {
+        ui.label(format!("{:.1} dB", headline(validation)))
             .on_hover_text("PSNR on held-out photos (of the object, if there is one)");
     }
 }
@@ -79,9 +75,8 @@ fn progress(ui: &mut Ui, fraction: f32, saves: &[f32]) {
 fn right_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     let n = state.messages.all().len();
     let button = ui.small_button(format!("Messages ({n})"));
-    if button.on_hover_text("Everything that was said").clicked() {
-        commands.push(Command::ToggleLog);
-    }
+    let button = button.on_hover_text("Everything that was said");
+    on_click(&button, Command::ToggleLog, commands);
     drawing_ui(ui, state);
     if let Some(shown) = state.shown {
         let scale = match shown.scale {

@@ -4,10 +4,10 @@ use egui::containers::menu::MenuBar;
 use egui::style::StyleModifier;
 use egui::{Align, Button, Layout, RichText, Role, Ui, WidgetInfo};
 
+use super::menus::menus_ui;
 use crate::app::changes::history::{can_redo, can_undo};
-use crate::app::panels::menus_ui;
 use crate::app::panels::side::export::running_export_ui;
-use crate::app::panels::widgets::weak;
+use crate::app::panels::widgets::{on_click, weak};
 use crate::app::state::app_state::AppState;
 use crate::app::state::command::Command;
 use crate::app::state::history::HistoryCommand;
@@ -25,13 +25,8 @@ pub fn top_bar_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
         running_export_ui(ui, state, commands);
         source_ui(ui, state);
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-            if ui
-                .button("Help")
-                .on_hover_text("Keys and mouse (?)")
-                .clicked()
-            {
-                commands.push(Command::ToggleHelp);
-            }
+            let help = ui.button("Help").on_hover_text("Keys and mouse (?)");
+            on_click(&help, Command::ToggleHelp, commands);
         });
     });
 }
@@ -44,9 +39,8 @@ fn history_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     for (sign, name, is_enabled, command) in buttons {
         let button = ui.add_enabled(is_enabled, Button::new(RichText::new(sign).monospace()));
         button.widget_info(|| WidgetInfo::labeled(Role::Button, is_enabled, name));
-        if button.on_hover_text(name).clicked() {
-            commands.push(Command::History(command));
-        }
+        let button = button.on_hover_text(name);
+        on_click(&button, Command::History(command), commands);
     }
 }
 

@@ -3,6 +3,7 @@
 use egui::containers::menu::MenuButton;
 use egui::{Align, Button, Layout, TextStyle, Ui};
 
+use crate::app::panels::widgets::on_click;
 use crate::app::state::app_state::AppState;
 use crate::app::state::command::Command;
 use crate::app::state::watch::{Comparison, WatchCommand};
@@ -108,28 +109,20 @@ fn compare_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     let are_shown = state.watch.are_cameras_shown;
     let cameras = ui.add_enabled(has_photos, Button::selectable(are_shown, "Cameras"));
     let cameras = cameras.on_hover_text("Where the photos were taken; click one to go there (C)");
-    if cameras
-        .on_disabled_hover_text("There are no photos")
-        .clicked()
-    {
-        commands.push(Command::Watch(WatchCommand::ShowCameras(!are_shown)));
-    }
+    let cameras = cameras.on_disabled_hover_text("There are no photos");
+    let show = WatchCommand::ShowCameras(!are_shown);
+    on_click(&cameras, Command::Watch(show), commands);
     ui.add_enabled_ui(has_photos, |ui| {
         let is_on = now != Comparison::Off;
         let title = if is_on { now.name() } else { "Compare" };
         let title = Button::selectable(is_on, format!("{title}…"));
         let (menu, _) = MenuButton::from_button(title).ui(ui, |ui| {
             for comparison in Comparison::ALL {
-                let row = ui.selectable_label(now == comparison, comparison.name());
-                if row.clicked() {
-                    let is_again = now == comparison;
-                    let next = if is_again {
-                        Comparison::Off
-                    } else {
-                        comparison
-                    };
-                    commands.push(Command::Watch(WatchCommand::Compare(next)));
-                }
+                let is_on = now == comparison;
+                let row = ui.selectable_label(is_on, comparison.name());
+                let next = if is_on { Comparison::Off } else { comparison };
+                let next = WatchCommand::Compare(next);
+                on_click(&row, Command::Watch(next), commands);
             }
         });
         menu.on_hover_text("With the photo: side by side (Shift+W), flicker (T), differences (D)");
@@ -139,10 +132,7 @@ fn compare_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     let wipe = wipe.on_hover_text(
         "Photo left of the line, rendering right of it (W). Hold G for the photo alone",
     );
-    if wipe
-        .on_disabled_hover_text("There is no photo to compare with")
-        .clicked()
-    {
-        commands.push(Command::SetWipe(if is_on { None } else { Some(0.5) }));
-    }
+    let wipe = wipe.on_disabled_hover_text("There is no photo to compare with");
+    let next = (!is_on).then_some(0.5);
+    on_click(&wipe, Command::SetWipe(next), commands);
 }

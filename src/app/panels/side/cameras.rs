@@ -3,7 +3,7 @@
 use egui::{Button, ScrollArea, Ui};
 
 use crate::app::panels::section::section_heading;
-use crate::app::panels::widgets::weak;
+use crate::app::panels::widgets::{on_click, weak};
 use crate::app::state::app_state::AppState;
 use crate::app::state::command::Command;
 use crate::app::state::sections::Section;
@@ -22,14 +22,11 @@ pub fn cameras_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     }
     ui.horizontal(|ui| {
         for (text, hint, by) in [("Previous", "Key [", -1), ("Next", "Key ]", 1)] {
-            if ui.button(text).on_hover_text(hint).clicked() {
-                commands.push(Command::StepView(by));
-            }
+            let button = ui.button(text).on_hover_text(hint);
+            on_click(&button, Command::StepView(by), commands);
         }
-        let at = state
-            .view
-            .at_view
-            .map_or_else(|| "free camera".to_owned(), |i| format!("{} of {n}", i + 1));
+        let at = state.view.at_view;
+        let at = at.map_or("free camera".to_owned(), |i| format!("{} of {n}", i + 1));
         ui.label(weak(ui, at));
     });
     let row_height = ui.spacing().interact_size.y;
@@ -44,17 +41,14 @@ pub fn cameras_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
         for i in shown {
             let is_here = state.view.at_view == Some(i);
             let view = views[i];
-            let name = view.full_name();
-            let mut row = Button::selectable(is_here, name)
+            let mut row = Button::selectable(is_here, view.full_name())
                 .min_size(egui::vec2(ui.available_width(), row_height));
             let (figure, hint) = figure_of(state, i, view);
             if let Some(figure) = figure {
                 row = row.right_text(weak(ui, figure));
             }
-            let row = ui.add(row);
-            if row.on_hover_text(hint).clicked() {
-                commands.push(Command::GoToView(i));
-            }
+            let row = ui.add(row).on_hover_text(hint);
+            on_click(&row, Command::GoToView(i), commands);
         }
     });
 }

@@ -5,8 +5,8 @@ use glam::Vec3;
 
 use super::gallery::gallery_ui;
 use crate::app::lighting::LightingCommand;
-use crate::app::panels::section::section_heading;
-use crate::app::panels::widgets::{Setting, gain_row, slider_row, vector_row, weak};
+use crate::app::panels::section::section_row;
+use crate::app::panels::widgets::{Setting, gain_row, on_click, slider_row, vector_row, weak};
 use crate::app::state::app_state::AppState;
 use crate::app::state::command::Command;
 use crate::app::state::look::Look;
@@ -35,19 +35,12 @@ pub fn environment_ui(
     pictures: &Pictures,
     commands: &mut Vec<Command>,
 ) {
-    let mut is_open = true;
-    ui.horizontal(|ui| {
-        is_open = section_heading(ui, state, Section::Environment, commands);
-        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-            let is_moved = state.look.transform != EnvironmentTransform::default();
-            let reset = ui.add_enabled(is_moved, Button::new("Reset environment"));
-            if reset
-                .on_hover_text("Back to where it was captured")
-                .clicked()
-            {
-                commands.push(Command::MoveEnvironment(EnvironmentTransform::default()));
-            }
-        });
+    let is_open = section_row(ui, state, Section::Environment, commands, |ui, commands| {
+        let still = EnvironmentTransform::default();
+        let is_moved = state.look.transform != still;
+        let reset = ui.add_enabled(is_moved, Button::new("Reset environment"));
+        let reset = reset.on_hover_text("Back to where it was captured");
+        on_click(&reset, Command::MoveEnvironment(still), commands);
     });
     if !is_open {
         return;
@@ -61,11 +54,7 @@ pub fn environment_ui(
 
 /// Where the shown environment has its top, how large it is, and whether it is near at all.
 fn facts_ui(ui: &mut Ui, state: &AppState) {
-    let own = state
-        .snapshot
-        .as_ref()
-        .map(|snapshot| &snapshot.environment);
-    let Some(environment) = state.chosen_environment().or(own) else {
+    let Some(environment) = state.shown_environment() else {
         return;
     };
     let transform = &state.look.transform;
@@ -99,7 +88,6 @@ fn kind(environment: &Environment) -> &'static str {
     }
 }
 
-/// `+z` for the z axis; the vector where it is none of the axes.
 /// The name of an axis, `+z`; numbers where it is none of the six.
 pub(super) fn axis_name(axis: Vec3) -> String {
     for (name, unit) in ["x", "y", "z"].into_iter().zip(Vec3::AXES) {
@@ -115,14 +103,9 @@ pub(super) fn axis_name(axis: Vec3) -> String {
 fn transform_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     let mut transform = state.look.transform;
     let size = state.view.bounds.map_or(1.0, |bounds| bounds.diagonal());
+    let speed = f64::from(size) * 0.004;
     vector_row(ui, "Rotate", &mut transform.rotate_deg, 0.5, "°");
-    vector_row(
-        ui,
-        "Move",
-        &mut transform.translate,
-        f64::from(size) * 0.004,
-        "",
-    );
+    vector_row(ui, "Move", &mut transform.translate, speed, "");
     slider_row(ui, &SCALE, &mut transform.scale);
     slider_row(ui, &EXPOSURE, &mut transform.exposure_ev);
     gain_row(ui, "White", &mut transform.white_balance);
@@ -143,29 +126,23 @@ fn tools_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
         let button = button
             .on_hover_text("Exposure and white balance by which this environment lights the object as much as its own")
             .on_disabled_hover_text("Choose another environment first");
-        if button.clicked() {
-            commands.push(Command::MatchExposure);
-        }
+        on_click(&button, Command::MatchExposure, commands);
         let handles = Button::selectable(state.lighting.is_gizmo_shown, "Handles");
         let what = "Arrows, rings and a square in the picture to move, turn and scale the environment; Ctrl for round steps (M)";
-        if ui.add(handles).on_hover_text(what).clicked() {
-            commands.push(Command::Lighting(LightingCommand::ToggleGizmo));
-        }
+        let toggle = Command::Lighting(LightingCommand::ToggleGizmo);
+        on_click(&ui.add(handles).on_hover_text(what), toggle, commands);
         let lines = Button::selectable(state.lighting.are_lines_shown, "Axes");
         let what = "Bounds and axes of the environment (dashed) and the world's axes (L)";
-        if ui.add(lines).on_hover_text(what).clicked() {
-            commands.push(Command::Lighting(LightingCommand::ToggleLines));
-        }
+        let toggle = Command::Lighting(LightingCommand::ToggleLines);
+        on_click(&ui.add(lines).on_hover_text(what), toggle, commands);
     });
 }
 
 fn original_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     let mut is_on = state.is_original_shown;
     let has_edits = state.look != Look::default();
-    let toggle = ui.add_enabled(
-        has_edits,
-        egui::Checkbox::new(&mut is_on, "Show before edits"),
-    );
+    let toggle = egui::Checkbox::new(&mut is_on, "Show before edits");
+    let toggle = ui.add_enabled(has_edits, toggle);
     let toggle = toggle.on_hover_text("Hides all edits of material and environment (B)");
     if toggle.on_disabled_hover_text("Nothing is edited").changed() {
         commands.push(Command::ShowOriginal(is_on));

@@ -1,10 +1,12 @@
 //! The export window: what is taken away, in which file, and how far it is.
 
-use egui::{Button, Checkbox, DragValue, Grid, ProgressBar, RichText, TextEdit, Ui};
+use egui::{Button, DragValue, Grid, ProgressBar, RichText, TextEdit, Ui};
+
+use strum::VariantArray as _;
 
 use crate::app::changes::export::default_path;
 use crate::app::panels::frame::view_bar::layer_name;
-use crate::app::panels::widgets::{describe_number, duration, weak};
+use crate::app::panels::widgets::{duration, number_ui, on_click, set_label, weak};
 use crate::app::state::app_state::AppState;
 use crate::app::state::command::Command;
 use crate::app::state::export::{
@@ -25,10 +27,9 @@ pub fn running_export_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Comma
         return;
     };
     let button = ui.button(format!("Export {:.0} %", 100.0 * running.fraction));
-    if button.on_hover_text("How far it is, and cancel").clicked() {
-        let subject = state.export.settings.subject;
-        commands.push(Command::Export(ExportCommand::Show(subject)));
-    }
+    let show = ExportCommand::Show(state.export.settings.subject);
+    let button = button.on_hover_text("How far it is, and cancel");
+    on_click(&button, Command::Export(show), commands);
     ui.separator();
 }
 
@@ -49,8 +50,8 @@ pub fn export_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
             ui.set_width(WIDTH);
             let mut settings = export.settings;
             ui.horizontal(|ui| {
-                for subject in Subject::ALL {
-                    ui.selectable_value(&mut settings.subject, subject, subject.name());
+                for &subject in Subject::VARIANTS {
+                    ui.selectable_value(&mut settings.subject, subject, <&str>::from(subject));
                 }
             });
             ui.separator();
@@ -98,8 +99,7 @@ fn settings_ui(ui: &mut Ui, export: &ExportState, settings: &mut ExportSettings)
 
     ui.label("Background");
     let mut is_shown = settings.backdrop == Backdrop::Shown;
-    let shown = Checkbox::new(&mut is_shown, "With the environment");
-    ui.add(shown)
+    ui.checkbox(&mut is_shown, "With the environment")
         .on_hover_text("Without it the picture is transparent around the object");
     settings.backdrop = if is_shown {
         Backdrop::Shown
@@ -132,15 +132,15 @@ fn size_ui(ui: &mut Ui, export: &ExportState, settings: &mut ExportSettings) {
     for (side, name) in [(&mut width, "Width"), (&mut height, "Height")] {
         let value = DragValue::new(side).range(1..=MAX_SIDE_PX).suffix(" px");
         let value = ui.add_enabled(!is_window, value);
-        describe_number(&value, name);
+        set_label(&value, name);
     }
     settings.size = (!is_window).then_some((width, height));
 }
 
 fn frames_ui(ui: &mut Ui, export: &ExportState, settings: &mut ExportSettings) {
     let n = if settings.subject == Subject::Turntable {
-        let frames = ui.add(DragValue::new(&mut settings.n_frames).range(1..=MAX_FRAMES));
-        describe_number(&frames, "Frames");
+        let frames = DragValue::new(&mut settings.n_frames).range(1..=MAX_FRAMES);
+        number_ui(ui, "Frames", frames);
         settings.n_frames
     } else {
         let n = n_path_frames(export);
@@ -152,8 +152,7 @@ fn frames_ui(ui: &mut Ui, export: &ExportState, settings: &mut ExportSettings) {
         .range(1.0..=MAX_FPS)
         .max_decimals(2)
         .suffix(" a second");
-    let fps = ui.add(fps);
-    describe_number(&fps, "Frames a second");
+    number_ui(ui, "Frames a second", fps);
     ui.label(weak(ui, format!("{:.1} s", n as f32 / settings.fps)));
 }
 
@@ -183,19 +182,11 @@ fn keys_ui(ui: &mut Ui, export: &ExportState, asked: &mut Vec<ExportCommand>) {
     ui.add_space(4.0);
     ui.horizontal(|ui| {
         let add = ui.button("Add this view");
-        if add
-            .on_hover_text("The current view becomes the path's next key view")
-            .clicked()
-        {
-            asked.push(ExportCommand::AddKey);
-        }
+        let add = add.on_hover_text("The current view becomes the path's next key view");
+        on_click(&add, ExportCommand::AddKey, asked);
         let save = ui.add_enabled(!export.keys.is_empty(), Button::new("Save cameras"));
-        if save
-            .on_hover_text("A file for `neif render --cameras`")
-            .clicked()
-        {
-            asked.push(ExportCommand::SaveKeys);
-        }
+        let save = save.on_hover_text("A file for `neif render --cameras`");
+        on_click(&save, ExportCommand::SaveKeys, asked);
     });
     if export.keys.len() < 2 {
         let text = "Move the camera and add at least two views; the path passes through them.";
@@ -207,24 +198,21 @@ fn keys_ui(ui: &mut Ui, export: &ExportState, asked: &mut Vec<ExportCommand>) {
         .show(ui, |ui| {
             for (i, key) in export.keys.iter().enumerate() {
                 ui.horizontal(|ui| {
-                    ui.label(format!("{}", i + 1));
+                    ui.label((i + 1).to_string());
                     let mut secs = key.time_secs;
                     let time = DragValue::new(&mut secs)
                         .speed(0.05)
                         .range(0.0..=86_400.0)
                         .max_decimals(2)
                         .suffix(" s");
-                    let time = ui.add(time);
-                    describe_number(&time, &format!("Time of view {}", i + 1));
+                    let time = number_ui(ui, &format!("Time of view {}", i + 1), time);
                     if time.changed() {
                         asked.push(ExportCommand::SetKeyTime(i, secs));
                     }
-                    if ui.small_button("Go").on_hover_text("Stand there").clicked() {
-                        asked.push(ExportCommand::GoToKey(i));
-                    }
-                    if ui.small_button("Remove").clicked() {
-                        asked.push(ExportCommand::RemoveKey(i));
-                    }
+                    let go = ui.small_button("Go").on_hover_text("Stand there");
+                    on_click(&go, ExportCommand::GoToKey(i), asked);
+                    let remove = ui.small_button("Remove");
+                    on_click(&remove, ExportCommand::RemoveKey(i), asked);
                     ui.label(weak(ui, key_text(&key.camera)));
                 });
             }
@@ -234,10 +222,8 @@ fn keys_ui(ui: &mut Ui, export: &ExportState, asked: &mut Vec<ExportCommand>) {
 fn path_ui(ui: &mut Ui, state: &AppState, asked: &mut Vec<ExportCommand>) {
     let export = &state.export;
     let path = default_path(&state.source, &export.settings);
-    let mut typed = match &export.typed {
-        Some(typed) => typed.clone(),
-        None => path.display().to_string(),
-    };
+    let typed = export.typed.clone();
+    let mut typed = typed.unwrap_or_else(|| path.display().to_string());
     let what = if export.settings.needs_folder() {
         "Folder"
     } else {
@@ -250,9 +236,7 @@ fn path_ui(ui: &mut Ui, state: &AppState, asked: &mut Vec<ExportCommand>) {
             asked.push(ExportCommand::Type(typed.clone()));
         }
         let browse = ui.add_enabled(!export.is_browsing, Button::new("Browse…"));
-        if browse.clicked() {
-            asked.push(ExportCommand::Browse);
-        }
+        on_click(&browse, ExportCommand::Browse, asked);
     });
     let note = match (&export.typed, export.settings.needs_folder()) {
         (None, _) => "A number is added where that exists.",
@@ -271,12 +255,8 @@ fn run_ui(ui: &mut Ui, state: &AppState, asked: &mut Vec<ExportCommand>) {
     let Some(running) = &state.export.running else {
         let can_start = state.snapshot.is_some();
         let start = ui.add_enabled(can_start, Button::new("Start export"));
-        if start
-            .on_disabled_hover_text("There is no picture yet")
-            .clicked()
-        {
-            asked.push(ExportCommand::Start);
-        }
+        let start = start.on_disabled_hover_text("There is no picture yet");
+        on_click(&start, ExportCommand::Start, asked);
         return;
     };
     let elapsed = (state.messages.now_secs - running.started_secs).max(0.0);
@@ -286,9 +266,7 @@ fn run_ui(ui: &mut Ui, state: &AppState, asked: &mut Vec<ExportCommand>) {
         ui.add(bar.desired_height(10.0));
         ui.label(format!("{:.0} %", 100.0 * fraction));
         // Before the time, which comes later, so that it stays where it is.
-        if ui.button("Cancel export").clicked() {
-            asked.push(ExportCommand::Cancel);
-        }
+        on_click(&ui.button("Cancel export"), ExportCommand::Cancel, asked);
         if fraction > 0.01 {
             let left = elapsed * (1.0 - fraction) / fraction;
             ui.label(weak(ui, format!("{} left", duration(left))));

@@ -2,18 +2,19 @@
 
 use std::path::Path;
 
+use egui::text::{LayoutJob, TextWrapping};
 use egui::{
     Align2, Color32, FontId, Rect, Response, Role, ScrollArea, Sense, Stroke, StrokeKind,
     TextureId, Ui, WidgetInfo, pos2, vec2,
 };
 
 use crate::app::lighting::LightingCommand;
-use crate::app::panels::widgets::tell_place;
+use crate::app::panels::widgets::{log_place, on_click};
 use crate::app::state::app_state::{AppState, PathPurpose};
 use crate::app::state::command::Command;
 use crate::app::state::source::{EnvironmentContent, EnvironmentEntry};
 use crate::app::theme;
-use crate::app::viewport::overlay::Pictures;
+use crate::app::viewport::overlay::{Pictures, WHOLE};
 
 /// Tiles beside each other.
 const COLUMNS: usize = 3;
@@ -52,9 +53,8 @@ pub fn gallery_ui(ui: &mut Ui, state: &AppState, pictures: &Pictures, commands: 
         });
     let add = ui.button("Add environment…");
     let what = "A trained environment (.safetensors), a saved run, or a panorama (.hdr, .exr)";
-    if add.on_hover_text(what).clicked() {
-        commands.push(Command::AskPath(PathPurpose::AddEnvironment));
-    }
+    let ask = Command::AskPath(PathPurpose::AddEnvironment);
+    on_click(&add.on_hover_text(what), ask, commands);
 }
 
 fn tiles<'a>(state: &'a AppState, pictures: &Pictures) -> Vec<Tile<'a>> {
@@ -102,30 +102,25 @@ fn tile_ui(
     let (rect, response) = ui.allocate_exact_size(size, Sense::click());
     let is_chosen = state.look.environment == tile.environment;
     response.widget_info(|| WidgetInfo::selected(Role::RadioButton, true, is_chosen, &tile.name));
-    tell_place(ui, &tile.name, rect);
+    log_place(ui, &tile.name, rect);
     draw(ui, rect, tile, is_chosen, &response);
     if let (Some(index), Some(entry)) = (tile.environment, tile.entry) {
         remove_ui(ui, rect, index, &entry.name, commands);
     }
-    if response
-        .on_hover_text(format!("{}\n{}", tile.name, tile.hint))
-        .clicked()
-    {
-        commands.push(Command::ChooseEnvironment(tile.environment));
-    }
+    let response = response.on_hover_text(format!("{}\n{}", tile.name, tile.hint));
+    let choose = Command::ChooseEnvironment(tile.environment);
+    on_click(&response, choose, commands);
 }
 
 fn draw(ui: &Ui, rect: Rect, tile: &Tile<'_>, is_chosen: bool, response: &Response) {
     let visuals = ui.visuals();
     let picture = Rect::from_min_size(rect.min, vec2(rect.width(), 0.5 * rect.width()));
     if let Some(id) = tile.picture {
-        let whole = Rect::from_min_max(pos2(0.0, 0.0), pos2(1.0, 1.0));
-        ui.painter().image(id, picture, whole, Color32::WHITE);
+        ui.painter().image(id, picture, WHOLE, Color32::WHITE);
     } else {
-        let (at, font) = (picture.center(), FontId::proportional(18.0));
-        let color = theme::weak(visuals);
-        ui.painter()
-            .text(at, Align2::CENTER_CENTER, "…", font, color);
+        let (font, color) = (FontId::proportional(18.0), theme::weak(visuals));
+        let (at, anchor) = (picture.center(), Align2::CENTER_CENTER);
+        ui.painter().text(at, anchor, "…", font, color);
     }
     let stroke = match (is_chosen, response.hovered() || response.has_focus()) {
         (true, _) => Stroke::new(2.5, theme::accent(visuals)),
@@ -139,14 +134,9 @@ fn draw(ui: &Ui, rect: Rect, tile: &Tile<'_>, is_chosen: bool, response: &Respon
     } else {
         visuals.text_color()
     };
-    let text = egui::text::LayoutJob {
-        wrap: egui::text::TextWrapping::truncate_at_width(rect.width()),
-        ..egui::text::LayoutJob::simple_singleline(
-            tile.name.clone(),
-            FontId::proportional(12.0),
-            color,
-        )
-    };
+    let (name, font) = (tile.name.clone(), FontId::proportional(12.0));
+    let mut text = LayoutJob::simple_singleline(name, font, color);
+    text.wrap = TextWrapping::truncate_at_width(rect.width());
     let galley = ui.painter().layout_job(text);
     let at = pos2(rect.left(), picture.bottom() + 2.0);
     ui.painter().galley(at, galley, color);
@@ -155,11 +145,8 @@ fn draw(ui: &Ui, rect: Rect, tile: &Tile<'_>, is_chosen: bool, response: &Respon
 /// A small cross that takes an environment off the list.
 fn remove_ui(ui: &Ui, tile: Rect, index: usize, name: &str, commands: &mut Vec<Command>) {
     let corner = Rect::from_min_size(tile.right_top() + vec2(-17.0, 1.0), vec2(16.0, 16.0));
-    let response = ui.interact(
-        corner,
-        ui.scope_id().with(("remove", index)),
-        Sense::click(),
-    );
+    let id = ui.scope_id().with(("remove", index));
+    let response = ui.interact(corner, id, Sense::click());
     let label = format!("Remove {name}");
     response.widget_info(|| WidgetInfo::labeled(Role::Button, true, &label));
     let color = if response.hovered() || response.has_focus() {
@@ -174,7 +161,7 @@ fn remove_ui(ui: &Ui, tile: Rect, index: usize, name: &str, commands: &mut Vec<C
         painter.line_segment([cross.left_top(), cross.right_bottom()], stroke);
         painter.line_segment([cross.right_top(), cross.left_bottom()], stroke);
     }
-    if response.on_hover_text("Take it off the list").clicked() {
-        commands.push(Command::Lighting(LightingCommand::Remove(index)));
-    }
+    let remove = Command::Lighting(LightingCommand::Remove(index));
+    let response = response.on_hover_text("Take it off the list");
+    on_click(&response, remove, commands);
 }

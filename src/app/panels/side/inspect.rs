@@ -1,16 +1,16 @@
 //! The panel of the picked point: its values as text, and the environment as the point sees it. Below what is edited,
 //! which therefore stays where it is when a point is picked.
 
-use egui::{Color32, Grid, Pos2, Rect, RichText, Sense, Shape, Stroke, Ui, pos2, vec2};
+use egui::{Color32, Grid, Pos2, Rect, RichText, Sense, Shape, Stroke, Ui, vec2};
 use glam::{Quat, Vec2, Vec3};
 
 use crate::app::inspect::{InspectCommand, Pick};
-use crate::app::panels::section::section_heading;
-use crate::app::panels::widgets::weak;
+use crate::app::panels::section::section_row;
+use crate::app::panels::widgets::{on_click, weak};
 use crate::app::state::app_state::AppState;
 use crate::app::state::command::Command;
 use crate::app::state::sections::Section;
-use crate::app::viewport::overlay::Pictures;
+use crate::app::viewport::overlay::{Pictures, WHOLE};
 use crate::geometry::orthonormal_basis;
 use crate::neif::surface::values::Surface;
 use crate::render::{PanoramaView, PointValues, PointView, lobe_half_width};
@@ -19,11 +19,6 @@ use crate::render::{PanoramaView, PointValues, PointView, lobe_half_width};
 const N_CORNERS: usize = 72;
 /// Stands for a value that is not known yet, so that what is below the table stays where it is when it comes.
 const UNKNOWN: &str = "…";
-/// All of a texture.
-const WHOLE: Rect = Rect {
-    min: pos2(0.0, 0.0),
-    max: pos2(1.0, 1.0),
-};
 
 /// Draws the panel; nothing while nothing is picked.
 pub fn inspect_ui(ui: &mut Ui, state: &AppState, pictures: &Pictures, commands: &mut Vec<Command>) {
@@ -32,19 +27,14 @@ pub fn inspect_ui(ui: &mut Ui, state: &AppState, pictures: &Pictures, commands: 
     };
     let view = pick.seen_by(&state.view.viewpoint.camera);
     let rows = rows(pick, &view, state.inspect.values.as_ref());
-    let mut is_open = true;
-    ui.horizontal(|ui| {
-        is_open = section_heading(ui, state, Section::Point, commands);
-        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-            let forget = ui.button("Forget point").on_hover_text("Esc");
-            if forget.clicked() {
-                commands.push(Command::Inspect(InspectCommand::Forget));
-            }
-            let copy = ui.button("Copy values");
-            if copy.on_hover_text("As text, a value a line").clicked() {
-                ui.ctx().copy_text(as_text(&rows));
-            }
-        });
+    let is_open = section_row(ui, state, Section::Point, commands, |ui, commands| {
+        let forget = ui.button("Forget point").on_hover_text("Esc");
+        let command = Command::Inspect(InspectCommand::Forget);
+        on_click(&forget, command, commands);
+        let copy = ui.button("Copy values");
+        if copy.on_hover_text("As text, a value a line").clicked() {
+            ui.ctx().copy_text(as_text(&rows));
+        }
     });
     if is_open {
         let grid = Grid::new("point").num_columns(2);

@@ -4,7 +4,7 @@ use egui::{ScrollArea, Ui};
 
 use crate::app::diagnostics::diagnostics;
 use crate::app::panels::frame::toasts::level_text;
-use crate::app::panels::widgets::{describe_number, duration, weak};
+use crate::app::panels::widgets::{duration, set_label, weak};
 use crate::app::state::app_state::AppState;
 use crate::app::state::command::Command;
 use crate::app::state::messages::Message;
@@ -58,7 +58,7 @@ fn message_ui(ui: &mut Ui, message: &Message) {
         ui.label(level_text(message.level, color));
         ui.label(&message.text);
         let copy = ui.small_button("Copy");
-        describe_number(&copy, &format!("Copy message: {}", message.text));
+        set_label(&copy, &format!("Copy message: {}", message.text));
         if copy.clicked() {
             ui.ctx().copy_text(message.to_text());
         }

@@ -1,11 +1,11 @@
 //! The material panel: roughness, specular tint, diffuse, before and after.
 
-use egui::Ui;
+use egui::{Button, Ui};
 
 use super::scope::{reach_ui, scope_ui};
 use crate::app::inspect::InspectCommand;
-use crate::app::panels::section::section_heading;
-use crate::app::panels::widgets::{Setting, color_row, slider_row, weak};
+use crate::app::panels::section::section_row;
+use crate::app::panels::widgets::{Setting, color_row, on_click, slider_row, weak};
 use crate::app::state::app_state::AppState;
 use crate::app::state::command::Command;
 use crate::app::state::sections::Section;
@@ -50,28 +50,16 @@ pub fn material_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
         Some((index, _)) => Command::Inspect(InspectCommand::Edit(index, edit)),
         None => Command::Edit(edit),
     };
-    let mut is_open = true;
-    ui.horizontal(|ui| {
-        is_open = section_heading(ui, state, Section::Material, commands);
-        let has_edits = before != MaterialEdit::default();
-        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-            let reset = ui.add_enabled(has_edits, egui::Button::new("Reset material"));
-            if reset
-                .on_hover_text("All of it back to what was learned")
-                .clicked()
-            {
-                commands.push(command(MaterialEdit::default()));
-            }
-        });
+    let is_open = section_row(ui, state, Section::Material, commands, |ui, commands| {
+        let learned = MaterialEdit::default();
+        let reset = ui.add_enabled(before != learned, Button::new("Reset material"));
+        let reset = reset.on_hover_text("All of it back to what was learned");
+        on_click(&reset, command(learned), commands);
     });
     if !is_open {
         return;
     }
-    if state
-        .snapshot
-        .as_ref()
-        .is_some_and(|snapshot| snapshot.object.is_none())
-    {
+    if state.snapshot.is_some() && state.object().is_none() {
         ui.label(weak(ui, "There is no object to edit."));
         return;
     }

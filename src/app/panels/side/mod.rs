@@ -7,7 +7,6 @@ pub mod gallery;
 pub mod inspect;
 pub mod log;
 pub mod material;
-mod pace;
 pub mod picture;
 pub mod plots;
 pub mod scope;

@@ -1,12 +1,12 @@
 //! The picture panel: how the scene is shown, apart from its light: background, lens, exposure, A beside B.
 
-use egui::{Button, Ui};
+use egui::{Button, Response, Ui};
 use glam::Vec3;
 
 use super::environment::axis_name;
 use crate::app::lighting::{LARGEST_DISPLAY_EV, LightingCommand};
 use crate::app::panels::section::section_heading;
-use crate::app::panels::widgets::{Setting, name_label, slider_row};
+use crate::app::panels::widgets::{Setting, choices_ui, name_label, on_click, slider_row};
 use crate::app::state::app_state::AppState;
 use crate::app::state::command::Command;
 use crate::app::state::sections::Section;
@@ -27,39 +27,31 @@ pub fn picture_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     }
     background_ui(ui, state, commands);
     camera_ui(ui, state, commands);
-    let mut send = |command| commands.push(Command::Lighting(command));
     let mut ev = state.lighting.display_ev;
     if slider_row(ui, &DISPLAY_EV, &mut ev) {
-        send(LightingCommand::SetDisplayEv(ev));
+        commands.push(Command::Lighting(LightingCommand::SetDisplayEv(ev)));
     }
     ui.horizontal(|ui| {
         name_label(ui, "Bright light").on_hover_text("What becomes of light brighter than white");
-        for map in ToneMap::ALL {
-            let is_on = state.lighting.tone_map == map;
-            let (name, hint) = tone_map_name(map);
-            let button = ui.selectable_label(is_on, name);
-            if button.on_hover_text(hint).clicked() {
-                send(LightingCommand::SetToneMap(map));
-            }
+        let maps = ToneMap::ALL.map(tone_map);
+        if let Some(map) = choices_ui(ui, state.lighting.tone_map, maps) {
+            commands.push(Command::Lighting(LightingCommand::SetToneMap(map)));
         }
     });
+    let mut send = |button: Response, command| {
+        on_click(&button, Command::Lighting(command), commands);
+    };
     ui.horizontal(|ui| {
         let is_on = state.lighting.split.is_some();
         let both = ui.add(Button::selectable(is_on, "A | B"));
         let what =
             "Two looks side by side: A as edited, B as kept when this was first switched on (V)";
-        if both.on_hover_text(what).clicked() {
-            send(LightingCommand::ToggleSplit);
-        }
+        send(both.on_hover_text(what), LightingCommand::ToggleSplit);
         let swap = ui.add_enabled(state.lighting.kept.is_some(), Button::new("Swap A and B"));
-        if swap.on_hover_text("X").clicked() {
-            send(LightingCommand::SwapSides);
-        }
+        send(swap.on_hover_text("X"), LightingCommand::SwapSides);
         let copy = ui.button("Keep A as B");
         let what = "B becomes what A is now: material, environment and where it stands";
-        if copy.on_hover_text(what).clicked() {
-            send(LightingCommand::CopyToB);
-        }
+        send(copy.on_hover_text(what), LightingCommand::CopyToB);
     });
 }
 
@@ -67,13 +59,9 @@ pub fn picture_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
 fn background_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     ui.horizontal(|ui| {
         name_label(ui, "Background").on_hover_text("What stands behind the object (H)");
-        for background in Background::ALL {
-            let is_on = state.lighting.background == background;
-            let button = ui.selectable_label(is_on, background_name(background));
-            if button.on_hover_text(background_hint(background)).clicked() {
-                let command = LightingCommand::SetBackground(background);
-                commands.push(Command::Lighting(command));
-            }
+        let backgrounds = Background::ALL.map(background);
+        if let Some(chosen) = choices_ui(ui, state.lighting.background, backgrounds) {
+            commands.push(Command::Lighting(LightingCommand::SetBackground(chosen)));
         }
     });
 }
@@ -99,13 +87,11 @@ fn camera_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
             "What the camera turns about and keeps upright; the environment turns about it too";
         name_label(ui, "Up axis").on_hover_text(hint);
         ui.spacing_mut().item_spacing.x = 2.0;
-        for axis in Vec3::AXES.into_iter().flat_map(|axis| [axis, -axis]) {
-            let is_on = state.view.up.dot(axis) > 0.999;
-            let button = ui.selectable_label(is_on, axis_name(axis));
-            if button.on_hover_text(hint).clicked() {
-                commands.push(Command::SetUp(axis));
-            }
-        }
+        let axes = Vec3::AXES.into_iter().flat_map(|axis| [axis, -axis]);
+        let now = axes.clone().find(|axis| state.view.up.dot(*axis) > 0.999);
+        let axes = axes.map(|axis| (Some(axis), axis_name(axis), hint));
+        let chosen = choices_ui(ui, now, axes).flatten();
+        commands.extend(chosen.map(Command::SetUp));
     });
 }
 
@@ -113,28 +99,24 @@ fn tenths(value: f32) -> f32 {
     (value * 10.0).round() / 10.0
 }
 
-fn tone_map_name(map: ToneMap) -> (&'static str, &'static str) {
-    match map {
+/// With its name and a hint.
+fn tone_map(map: ToneMap) -> (ToneMap, &'static str, &'static str) {
+    let (name, hint) = match map {
         ToneMap::Photo => ("As in photos", "Clipped at white; what training compares"),
         ToneMap::Neutral => (
             "Neutral",
             "Compressed, so that lamps keep their shape (Khronos PBR Neutral)",
         ),
-    }
+    };
+    (map, name, hint)
 }
 
-fn background_name(background: Background) -> &'static str {
-    match background {
-        Background::Shown => "Shown",
-        Background::Blurred => "Blurred",
-        Background::Hidden => "Hidden",
-    }
-}
-
-fn background_hint(background: Background) -> &'static str {
-    match background {
-        Background::Shown => "As sharp as it is",
-        Background::Blurred => "Out of focus; reflections stay sharp",
-        Background::Hidden => "Black; its light stays",
-    }
+/// With its name and a hint.
+fn background(background: Background) -> (Background, &'static str, &'static str) {
+    let (name, hint) = match background {
+        Background::Shown => ("Shown", "As sharp as it is"),
+        Background::Blurred => ("Blurred", "Out of focus; reflections stay sharp"),
+        Background::Hidden => ("Hidden", "Black; its light stays"),
+    };
+    (background, name, hint)
 }

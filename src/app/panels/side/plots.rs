@@ -4,7 +4,7 @@ use egui::{Rangef, Ui};
 use egui_plot::{AxisHints, GridInput, GridMark, Line, Plot, PlotPoints, Points};
 
 use crate::app::panels::section::section_heading;
-use crate::app::panels::widgets::{count, duration, weak};
+use crate::app::panels::widgets::{count, duration, on_click, weak};
 use crate::app::state::app_state::{AppState, PathPurpose};
 use crate::app::state::command::Command;
 use crate::app::state::sections::Section;
@@ -41,33 +41,35 @@ pub fn plots_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
         return;
     }
     let visuals = ui.visuals();
-    let accents = [theme::accent(visuals), theme::accent_2(visuals)];
-    let faint = theme::weak(visuals);
+    let colors = [
+        theme::accent(visuals),
+        theme::accent_2(visuals),
+        theme::weak(visuals),
+    ];
     let over = state.watch.plot_over;
-    let loss = [
-        ("all", &training.loss, accents[0]),
-        ("object", &training.loss_object, accents[1]),
-        ("background", &training.loss_background, faint),
-    ];
-    plot_ui(ui, "Loss, smoothed", &loss, (Scale::Log, over));
-    let psnr = [
-        ("whole photo", &training.psnr, accents[0]),
-        ("object", &training.psnr_object, accents[1]),
-        ("background", &training.psnr_background, faint),
-    ];
-    plot_ui(ui, "Held-out PSNR, dB", &psnr, (Scale::Linear, over));
+    for (title, whole, curves, scale) in [
+        ("Loss, smoothed", "all", &training.loss, Scale::Log),
+        (
+            "Held-out PSNR, dB",
+            "whole photo",
+            &training.psnr,
+            Scale::Linear,
+        ),
+    ] {
+        let names = [whole, "object", "background"];
+        let named: [Named<'_>; 3] = std::array::from_fn(|i| (names[i], &curves[i], colors[i]));
+        plot_ui(ui, title, &named, (scale, over));
+    }
     ui.horizontal(|ui| {
         for (axis, name) in [(PlotAxis::Time, "by time"), (PlotAxis::Steps, "by step")] {
-            if ui.selectable_label(over == axis, name).clicked() {
-                commands.push(Command::Watch(WatchCommand::PlotOver(axis)));
-            }
+            let choose = Command::Watch(WatchCommand::PlotOver(axis));
+            on_click(&ui.selectable_label(over == axis, name), choose, commands);
         }
         let is_empty = training.log.is_empty();
         let export = ui.add_enabled(!is_empty, egui::Button::new("Export CSV…").small());
         let export = export.on_hover_text("All figures so far as a table");
-        if export.on_disabled_hover_text("No figures yet").clicked() {
-            commands.push(Command::AskPath(PathPurpose::Log));
-        }
+        let export = export.on_disabled_hover_text("No figures yet");
+        on_click(&export, Command::AskPath(PathPurpose::Log), commands);
     });
 }
 
@@ -121,33 +123,16 @@ fn plot_ui(ui: &mut Ui, title: &str, curves: &[Named<'_>], (scale, over): (Scale
         ui.add_sized(size, egui::Label::new(weak(ui, "no values yet")));
         return;
     }
-    let drawn: Vec<(&str, Vec<[f64; 2]>, egui::Color32)> = curves
-        .iter()
-        .map(|(name, curve, color)| (*name, points_of(curve, scale, over), *color))
-        .collect();
-    let starts: Vec<_> = drawn
-        .iter()
-        .filter_map(|(name, points, color)| Some((*name, *points.first()?, *color)))
-        .collect();
-    let lines: Vec<Line<'static>> = drawn
-        .iter()
-        .map(|(name, points, color)| {
-            Line::new(*name, PlotPoints::new(points.clone()))
-                .color(*color)
-                .width(1.5)
-        })
-        .collect();
     plot.show(ui, |plot_ui| {
-        for line in lines {
-            plot_ui.line(line);
-        }
-        // A line of one point cannot be seen.
-        for (name, start, color) in starts {
-            plot_ui.points(
-                Points::new(name, PlotPoints::new(vec![start]))
-                    .color(color)
-                    .radius(2.0),
-            );
+        for (name, curve, color) in curves {
+            let points = points_of(curve, scale, over);
+            // A line of one point cannot be seen.
+            if let Some(start) = points.first() {
+                let start = Points::new(*name, PlotPoints::new(vec![*start]));
+                plot_ui.points(start.color(*color).radius(2.0));
+            }
+            let line = Line::new(*name, PlotPoints::new(points));
+            plot_ui.line(line.color(*color).width(1.5));
         }
     });
 }

@@ -5,7 +5,7 @@
 use egui::{Button, ComboBox, Response, RichText, Role, Ui, WidgetInfo};
 
 use crate::app::inspect::InspectCommand;
-use crate::app::panels::widgets::{Setting, name_label, slider_row, weak};
+use crate::app::panels::widgets::{Setting, name_label, on_click, slider_row, weak};
 use crate::app::state::app_state::AppState;
 use crate::app::state::command::Command;
 use crate::neif::{Extent, Likeness, Region};
@@ -39,7 +39,7 @@ pub fn scope_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     });
     ui.horizontal(|ui| grow_ui(ui, state, commands));
     if hovered != state.inspect.hovered {
-        push(commands, InspectCommand::Hover(hovered));
+        commands.push(Command::Inspect(InspectCommand::Hover(hovered)));
     }
 }
 
@@ -53,10 +53,13 @@ pub fn reach_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     };
     ui.label(weak(ui, format!("Reach of region {}", index + 1)));
     let mut changed = like;
-    likeness_ui(ui, &mut changed);
+    slider_row(ui, &LIKENESS, &mut changed.threshold);
+    slider_row(ui, &SOFTNESS, &mut changed.softness);
+    ui.checkbox(&mut changed.within_part, "Connected part only")
+        .on_hover_text("Keeps to the part of the mesh that was clicked");
     if changed != like {
-        let extent = Extent::Material(changed);
-        push(commands, InspectCommand::SetExtent(index, extent));
+        let set = InspectCommand::SetExtent(index, Extent::Material(changed));
+        commands.push(Command::Inspect(set));
     }
 }
 
@@ -83,9 +86,8 @@ fn choice_ui(
             if item.contains_pointer() {
                 *hovered = index;
             }
-            if item.clicked() {
-                push(commands, InspectCommand::ChooseScope(index));
-            }
+            let choose = InspectCommand::ChooseScope(index);
+            on_click(&item, Command::Inspect(choose), commands);
         }
     });
     list.response
@@ -108,11 +110,9 @@ fn delete_ui(ui: &mut Ui, chosen: Option<usize>, commands: &mut Vec<Command>) {
         format!("Delete region {}", index + 1)
     });
     button.widget_info(|| WidgetInfo::labeled(Role::Button, chosen.is_some(), &name));
-    if button.on_hover_text(name).clicked()
-        && let Some(index) = chosen
-    {
-        push(commands, InspectCommand::RemoveRegion(index));
-    }
+    let clicked = chosen.filter(|_| button.on_hover_text(name).clicked());
+    let remove = clicked.map(InspectCommand::RemoveRegion);
+    commands.extend(remove.map(Command::Inspect));
 }
 
 /// The buttons that make a region; what to do first while nothing is picked.
@@ -125,24 +125,10 @@ fn grow_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     }
     let part = ui.button("Edit this part");
     let part = part.on_hover_text("A region of the connected part of the mesh");
-    if part.clicked() {
-        push(commands, InspectCommand::AddRegion(Extent::Part));
-    }
+    let add = |extent| Command::Inspect(InspectCommand::AddRegion(extent));
+    on_click(&part, add(Extent::Part), commands);
     let like = ui.button("Edit like material");
     let like = like.on_hover_text("A region of whatever is made of nearly the same");
-    if like.clicked() {
-        let extent = Extent::Material(Likeness::default());
-        push(commands, InspectCommand::AddRegion(extent));
-    }
-}
-
-fn likeness_ui(ui: &mut Ui, like: &mut Likeness) {
-    slider_row(ui, &LIKENESS, &mut like.threshold);
-    slider_row(ui, &SOFTNESS, &mut like.softness);
-    ui.checkbox(&mut like.within_part, "Connected part only")
-        .on_hover_text("Keeps to the part of the mesh that was clicked");
-}
-
-fn push(commands: &mut Vec<Command>, command: InspectCommand) {
-    commands.push(Command::Inspect(command));
+    let extent = Extent::Material(Likeness::default());
+    on_click(&like, add(extent), commands);
 }

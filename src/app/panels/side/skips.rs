@@ -11,12 +11,8 @@ use crate::app::state::sections::Section;
 /// Width of a bar.
 const BAR_WIDTH: f32 = 70.0;
 
-/// A shortcut, the share it leaves out, and what that is a share of.
-struct Row {
-    name: &'static str,
-    share: f32,
-    hint: &'static str,
-}
+/// The name of a shortcut, the share it leaves out, and what that is a share of.
+type Row = (&'static str, f32, &'static str);
 
 /// Draws the table.
 pub fn skips_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
@@ -29,12 +25,12 @@ pub fn skips_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
         return;
     }
     Grid::new("skips").num_columns(2).show(ui, |ui| {
-        for row in rows {
-            ui.label(row.name).on_hover_text(row.hint);
-            let bar = ProgressBar::new(row.share)
+        for (name, share, hint) in rows {
+            ui.label(name).on_hover_text(hint);
+            let bar = ProgressBar::new(share)
                 .desired_width(BAR_WIDTH)
-                .text(format!("{:.0} %", 100.0 * row.share));
-            ui.add(bar).on_hover_text(row.hint);
+                .text(format!("{:.0} %", 100.0 * share));
+            ui.add(bar).on_hover_text(hint);
             ui.end_row();
         }
     });
@@ -42,31 +38,30 @@ pub fn skips_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
 }
 
 fn rows(state: &AppState) -> Vec<Row> {
-    let row = |name, share, hint| Row { name, share, hint };
     let mut rows = Vec::new();
     if let Some(skips) = state.training.progress.skips {
         rows.extend([
-            row(
+            (
                 "Empty space",
                 skips.empty_space,
                 "Of the way along rays: next to no density, so that samples go elsewhere",
             ),
-            row(
+            (
                 "Behind opaque",
                 skips.behind_opaque,
                 "Of the way along rays: behind something opaque",
             ),
-            row(
+            (
                 "Inside the object",
                 skips.inside_object,
                 "Of the samples: inside the object, or where a reflection starts; they hold no light",
             ),
-            row(
+            (
                 "Weak gradient",
                 skips.weak_gradient,
                 "Of the samples: too small a gradient to be worth the way back",
             ),
-            row(
+            (
                 "Finer than footprint",
                 skips.fine_levels,
                 "Of the look-ups in the grid: levels finer than what the ray can resolve",
@@ -74,11 +69,8 @@ fn rows(state: &AppState) -> Vec<Row> {
         ]);
     }
     if let Some(share) = state.shown.and_then(|shown| shown.reused_share()) {
-        rows.push(row(
-            "Preview, unchanged",
-            share,
-            "Of the last picture's pixels: taken over from the picture before",
-        ));
+        let hint = "Of the last picture's pixels: taken over from the picture before";
+        rows.push(("Preview, unchanged", share, hint));
     }
     rows
 }

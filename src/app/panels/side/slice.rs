@@ -3,15 +3,14 @@
 use egui::{Color32, Rect, Sense, Stroke, TextureId, Ui, pos2, vec2};
 
 use crate::app::panels::section::section_heading;
-use crate::app::panels::widgets::{describe_number, weak};
+use crate::app::panels::widgets::{set_label, weak};
 use crate::app::state::app_state::AppState;
 use crate::app::state::command::Command;
 use crate::app::state::sections::Section;
 use crate::app::state::watch::WatchCommand;
 use crate::app::theme;
-use crate::app::viewport::overlay::color_bar;
+use crate::app::viewport::overlay::{WHOLE, color_bar};
 use crate::color::map::ColorMap;
-use crate::neif::Environment;
 use crate::render::output::slice::{DENSITY_RANGE, SlicePlane};
 
 /// Side of the picture.
@@ -45,9 +44,9 @@ fn plane_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
         }
         let slider = egui::Slider::new(&mut plane.share, 0.0..=1.0).show_value(false);
         let slider = ui.add(slider);
-        describe_number(&slider, "Place of the slice");
+        set_label(&slider, "Place of the slice");
         slider.on_hover_text("Place along the axis, through the field's inner box");
-        if let Some(environment) = environment(state) {
+        if let Some(environment) = state.shown_environment() {
             let bounds = environment.inner_box();
             let at = bounds.min + bounds.extent() * plane.share;
             ui.label(format!("{:.2}", at[plane.axis]));
@@ -67,8 +66,7 @@ fn picture_ui(ui: &mut Ui, state: &AppState, picture: Option<TextureId>) {
     response
         .widget_info(|| egui::WidgetInfo::labeled(egui::Role::Image, true, "Density on a plane"));
     let square = Rect::from_min_size(all.min, vec2(SIDE, SIDE));
-    let whole = Rect::from_min_max(pos2(0.0, 0.0), pos2(1.0, 1.0));
-    ui.painter().image(picture, square, whole, Color32::WHITE);
+    ui.painter().image(picture, square, WHOLE, Color32::WHITE);
     if let Some(object) = object_rect(state, state.watch.slice) {
         let min = square.min + object.min.to_vec2() * SIDE;
         let object = Rect::from_min_size(min, object.size() * SIDE).intersect(square);
@@ -79,23 +77,13 @@ fn picture_ui(ui: &mut Ui, state: &AppState, picture: Option<TextureId>) {
     let [low, high] = DENSITY_RANGE;
     let marks = [low, (low * high).sqrt(), high].map(|v| format!("{v}"));
     let color = |t: f32| ColorMap::Sequential.srgb8(t);
-    color_bar(
-        ui,
-        all.left_bottom(),
-        "Density a field unit",
-        &marks,
-        &color,
-    );
-}
-
-fn environment(state: &AppState) -> Option<&Environment> {
-    let own = state.snapshot.as_ref().map(|s| &s.environment);
-    state.chosen_environment().or(own).map(|e| &**e)
+    let at = all.left_bottom();
+    color_bar(ui, at, "Density a field unit", &marks, &color);
 }
 
 /// Where the object's box lies in the picture, both 0 to 1 from its left top.
 fn object_rect(state: &AppState, plane: SlicePlane) -> Option<Rect> {
-    let frame = environment(state)?.frame();
+    let frame = state.shown_environment()?.frame();
     let bounds = state.view.bounds?;
     let place = |p| (frame.field_from_world(p) + 1.0) * 0.5;
     let (low, high) = (place(bounds.min), place(bounds.max));

@@ -1,11 +1,13 @@
 //! The training panel: what is trained, its controls and its figures.
 
-use egui::{Button, DragValue, Grid, Ui};
+use egui::{Button, Grid, Ui};
+use strum::VariantArray as _;
 
-use super::pace::pace_ui;
 use crate::app::panels::frame::status::chip;
 use crate::app::panels::section::section_heading;
-use crate::app::panels::widgets::{count, describe_number, duration, weak};
+use crate::app::panels::widgets::{
+    choices_ui, count, duration, number_ui, on_click, training_secs, weak,
+};
 use crate::app::state::app_state::{AppState, PathPurpose};
 use crate::app::state::command::{Command, Train};
 use crate::app::state::sections::Section;
@@ -13,19 +15,20 @@ use crate::app::state::source::Source;
 use crate::app::state::training_state::{Phase, headline};
 use crate::app::state::watch::WatchCommand;
 use crate::app::theme;
+use crate::app::work::pace::Pace;
 
 /// Draws the panel.
 pub fn training_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
-    let mut is_open = true;
-    ui.horizontal(|ui| {
-        is_open = section_heading(ui, state, Section::Training, commands);
+    let row = ui.horizontal(|ui| {
+        let is_open = section_heading(ui, state, Section::Training, commands);
         let phase = &state.training.phase;
         // While it trains, the heading says it already.
         if *phase != Phase::Training {
             chip(ui, phase.name(), theme::of_phase(ui.visuals(), phase));
         }
+        is_open
     });
-    if !is_open {
+    if !row.inner {
         return;
     }
     capture_ui(ui, state);
@@ -62,13 +65,17 @@ fn controls_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     match phase {
         Phase::Training | Phase::Paused => {
             running_ui(ui, phase, commands);
-            pace_ui(ui, state, commands);
+            ui.horizontal_wrapped(|ui| {
+                ui.label(weak(ui, "Pace"));
+                let paces = Pace::VARIANTS.iter();
+                let paces = paces.map(|pace| (*pace, <&str>::from(pace), pace.hint()));
+                commands.extend(choices_ui(ui, state.pace, paces).map(Command::SetPace));
+            });
             extend_ui(ui, state, commands);
         }
         Phase::Loading { .. } => {
-            if ui.button("Cancel").clicked() {
-                commands.push(Command::Train(Train::StopForSure));
-            }
+            let cancel = ui.button("Cancel");
+            on_click(&cancel, Command::Train(Train::StopForSure), commands);
         }
         Phase::Idle | Phase::Finished(_) | Phase::Failed(_) => start_ui(ui, state, commands),
     }
@@ -96,13 +103,8 @@ fn running_ui(ui: &mut Ui, phase: &Phase, commands: &mut Vec<Command>) {
             ),
         ];
         for (text, hint, command) in buttons {
-            if ui
-                .add(Button::new(text).min_size(egui::vec2(46.0, 0.0)))
-                .on_hover_text(hint)
-                .clicked()
-            {
-                commands.push(command);
-            }
+            let button = Button::new(text).min_size(egui::vec2(46.0, 0.0));
+            on_click(&ui.add(button).on_hover_text(hint), command, commands);
         }
     });
 }
@@ -113,73 +115,42 @@ fn extend_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
         let mut secs = state.watch.extend_secs;
         let extend = |secs| Command::Train(Train::Extend(secs));
         let longer = ui.button("Train longer");
-        if longer
-            .on_hover_text("By so many seconds, after the end of the plan")
-            .clicked()
-        {
-            commands.push(extend(secs));
-        }
-        let number = DragValue::new(&mut secs)
-            .range(5.0..=86_400.0)
-            .speed(5.0)
-            .max_decimals(0)
-            .suffix(" s");
-        let number = ui.add(number);
-        describe_number(&number, "Seconds more");
+        let longer = longer.on_hover_text("By so many seconds, after the end of the plan");
+        on_click(&longer, extend(secs), commands);
+        let number = number_ui(ui, "Seconds more", training_secs(&mut secs));
         if number.changed() {
             commands.push(Command::Watch(WatchCommand::SetExtend(secs)));
         }
-        if ui.button("+1 min").clicked() {
-            commands.push(extend(60.0));
-        }
+        on_click(&ui.button("+1 min"), extend(60.0), commands);
     });
 }
 
 fn start_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     if matches!(state.training.phase, Phase::Finished(_)) && state.training.phase.takes_commands() {
         extend_ui(ui, state, commands);
-        if ui.button("Save…").clicked() {
-            commands.push(Command::AskPath(PathPurpose::Save));
-        }
+        let save = Command::AskPath(PathPurpose::Save);
+        on_click(&ui.button("Save…"), save, commands);
         return;
     }
-    let can_start = matches!(
-        state.source,
-        Source::Demo(_) | Source::Capture(_) | Source::Run(_)
-    );
     ui.horizontal(|ui| {
         let text = match (&state.source, &state.training.phase) {
             (Source::Run(_), _) => "Train further",
             (_, Phase::Idle) => "Start training",
             _ => "Train again",
         };
-        if ui.add_enabled(can_start, Button::new(text)).clicked() {
-            commands.push(Command::Train(Train::Start));
-        }
+        let start = ui.add_enabled(state.source.is_trainable(), Button::new(text));
+        on_click(&start, Command::Train(Train::Start), commands);
         ui.label("for");
-        let mut budget = state.budget_secs;
-        let number = ui.add(
-            DragValue::new(&mut budget)
-                .range(5.0..=86_400.0)
-                .speed(5.0)
-                .max_decimals(0)
-                .suffix(" s"),
-        );
-        describe_number(&number, "Training time in seconds");
-        if number
-            .on_hover_text("Training time; more can be added later")
-            .changed()
-        {
+        let mut budget = state.watch.budget_secs;
+        let number = number_ui(ui, "Training time in seconds", training_secs(&mut budget));
+        let number = number.on_hover_text("Training time; more can be added later");
+        if number.changed() {
             commands.push(Command::SetBudget(budget));
         }
     });
     let mut is_auto = state.preferences.is_auto_start;
-    if ui
-        .checkbox(&mut is_auto, "Start when a capture is opened")
-        .changed()
-    {
-        commands.push(Command::SetAutoStart(is_auto));
-    }
+    let auto = ui.checkbox(&mut is_auto, "Start when a capture is opened");
+    on_click(&auto, Command::SetAutoStart(is_auto), commands);
 }
 
 fn figures_ui(ui: &mut Ui, state: &AppState) {
@@ -188,23 +159,32 @@ fn figures_ui(ui: &mut Ui, state: &AppState) {
     if !has_figures && state.training.phase == Phase::Idle {
         return;
     }
-    let dash = || "–".to_owned();
-    let show = |text: String| if has_figures { text } else { dash() };
+    let step = p.planned_steps.map_or_else(
+        || p.step.to_string(),
+        |planned| format!("{}/{planned}", p.step),
+    );
+    let samples = format!("{:.1}", p.samples_per_ray);
     let rows = [
+        ("Step", step, "Optimiser steps done"),
+        ("It/s", count(p.steps_per_sec), "Optimiser steps per second"),
+        ("Rays/s", count(p.rays_per_sec), "Rays per second"),
+        ("Samples/ray", samples, "Field samples per ray"),
         (
-            "Step",
-            show(
-                p.planned_steps
-                    .map_or_else(|| p.step.to_string(), |n| format!("{}/{n}", p.step)),
-            ),
+            "Elapsed",
+            duration(p.elapsed_secs),
+            "Training time, pauses not counted",
         ),
-        ("It/s", show(count(p.steps_per_sec))),
-        ("Rays/s", show(count(p.rays_per_sec))),
-        ("Samples/ray", show(format!("{:.1}", p.samples_per_ray))),
-        ("Elapsed", show(duration(p.elapsed_secs))),
-        ("Left", show(duration(p.eta_secs))),
-        ("Loss", show(format!("{:.4}", p.loss))),
-        ("Skipped", show(p.skipped_steps.to_string())),
+        ("Left", duration(p.eta_secs), "Time left by the plan"),
+        (
+            "Loss",
+            format!("{:.4}", p.loss),
+            "Mean loss since the last report",
+        ),
+        (
+            "Skipped",
+            p.skipped_steps.to_string(),
+            "Steps left out because a value was not finite",
+        ),
     ];
     ui.add_space(2.0);
     Grid::new("training figures")
@@ -213,26 +193,13 @@ fn figures_ui(ui: &mut Ui, state: &AppState) {
         .min_col_width(44.0)
         .show(ui, |ui| {
             for pair in rows.chunks(2) {
-                for (name, value) in pair {
-                    ui.label(weak(ui, *name)).on_hover_text(figure_hint(name));
-                    ui.label(value.as_str());
+                for (name, value, hint) in pair {
+                    ui.label(weak(ui, *name)).on_hover_text(*hint);
+                    ui.label(if has_figures { value.as_str() } else { "–" });
                 }
                 ui.end_row();
             }
         });
-}
-
-fn figure_hint(name: &str) -> &'static str {
-    match name {
-        "Step" => "Optimiser steps done",
-        "It/s" => "Optimiser steps per second",
-        "Rays/s" => "Rays per second",
-        "Samples/ray" => "Field samples per ray",
-        "Elapsed" => "Training time, pauses not counted",
-        "Left" => "Time left by the plan",
-        "Loss" => "Mean loss since the last report",
-        _ => "Steps left out because a value was not finite",
-    }
 }
 
 /// The best measurement on held-out photos against the last one.

@@ -6,17 +6,15 @@ fn viewpoint() -> Viewpoint {
     Viewpoint::look_at(Vec3::new(3.0, 0.0, 1.0), Vec3::ZERO, Vec3::Z)
 }
 
+fn orbit(view: &mut Viewpoint, yaw: f32, pitch: f32) {
+    view.apply(CameraMove::Orbit { yaw, pitch }, Vec3::Z);
+}
+
 #[test]
 fn orbiting_keeps_distance_and_target() {
     let mut view = viewpoint();
     let distance = view.distance();
-    view.apply(
-        CameraMove::Orbit {
-            yaw: 0.7,
-            pitch: -0.3,
-        },
-        Vec3::Z,
-    );
+    orbit(&mut view, 0.7, -0.3);
     assert!(
         (view.distance() - distance).abs() < 1e-4,
         "distance {}",
@@ -38,7 +36,7 @@ fn orbiting_keeps_distance_and_target() {
 fn orbiting_stops_at_the_poles() {
     for pitch in [-10.0, 10.0] {
         let mut view = viewpoint();
-        view.apply(CameraMove::Orbit { yaw: 0.0, pitch }, Vec3::Z);
+        orbit(&mut view, 0.0, pitch);
         let angle = view.camera.forward().angle_between(Vec3::Z);
         let off = angle.min(std::f32::consts::PI - angle);
         assert!((off - POLE_MARGIN).abs() < 1e-3, "{off} from the pole");
@@ -50,13 +48,7 @@ fn dragging_right_turns_the_scene_right() {
     let mut view = viewpoint();
     let p = Vec3::new(1.0, 0.0, 0.0);
     let before = view.camera.project(p).expect("in front");
-    view.apply(
-        CameraMove::Orbit {
-            yaw: 0.1,
-            pitch: 0.0,
-        },
-        Vec3::Z,
-    );
+    orbit(&mut view, 0.1, 0.0);
     let after = view.camera.project(p).expect("in front");
     assert!(after.x > before.x, "{before} to {after}");
 }
@@ -64,13 +56,7 @@ fn dragging_right_turns_the_scene_right() {
 #[test]
 fn dragging_down_shows_more_of_the_top() {
     let mut view = viewpoint();
-    view.apply(
-        CameraMove::Orbit {
-            yaw: 0.0,
-            pitch: 0.1,
-        },
-        Vec3::Z,
-    );
+    orbit(&mut view, 0.0, 0.1);
     assert!(view.camera.position().z > 1.0, "{}", view.camera.position());
 }
 
@@ -131,13 +117,8 @@ fn a_lens_has_the_field_of_view_asked_for_and_keeps_its_shape() {
 #[test]
 fn panning_by_a_picture_height_moves_the_picture_by_that() {
     let mut view = viewpoint();
-    view.apply(
-        CameraMove::Pan {
-            right: 0.0,
-            up: 1.0,
-        },
-        Vec3::Z,
-    );
+    let (right, up) = (0.0, 1.0);
+    view.apply(CameraMove::Pan { right, up }, Vec3::Z);
     let seen = view.camera.project(Vec3::ZERO).expect("in front");
     assert!((seen - Vec2::new(200.0, 450.0)).length() < 0.1, "{seen}");
 }
@@ -168,10 +149,8 @@ fn a_window_shows_the_whole_photo_in_its_area() {
         (Vec2::new(0.0, 100.0), Vec2::new(900.0, 600.0))
     );
     let p = Vec3::new(0.1, 0.2, -0.1);
-    let (in_photo, in_window) = (
-        camera.project(p).expect("seen"),
-        window.project(p).expect("seen"),
-    );
+    let in_photo = camera.project(p).expect("seen");
+    let in_window = window.project(p).expect("seen");
     assert!(
         (area.min + in_photo * 3.0 - in_window).length() < 1e-2,
         "{in_photo} {in_window}"

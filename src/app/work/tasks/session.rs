@@ -5,13 +5,11 @@ use std::path::{Path, PathBuf};
 use super::{News, Work};
 use crate::app::assets;
 use crate::app::changes::saving::{bring_back, bring_back_window};
-use crate::app::session::recent;
 use crate::app::session::saving::Pending;
 use crate::app::session::session_file::{SavedSource, SessionFile, SourceKind};
 use crate::app::state::app_state::AppState;
 use crate::app::state::source::Source;
 use crate::app::state::training_state::Level;
-use crate::app::work::keeper::Keep;
 use crate::train::session::events::TrainCommand;
 
 impl Work {
@@ -25,21 +23,19 @@ impl Work {
             run = Some(folder);
         }
         let session = SessionFile::of(state, run);
-        self.keeper.keep(&file, Keep::Write(session.to_text()));
-        remember(state, &file);
+        self.keeper
+            .save(&file, session.to_text(), "Session saved to");
+        self.remember(state, &file);
         state.session.file = Some(file);
     }
 
     /// Takes in what has been written since the last frame.
     pub(super) fn poll_keeper(&self, state: &mut AppState) {
-        while let Some(kept) = self.keeper.next() {
-            match kept.result {
+        while let Some(ending) = self.keeper.next() {
+            match ending {
+                Ok(Some(text)) => state.messages.say(Level::Info, text),
+                Ok(None) => {}
                 Err(reason) => state.messages.say(Level::Error, reason),
-                Ok(()) if state.session.file.as_ref() == Some(&kept.path) => {
-                    let text = format!("Session saved to {}", kept.path.display());
-                    state.messages.say(Level::Info, text);
-                }
-                Ok(()) => {}
             }
         }
     }
@@ -52,7 +48,7 @@ impl Work {
         file: Option<PathBuf>,
     ) -> Option<News> {
         if let Some(file) = &file {
-            remember(state, file);
+            self.remember(state, file);
         }
         let source = session.source.clone();
         bring_back_window(state, &session);
@@ -112,11 +108,6 @@ impl Work {
     }
 }
 
-fn remember(state: &mut AppState, file: &Path) {
-    recent::add(&mut state.recent, file);
-    recent::save(&state.recent);
-}
-
 fn missing(path: Option<&Path>) -> String {
     let path = path.unwrap_or(Path::new("")).display();
     format!("{path}: no such file or folder")
@@ -125,12 +116,8 @@ fn missing(path: Option<&Path>) -> String {
 /// A folder for the run beside the session's file where nothing lies yet.
 fn free_run_folder(file: &Path) -> PathBuf {
     let stem = file.file_stem().unwrap_or_default().to_string_lossy();
-    let name = |i: u32| match i {
-        1 => format!("{stem}-run"),
-        _ => format!("{stem}-run-{i}"),
-    };
-    let folder = file.parent().unwrap_or(Path::new(""));
-    let mut free = (1..1000).map(|i| folder.join(name(i)));
-    let first = folder.join(name(1));
+    let first = file.with_file_name(format!("{stem}-run"));
+    let later = (2..1000).map(|i| file.with_file_name(format!("{stem}-run-{i}")));
+    let mut free = std::iter::once(first.clone()).chain(later);
     free.find(|folder| !folder.exists()).unwrap_or(first)
 }
