@@ -205,11 +205,11 @@ impl PreviewDriver {
         match self.asked.as_ref().map(|asked| asked.passes) {
             Some(Passes::Only(_)) if frame.request == newest => {
                 let pixels = f64::from(frame.scale * frame.scale);
-                self.full_cost_secs = Some(frame.cpu_secs * pixels);
+                self.full_cost_secs = Some(frame.output.cpu_secs * pixels);
             }
             // The first of two; the second is of a view at rest.
             Some(Passes::Glance) if !frame.is_last => {
-                self.motion_cost_secs = Some(frame.cpu_secs);
+                self.motion_cost_secs = Some(frame.output.cpu_secs);
             }
             _ => {}
         }
@@ -226,7 +226,7 @@ impl PreviewDriver {
 mod tests {
     use super::*;
     use crate::render::Layer;
-    use crate::render::preview::progressive::Recomputed;
+    use crate::render::preview::progressive::PassOutput;
     use crate::render::test_scene::{camera, scene};
 
     fn snapshot(step: u64) -> Arc<Snapshot> {
@@ -273,15 +273,10 @@ mod tests {
             scale,
             is_fine: false,
             is_last: true,
-            width: 1,
-            height: 1,
-            pixels: Vec::new(),
-            recomputed: Recomputed {
-                traced: 1,
-                background: 1,
-                object: 1,
+            output: PassOutput {
+                cpu_secs: full_cost_secs / f64::from(scale * scale),
+                ..PassOutput::default()
             },
-            cpu_secs: full_cost_secs / f64::from(scale * scale),
         };
         assert_eq!(driver.was_shown(&frame), Some(wanted.snapshot.step));
     }
@@ -416,11 +411,10 @@ mod tests {
             scale: 2,
             is_fine: false,
             is_last: false,
-            width: 1,
-            height: 1,
-            pixels: Vec::new(),
-            recomputed: Recomputed::default(),
-            cpu_secs: 0.1,
+            output: PassOutput {
+                cpu_secs: 0.1,
+                ..PassOutput::default()
+            },
         };
         driver.was_shown(&motion);
         let mut shown = Vec::new();
@@ -446,11 +440,10 @@ mod tests {
             scale: 4,
             is_fine: false,
             is_last: true,
-            width: 1,
-            height: 1,
-            pixels: Vec::new(),
-            recomputed: Recomputed::default(),
-            cpu_secs: 0.1,
+            output: PassOutput {
+                cpu_secs: 0.1,
+                ..PassOutput::default()
+            },
         };
         for (number, width) in [(1, 100), (2, 101)] {
             let step = number + 10;

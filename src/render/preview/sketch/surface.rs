@@ -37,13 +37,15 @@ pub(super) enum Cover {
 #[derive(Debug, Default)]
 pub(super) struct Surface {
     width: u32,
-    covers: Vec<Cover>,
+    /// What each pixel shows.
+    pub(super) covers: Vec<Cover>,
     /// Those of the lattice first, row by row, then what the lattice misses.
     samples: Vec<Seen>,
     lattice: Lattice,
     /// The light paths of each [`TILE`] samples.
     paths: Vec<PathStore>,
-    n_traced: usize,
+    /// Rays against the mesh that it took.
+    pub(super) n_traced: usize,
 }
 
 /// What a surface depends on.
@@ -270,11 +272,6 @@ impl Surface {
         values
     }
 
-    /// What a pixel shows.
-    pub(super) fn cover(&self, pixel: usize) -> Cover {
-        self.covers[pixel]
-    }
-
     /// A pixel's value from those of the samples; none where the object is not seen.
     pub(super) fn value(&self, pixel: usize, values: &[[f32; 3]]) -> Option<[f32; 3]> {
         match self.covers[pixel] {
@@ -300,11 +297,6 @@ impl Surface {
             n_traced: 0,
             ..self
         }
-    }
-
-    /// Rays against the mesh that it took.
-    pub(super) fn n_traced(&self) -> usize {
-        self.n_traced
     }
 }
 
