@@ -89,7 +89,7 @@ mod tests {
     use crate::geometry::meshes::test_mesh::ellipsoid;
 
     #[test]
-    fn a_normal_map_tells_the_finer_normals_of_a_subdivided_mesh() {
+    fn a_normal_map_holds_the_finer_normals_of_a_subdivided_mesh() {
         let ball = Arc::new(ellipsoid(Vec3::ZERO, Vec3::ONE, 16));
         let plain = Unwrapped::new(&ball, 64, 2).unwrap();
         assert!(plain.normal_map(&plain.atlas.tangents(&ball), 2).is_none());
@@ -107,7 +107,7 @@ mod tests {
         for texel in unwrapped.own_atlas().texels(&finer) {
             normals[texel.index as usize] = Some(texel.normal);
         }
-        let mut n_told = 0;
+        let mut n_texels = 0;
         for texel in unwrapped.atlas.texels(&unwrapped.mesh) {
             let Some(wanted) = normals[texel.index as usize] else {
                 continue;
@@ -122,8 +122,8 @@ mod tests {
             let shown = read.x * tangent.truncate() + read.y * bitangent + read.z * texel.normal;
             let off = shown.normalize_or_zero().angle_between(wanted);
             assert!(off < 0.03, "{off} radians off at {texel:?}");
-            n_told += 1;
+            n_texels += 1;
         }
-        assert!(n_told > 10_000, "{n_told} texels");
+        assert!(n_texels > 10_000, "{n_texels} texels");
     }
 }

@@ -2,6 +2,7 @@
 
 use egui::{Button, Ui};
 use glam::Vec3;
+use strum::VariantArray as _;
 
 use super::environment::axis_name;
 use crate::app::lighting::{LARGEST_DISPLAY_EV, LightingCommand};
@@ -34,7 +35,7 @@ pub fn picture_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     }
     ui.horizontal(|ui| {
         name_label(ui, "Bright light").on_hover_text("What becomes of light brighter than white");
-        for map in ToneMap::ALL {
+        for &map in ToneMap::VARIANTS {
             let is_on = state.lighting.tone_map == map;
             let (name, hint) = tone_map_name(map);
             let button = ui.selectable_label(is_on, name);
@@ -67,7 +68,7 @@ pub fn picture_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
 fn background_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     ui.horizontal(|ui| {
         name_label(ui, "Background").on_hover_text("What stands behind the object (H)");
-        for background in Background::ALL {
+        for &background in Background::VARIANTS {
             let is_on = state.lighting.background == background;
             let button = ui.selectable_label(is_on, background_name(background));
             if button.on_hover_text(background_hint(background)).clicked() {
