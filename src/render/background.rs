@@ -1,16 +1,14 @@
 //! What stands behind the object in a picture; the light that it throws is the same in every case.
 
-use std::str::FromStr;
-
 use serde::{Deserialize, Serialize};
 
-use super::named::by_name;
+use super::named::unknown;
 
 /// How the environment is seen directly; its reflections and its light stay.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-#[derive(strum::Display, strum::IntoStaticStr, strum::VariantArray)]
-#[strum(serialize_all = "lowercase")]
+#[derive(strum::Display, strum::EnumString, strum::VariantArray)]
+#[strum(serialize_all = "lowercase", parse_err_ty = String, parse_err_fn = unknown_background)]
 pub enum Background {
     /// As sharp as it is.
     #[default]
@@ -35,12 +33,8 @@ impl Background {
     }
 }
 
-impl FromStr for Background {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        by_name("background", text)
-    }
+fn unknown_background(text: &str) -> String {
+    unknown::<Background>("background", text)
 }
 
 #[cfg(test)]

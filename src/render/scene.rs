@@ -1,7 +1,6 @@
 //! What is rendered: a model, its edits, and which part of the result is shown.
 
 use std::f32::consts::PI;
-use std::str::FromStr;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -14,7 +13,7 @@ use super::irradiance::{
     DiffuseLights, KeyedLight, LightKey, Resolution, shows_light, trained_light,
 };
 use super::lamps::Highlights;
-use super::named::by_name;
+use super::named::unknown;
 use super::output::tone_map::{ToneMap, display_gain};
 use crate::neif::light::display::Display;
 use crate::neif::light::environment::EnvironmentField;
@@ -234,8 +233,8 @@ impl Shown {
 /// What a picture shows, in the order of the window's keys.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-#[derive(strum::Display, strum::IntoStaticStr, strum::VariantArray)]
-#[strum(serialize_all = "lowercase")]
+#[derive(strum::Display, strum::EnumString, strum::VariantArray)]
+#[strum(serialize_all = "lowercase", parse_err_ty = String, parse_err_fn = unknown_layer)]
 pub enum Layer {
     /// The lit object in its environment.
     #[default]
@@ -291,10 +290,6 @@ impl Layer {
     }
 }
 
-impl FromStr for Layer {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        by_name("layer", text)
-    }
+fn unknown_layer(text: &str) -> String {
+    unknown::<Layer>("layer", text)
 }

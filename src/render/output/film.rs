@@ -3,10 +3,9 @@
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use strum::{Display, IntoStaticStr, VariantArray};
+use strum::{Display, EnumString, IntoStaticStr, VariantArray};
 
 use super::parts::{Backdrop, Parts, PartsOptions, render_parts};
 use crate::data::{
@@ -16,13 +15,15 @@ use crate::data::{
 use crate::geometry::Camera;
 use crate::neif::EnvironmentTransform;
 use crate::render::irradiance::DiffuseLights;
-use crate::render::named::by_name;
+use crate::render::named::unknown;
 use crate::render::path::reference::ReferenceOptions;
 use crate::render::scene::{Layer, Scene};
 
 /// What kind of file pictures become; its name is the ending of the files' names.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Display, IntoStaticStr, VariantArray)]
-#[strum(serialize_all = "lowercase")]
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, Display, EnumString, IntoStaticStr, VariantArray,
+)]
+#[strum(serialize_all = "lowercase", parse_err_ty = String, parse_err_fn = unknown_kind)]
 pub enum FileKind {
     /// 8 bits as shown on a screen, a file a picture and layer.
     #[default]
@@ -47,12 +48,8 @@ impl FileKind {
     }
 }
 
-impl FromStr for FileKind {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        by_name("format", text)
-    }
+fn unknown_kind(text: &str) -> String {
+    unknown::<FileKind>("format", text)
 }
 
 /// One picture of a series.

@@ -1,10 +1,8 @@
 //! What becomes of light that is brighter than white in a picture.
 
-use std::str::FromStr;
-
 use serde::{Deserialize, Serialize};
 
-use crate::render::named::by_name;
+use crate::render::named::unknown;
 
 /// Where compression begins: 0.8 less the reflectance of plastic seen straight on.
 const START: f32 = 0.8 - F0;
@@ -18,8 +16,8 @@ const BRIGHTEST: f32 = 1e6;
 /// How a picture's linear light, exposed, is brought below 1 before the display curve.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-#[derive(strum::Display, strum::IntoStaticStr, strum::VariantArray)]
-#[strum(serialize_all = "lowercase")]
+#[derive(strum::Display, strum::EnumString, strum::VariantArray)]
+#[strum(serialize_all = "lowercase", parse_err_ty = String, parse_err_fn = unknown_tone_map)]
 pub enum ToneMap {
     /// Clipped at white, colour by colour, as the photos are: the picture that training compares.
     #[default]
@@ -61,12 +59,8 @@ fn neutral(light: [f32; 3]) -> [f32; 3] {
     })
 }
 
-impl FromStr for ToneMap {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        by_name("tone map", text)
-    }
+fn unknown_tone_map(text: &str) -> String {
+    unknown::<ToneMap>("tone map", text)
 }
 
 /// Factor of an exposure of the picture; finite, so that black stays black.

@@ -199,7 +199,10 @@ impl Sketch {
         let key = SurfaceKey::of(job);
         let kept = self.surfaces[usize::from(job.purpose == Purpose::Motion)].take();
         let surface = match kept {
-            Some((old, surface)) if old.is_same(&key) => surface.seen_again(),
+            Some((old, mut surface)) if old.is_same(&key) => {
+                surface.n_traced = 0;
+                surface
+            }
             _ => Surface::trace(job, &key),
         };
         (key, surface)

@@ -138,11 +138,8 @@ impl Surface {
             .map(|y| {
                 let at = |x: u32| {
                     let (x, y) = (x * STEP, y * STEP);
-                    if reach.holds(x, y) {
-                        trace_at(tracer, &job.camera, x, y, STEP)
-                    } else {
-                        None
-                    }
+                    let trace = || trace_at(tracer, &job.camera, x, y, STEP);
+                    reach.holds(x, y).then(trace).flatten()
                 };
                 job.meter.time(|| (0..width).map(at).collect())
             })
@@ -288,14 +285,6 @@ impl Surface {
                 }
                 Some(sum)
             }
-        }
-    }
-
-    /// The same, for which no ray was traced.
-    pub(super) fn seen_again(self) -> Self {
-        Self {
-            n_traced: 0,
-            ..self
         }
     }
 }
