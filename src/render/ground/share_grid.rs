@@ -1,5 +1,7 @@
 //! Shares of light in a cube of cells, with coarser levels for blurred looks.
 
+use std::iter::successors;
+
 use glam::{IVec3, Vec3, Vec4};
 
 use super::look::Share;
@@ -37,10 +39,8 @@ impl ShareGrid {
         for (patch, share) in surfaces.patches.iter().zip(shares) {
             values[patch.cell] = share.light.extend(1.0);
         }
-        let mut levels = vec![Level { side, values }];
-        while let Some(coarser) = levels.last().and_then(Level::halved) {
-            levels.push(coarser);
-        }
+        let finest = Level { side, values };
+        let levels = successors(Some(finest), Level::halved).collect();
         Self { surfaces, levels }
     }
 

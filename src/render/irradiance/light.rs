@@ -120,7 +120,7 @@ impl TrainedWork {
         let radiance = &self.gathered.radiance;
         let first = irradiance(&self.beams, radiance, |beam| beam.bounce);
         let rest = SurfaceLight::new(&self.transport, first.clone(), LampLight::none(&first));
-        let lamps = known.unwrap_or_else(|| Arc::new(self.brightened(&seen, &rest, key)));
+        let lamps = known.unwrap_or_else(|| Arc::new(brightened(&seen, &rest, key)));
         let resolution = self.transport.resolution.ground;
         let (transport, light) = (Arc::clone(&self.transport), (&**own, &*lamps));
         let probes = &transport.probes;
@@ -145,34 +145,6 @@ impl TrainedWork {
             beams,
             captured,
         })
-    }
-
-    /// The lamps with the brightness estimated from the object's shading, where `rest` is the light of everything else.
-    fn brightened(&self, lamps: &Lamps, rest: &SurfaceLight, key: &LightKey) -> Lamps {
-        let parts = lamps.parts();
-        let tracer = &key.object.tracer;
-        let still = EnvironmentTransform::default().environment_from_world();
-        let points = lamps.points_of(&parts, &still);
-        let probes = Probes::on_mesh(tracer.mesh(), N_SHADED);
-        let positions: Vec<Vec3> = probes.probes().iter().map(|p| p.position).collect();
-        let mut batch = MaterialBatch::default();
-        key.object
-            .material
-            .forward(&positions, &mut batch, &mut Vec::new());
-        let places = probes.probes().iter().zip(&batch.surfaces);
-        let places: Vec<Place> = places
-            .map(|(&probe, &surface)| Place {
-                probe,
-                surface,
-                around: rest.smooth(probe.position, probe.normal) / PI,
-            })
-            .collect();
-        let shaded = places.par_iter().map(|place| place.shaded(tracer, &points));
-        let shaded = shaded.collect();
-        let own = (&*key.trained_in, lamps, &points);
-        let lobes = lit_lobes(&key.object, own, &places, &still);
-        let gains = lamp_gains(&probes, shaded, lobes, parts.len());
-        lamps.gained(&parts, &gains)
     }
 }
 
@@ -291,6 +263,34 @@ impl DiffuseLight {
         };
         ratio(at(&self.surface), at(&self.trained.surface))
     }
+}
+
+/// The lamps with the brightness estimated from the object's shading, where `rest` is the light of everything else.
+fn brightened(lamps: &Lamps, rest: &SurfaceLight, key: &LightKey) -> Lamps {
+    let parts = lamps.parts();
+    let tracer = &key.object.tracer;
+    let still = EnvironmentTransform::default().environment_from_world();
+    let points = lamps.points_of(&parts, &still);
+    let probes = Probes::on_mesh(tracer.mesh(), N_SHADED);
+    let positions: Vec<Vec3> = probes.probes().iter().map(|p| p.position).collect();
+    let mut batch = MaterialBatch::default();
+    key.object
+        .material
+        .forward(&positions, &mut batch, &mut Vec::new());
+    let places = probes.probes().iter().zip(&batch.surfaces);
+    let places: Vec<Place> = places
+        .map(|(&probe, &surface)| Place {
+            probe,
+            surface,
+            around: rest.smooth(probe.position, probe.normal) / PI,
+        })
+        .collect();
+    let shaded = places.par_iter().map(|place| place.shaded(tracer, &points));
+    let shaded = shaded.collect();
+    let own = (&*key.trained_in, lamps, &points);
+    let lobes = lit_lobes(&key.object, own, &places, &still);
+    let gains = lamp_gains(&probes, shaded, lobes, parts.len());
+    lamps.gained(&parts, &gains)
 }
 
 /// Irradiance of every probe, from the radiance along its rays and what the object sends instead.

@@ -22,10 +22,8 @@ impl Unwrapped {
     /// Unwraps an object's mesh, as it was before it was subdivided, with `padding_px` texels around each chart; `None` when
     /// there are too many charts for the texture.
     pub fn new(mesh: &Arc<Mesh>, size_px: u32, padding_px: u32) -> Option<Self> {
-        let mut levels = vec![Arc::clone(mesh)];
-        while let Some(coarser) = levels.last().and_then(|mesh| mesh.undivided()) {
-            levels.push(Arc::new(coarser));
-        }
+        let coarser = |mesh: &Arc<Mesh>| mesh.undivided().map(Arc::new);
+        let mut levels: Vec<_> = std::iter::successors(Some(Arc::clone(mesh)), coarser).collect();
         let coarsest = levels.pop()?;
         let atlas = Atlas::new(&coarsest, size_px, padding_px)?;
         let mut of_finer = None;
@@ -75,11 +73,8 @@ impl Unwrapped {
                 around.sum::<Vec3>().normalize_or(Vec3::Z)
             });
         }
-        Some(
-            map.into_iter()
-                .map(|normal| normal.unwrap_or(Vec3::Z))
-                .collect(),
-        )
+        let filled = map.into_iter().map(|normal| normal.unwrap_or(Vec3::Z));
+        Some(filled.collect())
     }
 }
 

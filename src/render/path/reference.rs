@@ -117,23 +117,17 @@ pub(in crate::render) fn shade_object_reference(
         throughputs: Vec::new(),
     };
     for (&pixel, out) in pixels.iter().zip(out) {
-        let points: Vec<Walker> = start(gbuffer, pixel);
+        let share = 1.0 / gbuffer.paths_at(pixel).count().max(1) as f32;
+        let point = |path: &[PathVertex]| Walker {
+            point: path[0].point,
+            throughput: Vec3::splat(share),
+            index: 0,
+        };
+        let points: Vec<Walker> = gbuffer.paths_at(pixel).map(point).collect();
         if !points.is_empty() {
             *out = paths.light(pixel, &points, scratch).to_array();
         }
     }
-}
-
-/// The points of a pixel, each an equal share of it.
-fn start(gbuffer: &GBuffer, pixel: u32) -> Vec<Walker> {
-    let share = Vec3::splat(1.0 / gbuffer.paths_at(pixel).count().max(1) as f32);
-    let paths = gbuffer.paths_at(pixel);
-    let walker = |path: &[PathVertex]| Walker {
-        point: path[0].point,
-        throughput: share,
-        index: 0,
-    };
-    paths.map(walker).collect()
 }
 
 /// A direction drawn from the lobe of one of a pixel's points.

@@ -184,7 +184,7 @@ impl GpuRenderer {
             SurfaceField::Paper(_) => None,
         });
         let source = programs::source(field.config(), material);
-        if !self.programs.as_ref().is_some_and(|p| p.source == source) {
+        if self.programs.as_ref().is_none_or(|p| p.source != source) {
             self.programs = Some(Programs::new(&self.gpu, source));
         }
     }
