@@ -139,7 +139,7 @@ mod tests {
     use crate::neif::{Extent, MaterialEdit, ObjectModel, Region, Regions, RoughnessEdit};
     use crate::render::background::Background;
     use crate::render::scene::{Layer, Scene};
-    use crate::render::test_scene::{NEVER, environment, fog, object, picture, request, worst};
+    use crate::render::test_scene::{self, NEVER, environment, fog, picture, request, worst};
 
     const SIZE: (u32, u32) = (60, 44);
     const N_PIXELS: usize = 60 * 44;
@@ -209,62 +209,59 @@ mod tests {
 
     #[test]
     fn only_what_a_change_concerns_is_computed_anew() {
-        type Change = Box<dyn Fn(&mut PreviewScene)>;
-        let changed = |change: fn(&mut PreviewScene)| -> Change { Box::new(change) };
-        let layer = |layer: Layer| -> Change {
-            Box::new(move |request: &mut PreviewScene| request.layer = layer)
-        };
+        type Change = fn(&mut PreviewScene);
         // Whether pixels of geometry, environment and object are.
+        let (none, object, light) = ([false; 3], [false, false, true], [false, true, true]);
         let cases: [(&str, Change, [bool; 3]); 14] = [
-            ("nothing", changed(|_| ()), [false, false, false]),
+            ("nothing", |_| (), none),
             (
                 "a material edit",
-                changed(|r| r.scene.edit.roughness = RoughnessEdit::Constant(0.9)),
-                [false, false, true],
+                |r| r.scene.edit.roughness = RoughnessEdit::Constant(0.9),
+                object,
             ),
             (
                 "a moved environment",
-                changed(|r| r.scene.transform.rotate_deg = Vec3::new(0.0, 0.0, 40.0)),
-                [false, true, true],
+                |r| r.scene.transform.rotate_deg = Vec3::new(0.0, 0.0, 40.0),
+                light,
             ),
             (
                 "another environment",
-                changed(|r| r.scene.environment = environment(77)),
-                [false, true, true],
+                |r| r.scene.environment = environment(77),
+                light,
             ),
             (
                 "a new snapshot of the same mesh",
-                changed(|r| {
-                    let mut next = ObjectModel::clone(&object(9));
+                |r| {
+                    let mut next = ObjectModel::clone(&test_scene::object(9));
                     next.tracer = Arc::clone(&r.scene.object.as_ref().unwrap().tracer);
                     r.scene.object = Some(Arc::new(next));
-                }),
-                [false, false, true],
+                },
+                object,
             ),
             (
                 "a moved camera",
-                changed(|r| r.camera = r.camera.resized(58, 44)),
-                [true, true, true],
+                |r| r.camera = r.camera.resized(58, 44),
+                [true; 3],
             ),
-            ("diffuse", layer(Layer::Diffuse), [false, false, true]),
-            ("specular", layer(Layer::Specular), [false, false, true]),
-            ("roughness", layer(Layer::Roughness), [false, false, true]),
-            ("tint", layer(Layer::Tint), [false, false, true]),
-            ("normal", layer(Layer::Normal), [false, false, true]),
+            ("diffuse", |r| r.layer = Layer::Diffuse, object),
+            ("specular", |r| r.layer = Layer::Specular, object),
+            ("roughness", |r| r.layer = Layer::Roughness, object),
+            ("tint", |r| r.layer = Layer::Tint, object),
+            ("normal", |r| r.layer = Layer::Normal, object),
             (
                 "a blurred background",
-                changed(|r| r.scene.background = Background::Blurred),
+                |r| r.scene.background = Background::Blurred,
                 [false, true, false],
             ),
             (
                 "a hidden background",
-                changed(|r| r.scene.background = Background::Hidden),
-                [false, false, false],
+                |r| r.scene.background = Background::Hidden,
+                none,
             ),
             (
                 "an exposure of the picture",
-                changed(|r| r.scene.display_ev = 1.5),
-                [false, false, false],
+                |r| r.scene.display_ev = 1.5,
+                none,
             ),
         ];
         for (what, change, expected) in cases {
