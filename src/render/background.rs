@@ -1,15 +1,14 @@
 //! What stands behind the object in a picture; the light that it throws is the same in every case.
 
-use std::fmt;
-use std::str::FromStr;
-
 use serde::{Deserialize, Serialize};
 
-use super::named::by_name;
+use super::named::unknown;
 
 /// How the environment is seen directly; its reflections and its light stay.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[derive(strum::Display, strum::EnumString, strum::VariantArray)]
+#[strum(serialize_all = "lowercase", parse_err_ty = String, parse_err_fn = unknown_background)]
 pub enum Background {
     /// As sharp as it is.
     #[default]
@@ -24,18 +23,6 @@ pub enum Background {
 pub const BLUR_STD: f32 = 0.105;
 
 impl Background {
-    /// All of them, in the order in which a key goes through them.
-    pub const ALL: [Self; 3] = [Self::Shown, Self::Blurred, Self::Hidden];
-
-    /// Lower-case name, as on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Shown => "shown",
-            Self::Blurred => "blurred",
-            Self::Hidden => "hidden",
-        }
-    }
-
     /// The next one, around the end.
     pub fn next(self) -> Self {
         match self {
@@ -46,29 +33,16 @@ impl Background {
     }
 }
 
-impl fmt::Display for Background {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
-    }
-}
-
-impl FromStr for Background {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        by_name("background", &Self::ALL, Self::name, text)
-    }
+fn unknown_background(text: &str) -> String {
+    unknown::<Background>("background", text)
 }
 
 #[cfg(test)]
 mod tests {
-    use std::sync::atomic::AtomicBool;
-
     use super::super::scene::{Layer, Scene};
-    use super::super::test_scene::{camera, scene};
     use super::*;
-    use crate::render::output::picture::render;
     use crate::render::output::raster::Picture;
+    use crate::render::test_scene::{self, camera, scene};
 
     fn picture(background: Background, display_ev: f32, layer: Layer) -> Picture {
         let scene = Scene {
@@ -76,8 +50,7 @@ mod tests {
             display_ev,
             ..scene()
         };
-        let never = AtomicBool::new(false);
-        render(&scene, &camera(40, 30), layer, &never, &|_| {}).expect("not cancelled")
+        test_scene::picture(&scene, &camera(40, 30), layer)
     }
 
     /// Mean square difference between neighbours in a row of the environment.

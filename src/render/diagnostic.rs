@@ -2,9 +2,10 @@
 
 use glam::Vec3;
 
+use super::path::trace::is_hidden;
 use super::scene::{Layer, Scene};
 use crate::color::map::ColorMap;
-use crate::geometry::{Ray, SurfaceTracer, irradiance_directions};
+use crate::geometry::{SurfaceTracer, irradiance_directions};
 use crate::neif::light::shading::SurfacePoint;
 
 /// Rays that look for the open from a point of a light path.
@@ -31,22 +32,16 @@ pub(super) fn depth_share(tracer: &SurfaceTracer, eye: Vec3, position: Vec3) -> 
 /// Share of the light of a uniform sky that the object itself does not keep from the point, 0 to 1; `turn` (radians)
 /// turns the rays.
 pub(super) fn visibility(tracer: &SurfaceTracer, point: &SurfacePoint, turn: f32) -> f32 {
-    let is_open = |direction: Vec3| {
-        let ray = Ray {
-            origin: point.position,
-            direction,
-        };
-        !tracer.occluded(&ray, tracer.self_distance(), f32::INFINITY)
-    };
     let directions = irradiance_directions(point.normal, VISIBILITY_RAYS, turn);
-    let n_open = directions.filter(|(direction, _)| is_open(*direction));
+    let is_open =
+        |(toward, _): &(Vec3, f32)| !is_hidden(tracer, point.position, *toward, f32::INFINITY);
+    let n_open = directions.filter(is_open);
     n_open.count() as f32 / VISIBILITY_RAYS as f32
 }
 
-/// Place of a sample count in [`SAMPLES_RANGE`] by its logarithm, 0 to 1.
-pub fn samples_share(n_samples: f32) -> f32 {
-    let [low, high] = SAMPLES_RANGE;
-    ((n_samples.max(low) / low).ln() / (high / low).ln()).min(1.0)
+/// Place of a value in a range of positive numbers by its logarithm, 0 to 1.
+pub(super) fn logarithmic_share(value: f32, [low, high]: [f32; 2]) -> f32 {
+    ((value.max(low) / low).ln() / (high / low).ln()).min(1.0)
 }
 
 /// The sRGB colour of a diagnostic layer where the object covers `coverage` of the pixel and has `value`; `None` for the
@@ -66,7 +61,7 @@ pub(super) fn diagnostic_color(
             } else {
                 0.0
             };
-            (samples_share(value + behind), 1.0)
+            (logarithmic_share(value + behind, SAMPLES_RANGE), 1.0)
         }
         _ => return None,
     };
@@ -76,22 +71,12 @@ pub(super) fn diagnostic_color(
 
 #[cfg(test)]
 mod tests {
-    use std::sync::atomic::AtomicBool;
-
-    use super::super::test_scene::{camera, scene};
+    use super::super::test_scene::{camera, picture, scene};
     use super::*;
     use crate::neif::RoughnessEdit;
-    use crate::render::output::picture::render;
 
     fn pixels(scene: &Scene, layer: Layer) -> Vec<[f32; 3]> {
-        let picture = render(
-            scene,
-            &camera(24, 24),
-            layer,
-            &AtomicBool::new(false),
-            &|_| {},
-        );
-        picture.expect("not cancelled").pixels
+        picture(scene, &camera(24, 24), layer).pixels
     }
 
     #[test]
@@ -119,10 +104,8 @@ mod tests {
     #[test]
     fn counts_have_places_in_their_range() {
         let [low, high] = SAMPLES_RANGE;
-        assert_eq!(
-            [0.0, low, high, 1e9].map(samples_share),
-            [0.0, 0.0, 1.0, 1.0]
-        );
-        assert!((samples_share((low * high).sqrt()) - 0.5).abs() < 1e-5);
+        let share = |value| logarithmic_share(value, SAMPLES_RANGE);
+        assert_eq!([0.0, low, high, 1e9].map(share), [0.0, 0.0, 1.0, 1.0]);
+        assert!((share((low * high).sqrt()) - 0.5).abs() < 1e-5);
     }
 }

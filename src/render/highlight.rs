@@ -29,9 +29,7 @@ pub(super) fn region_share(
         .collect();
     let mut weights = Vec::new();
     let points = points.into_iter();
-    scratch
-        .edited()
-        .weights(object, region, points, &mut weights);
+    scratch.edited.weights(object, region, points, &mut weights);
     let mut weights = weights.into_iter();
     let shares = pixels.iter().map(|&pixel| {
         let n = gbuffer.paths_at(pixel).count();
@@ -49,9 +47,7 @@ pub(super) fn cover_values(
     scratch: &mut ShadeScratch,
 ) {
     let mut weights = Vec::new();
-    scratch
-        .edited()
-        .weights(object, region, points, &mut weights);
+    scratch.edited.weights(object, region, points, &mut weights);
     for (value, weight) in values.iter_mut().zip(weights) {
         *value = highlighted(*value, weight);
     }

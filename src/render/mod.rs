@@ -23,9 +23,7 @@ pub use self::output::camera_path::CameraPath;
 pub use self::output::film::{Destination, FileKind, Film, FilmError, Shot};
 pub use self::output::panorama::{PanoramaView, panorama, panorama_of};
 pub use self::output::parts::{Backdrop, Parts, PartsOptions, render_parts};
-pub use self::output::picture::{
-    SeenThere, render, render_reference, render_with, see_surroundings,
-};
+pub use self::output::picture::{SeenThere, environment_at, render, render_reference, render_with};
 pub use self::output::raster::Picture;
 pub use self::output::tone_map::ToneMap;
 pub use self::output::turntable::Spin;

@@ -3,10 +3,9 @@
 //! The model does not explain the environment, which is therefore black, and a pixel on the silhouette shows
 //! the object's part of it alone, as `NeILF` does: blended with black it would be worse than the model is.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
 use glam::Vec3;
-use rayon::prelude::*;
 
 use super::output::raster::Picture;
 use super::path::gbuffer::{GBuffer, PathOptions};
@@ -25,23 +24,16 @@ const PATHS: PathOptions = PathOptions {
 
 /// The display-referred picture (sRGB, `[0, 1]`), black where the object is not seen; `None` when cancelled.
 pub fn render_neilf(model: &NeilfModel, camera: &Camera, cancel: &AtomicBool) -> Option<Picture> {
-    let (width, height) = (camera.width, camera.height);
-    let mut pixels = vec![[0.0; 3]; (width * height) as usize];
-    pixels
-        .par_chunks_mut((BAND * width) as usize)
-        .enumerate()
-        .for_each_init(NeilfScratch::default, |scratch, (band, out)| {
-            if !cancel.load(Ordering::Relaxed) {
-                let first = band as u32 * BAND;
-                let rows = first..(first + BAND).min(height);
-                render_rows(model, camera, rows, out, scratch);
-            }
-        });
-    (!cancel.load(Ordering::Relaxed)).then_some(Picture {
-        width,
-        height,
-        pixels,
-    })
+    let size = (camera.width, camera.height);
+    Picture::by_rows(
+        size,
+        BAND,
+        cancel,
+        |scratch: &mut NeilfScratch, first, out| {
+            let rows = first..(first + BAND).min(camera.height);
+            render_rows(model, camera, rows, out, scratch);
+        },
+    )
 }
 
 fn render_rows(

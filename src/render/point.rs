@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::path::scratch::ShadeScratch;
+use super::path::scratch::{ShadeScratch, light_surfaces};
 use super::path::shade::settled_path;
 use super::path::trace::{MAX_VERTICES, PIXEL_STD, Seen, trace_path};
 use super::scene::Scene;
@@ -100,11 +100,12 @@ pub fn point_values(
         trained_in: None,
         ..scene.clone()
     };
-    let learned = scratch.surfaces(&plain, object, at, |_| true).surfaces()[0];
+    light_surfaces(&mut scratch.edited, &plain, object, at, |_| true);
+    let learned = scratch.edited.surfaces()[0];
     let mut path = [PathVertex::default(); MAX_VERTICES];
     let path = trace_path(&object.tracer, &first, 0.0, &mut path, MAX_VERTICES);
-    let (outgoing, light) = settled_path(scene, object, path, scratch);
-    let edited = scratch.edited();
+    let light = settled_path(scene, object, path, scratch);
+    let edited = &scratch.edited;
     let (surface, gain) = (edited.surfaces()[0], edited.specular_gain()[0]);
     let is_new = edited.has_new_roughness()[0] || !scene.has_own_light();
     let cone_roughness = if is_new {
@@ -113,15 +114,14 @@ pub fn point_values(
         edited.learned_roughness()[0]
     };
     let is_seen = view.normal.dot(view.to_eye) > 0.0;
-    let incoming = if is_seen { light } else { Vec3::ZERO };
     Some(PointValues {
         learned,
         edited: Surface {
             tint: surface.tint * gain,
             ..surface
         },
-        incoming,
-        outgoing,
+        incoming: if is_seen { light.incoming } else { Vec3::ZERO },
+        outgoing: light.value,
         cone_roughness,
     })
 }

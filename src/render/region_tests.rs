@@ -1,14 +1,13 @@
 //! Edits of parts, through everything that shows them.
 
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 use glam::Vec3;
 
 use super::preview::progressive::Progressive;
-use super::preview::request::PassKind;
-use super::test_scene::{camera, environment, object_of};
-use super::{GBuffer, Layer, PathOptions, PreviewScene, Scene, bake, radiance_as_albedo, render};
+use super::preview::request::Quality;
+use super::test_scene::{self, NEVER, camera, environment, object_of};
+use super::{GBuffer, Layer, PathOptions, PreviewScene, Scene, bake, radiance_as_albedo};
 use crate::geometry::meshes::test_mesh::{ellipsoid, together};
 use crate::geometry::{Atlas, Camera};
 use crate::neif::surface::material::MaterialBatch;
@@ -66,9 +65,7 @@ fn balls_seen(scene: &Scene) -> Vec<u32> {
 }
 
 fn picture(scene: &Scene, layer: Layer) -> Vec<[f32; 3]> {
-    let cancel = AtomicBool::new(false);
-    let picture = render(scene, &view(), layer, &cancel, &|_| {});
-    picture.expect("not cancelled").pixels
+    test_scene::picture(scene, &view(), layer).pixels
 }
 
 #[test]
@@ -170,14 +167,11 @@ fn a_highlight_covers_its_part_alone_and_costs_no_light() {
     let scene = two_balls();
     let mut request = PreviewScene {
         scene: scene.clone(),
-        camera: view(),
-        layer: Layer::Final,
-        highlight: None,
+        ..test_scene::request(SIZE.0, SIZE.1)
     };
     let mut progressive = Progressive::default();
-    let cancel = AtomicBool::new(false);
     let mut pass = |request: &PreviewScene| {
-        let output = progressive.pass(request, PassKind::SETTLED, &cancel);
+        let output = progressive.pass(request, Quality::Settled, &NEVER);
         output.expect("not cancelled")
     };
     let before = pass(&request);

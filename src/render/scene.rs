@@ -1,8 +1,6 @@
 //! What is rendered: a model, its edits, and which part of the result is shown.
 
 use std::f32::consts::PI;
-use std::fmt;
-use std::str::FromStr;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -15,7 +13,7 @@ use super::irradiance::{
     DiffuseLights, KeyedLight, LightKey, Resolution, shows_light, trained_light,
 };
 use super::lamps::Highlights;
-use super::named::by_name;
+use super::named::unknown;
 use super::output::tone_map::{ToneMap, display_gain};
 use crate::neif::light::display::Display;
 use crate::neif::light::environment::EnvironmentField;
@@ -166,14 +164,10 @@ impl Scene {
         let Some(lit) = &self.diffuse_light else {
             return [Vec3::ZERO; 2];
         };
-        let (position, normal) = at;
-        let light = gain * lit.light.irradiance(position, normal) / PI;
-        let least = Vec3::splat(f32::MIN_POSITIVE);
-        [
-            light,
-            lit.light
-                .albedo(position, normal, diffuse / gain.max(least)),
-        ]
+        let ((position, normal), surface) = (at, &lit.light.surface);
+        let light = gain * surface.irradiance(position, normal) / PI;
+        let ungained = diffuse / gain.max(Vec3::splat(f32::MIN_POSITIVE));
+        [light, surface.albedo(position, normal, ungained)]
     }
 
     /// Whether an edit changes roughness somewhere.
@@ -184,7 +178,7 @@ impl Scene {
 
     /// The lamps that split lobes gather, where they are known.
     pub(super) fn highlights(&self) -> Option<&Highlights> {
-        self.diffuse_light.as_ref()?.light.highlights()
+        self.diffuse_light.as_ref()?.light.highlights.as_ref()
     }
 
     /// Puts the object in another environment. Its own, read from a file again, stays its own: what was learned of it holds.
@@ -236,9 +230,11 @@ impl Shown {
     }
 }
 
-/// What a picture shows.
+/// What a picture shows, in the order of the window's keys.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[derive(strum::Display, strum::EnumString, strum::VariantArray)]
+#[strum(serialize_all = "lowercase", parse_err_ty = String, parse_err_fn = unknown_layer)]
 pub enum Layer {
     /// The lit object in its environment.
     #[default]
@@ -270,42 +266,6 @@ pub enum Layer {
 }
 
 impl Layer {
-    /// All layers, in the order of the window's keys.
-    pub const ALL: [Self; 13] = [
-        Self::Final,
-        Self::Diffuse,
-        Self::Specular,
-        Self::Roughness,
-        Self::Tint,
-        Self::Normal,
-        Self::Environment,
-        Self::Depth,
-        Self::Visibility,
-        Self::Samples,
-        Self::Albedo,
-        Self::Irradiance,
-        Self::Seen,
-    ];
-
-    /// Lower-case name, as on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Final => "final",
-            Self::Diffuse => "diffuse",
-            Self::Specular => "specular",
-            Self::Roughness => "roughness",
-            Self::Tint => "tint",
-            Self::Normal => "normal",
-            Self::Environment => "environment",
-            Self::Depth => "depth",
-            Self::Visibility => "visibility",
-            Self::Samples => "samples",
-            Self::Albedo => "albedo",
-            Self::Irradiance => "irradiance",
-            Self::Seen => "seen",
-        }
-    }
-
     /// Whether the environment is part of the picture.
     pub fn shows_background(self) -> bool {
         matches!(self, Self::Final | Self::Environment | Self::Seen)
@@ -330,16 +290,6 @@ impl Layer {
     }
 }
 
-impl fmt::Display for Layer {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
-    }
-}
-
-impl FromStr for Layer {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        by_name("layer", &Self::ALL, Self::name, text)
-    }
+fn unknown_layer(text: &str) -> String {
+    unknown::<Layer>("layer", text)
 }

@@ -1,10 +1,12 @@
 //! A small scene with random fields, for tests.
 
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 use glam::Vec3;
 
-use super::scene::Scene;
+use super::scene::{Layer, Scene};
+use super::{Picture, PreviewScene, render};
 use crate::geometry::{Camera, Mesh, SurfaceTracer};
 use crate::neif::field::contraction::FieldFrame;
 use crate::neif::field::density_grid::DensityGrid;
@@ -25,6 +27,17 @@ const GRID: GridConfig = GridConfig {
     least_weight: LEAST_WEIGHT,
 };
 
+const FIELD: FieldConfig = FieldConfig {
+    grid: GRID,
+    n_hidden: 16,
+    view_dependent: true,
+    integrated: true,
+    is_far: false,
+};
+
+/// For what is not cancelled.
+pub(crate) static NEVER: AtomicBool = AtomicBool::new(false);
+
 /// What the density cache knows of [`fog`], per field unit.
 const FOG_DENSITY: f32 = 150.0;
 
@@ -39,34 +52,18 @@ fn uniform(seed: u32) -> impl FnMut() -> f32 {
 
 /// A random environment.
 pub(crate) fn environment(seed: u32) -> Arc<Environment> {
-    let mut field = RadianceField::new(
-        FieldConfig {
-            grid: GRID,
-            n_hidden: 16,
-            view_dependent: true,
-            integrated: true,
-            is_far: false,
-        },
-        uniform(seed),
-    );
+    let mut field = RadianceField::new(FIELD, uniform(seed));
     let mut random = uniform(seed + 1);
     for value in &mut field.params {
         *value += 0.4 * (random() - 0.5);
     }
-    environment_of(field)
+    with_density(field, DensityGrid::default())
 }
 
 /// Dense fog of radiance `e^log`, which grows by `e^(slope x)` towards the directions `d` with positive `x = d.x`.
 pub(crate) fn fog(log: f32, slope: f32) -> Arc<Environment> {
-    let config = FieldConfig {
-        grid: GRID,
-        n_hidden: 16,
-        view_dependent: true,
-        integrated: true,
-        is_far: false,
-    };
     // With these numbers every weight starts at 0.
-    let mut field = RadianceField::new(config, || 0.5);
+    let mut field = RadianceField::new(FIELD, || 0.5);
     let n = field.n_network_params();
     // The colour network comes last: `[32][16]` weights and 16 biases, then `[16][16]` and 16.
     let color = &mut field.params[n - 33 * 16 - 17 * 16..n];
@@ -91,39 +88,32 @@ pub(crate) fn fog_above(floor: f32) -> Arc<Environment> {
 /// Radiance 1 wherever it `is_solid` (world coordinates), empty space between, and fog far away.
 pub(crate) fn fog_where(is_solid: impl Fn(Vec3) -> bool) -> Arc<Environment> {
     let fog = fog(0.0, 0.0);
-    let EnvironmentField::Grid { field, density } = fog.field() else {
-        unreachable!("fog is a grid");
-    };
-    let mut density = density.clone();
-    density.hollow(|x| !is_solid(fog.frame().world_from_field(x.into())));
-    with_density(field.clone(), density)
+    changed(&fog, |density| {
+        density.hollow(|x| !is_solid(fog.frame().world_from_field(x.into())));
+    })
 }
 
 /// The room of [`environment`] over an opaque floor.
 pub(crate) fn environment_over_a_floor(seed: u32) -> Arc<Environment> {
-    let room = environment(seed);
-    let EnvironmentField::Grid { field, density } = room.field() else {
-        unreachable!("it is a grid");
-    };
     let up = Vec3::new(0.36, 0.48, 0.8);
-    let mut density = density.clone();
-    density.floor = Some(Floor::new(-0.4 * up, up));
-    with_density(field.clone(), density)
+    changed(&environment(seed), |density| {
+        density.floor = Some(Floor::new(-0.4 * up, up));
+    })
 }
 
 /// The room of [`environment`], of which photos showed this much.
 pub(crate) fn environment_seen(seed: u32, seen: Option<SeenGrid>) -> Arc<Environment> {
-    let room = environment(seed);
-    let EnvironmentField::Grid { field, density } = room.field() else {
+    changed(&environment(seed), |density| density.seen = seen)
+}
+
+/// A place with a changed density.
+fn changed(place: &Environment, change: impl FnOnce(&mut DensityGrid)) -> Arc<Environment> {
+    let EnvironmentField::Grid { field, density } = place.field() else {
         unreachable!("it is a grid");
     };
     let mut density = density.clone();
-    density.seen = seen;
+    change(&mut density);
     with_density(field.clone(), density)
-}
-
-fn environment_of(field: RadianceField) -> Arc<Environment> {
-    with_density(field, DensityGrid::default())
 }
 
 fn with_density(field: RadianceField, density: DensityGrid) -> Arc<Environment> {
@@ -180,12 +170,36 @@ pub(crate) fn scene() -> Scene {
 
 /// Sees the tetrahedron and some of the environment.
 pub(crate) fn camera(width: u32, height: u32) -> Camera {
-    Camera::look_at(
-        Vec3::new(4.0, 1.0, 1.5),
-        Vec3::ZERO,
-        Vec3::Z,
-        0.9,
-        width,
-        height,
-    )
+    let eye = Vec3::new(4.0, 1.0, 1.5);
+    Camera::look_at(eye, Vec3::ZERO, Vec3::Z, 0.9, width, height)
+}
+
+/// The full picture of [`scene`] by [`camera`].
+pub(crate) fn request(width: u32, height: u32) -> PreviewScene {
+    PreviewScene {
+        scene: scene(),
+        camera: camera(width, height),
+        layer: Layer::Final,
+        highlight: None,
+    }
+}
+
+/// A whole picture that nobody cancels.
+pub(crate) fn picture(scene: &Scene, camera: &Camera, layer: Layer) -> Picture {
+    render(scene, camera, layer, &NEVER, &|_| {}).expect("not cancelled")
+}
+
+/// Sum of the squared differences of all channels.
+pub(crate) fn squared_difference(a: &Picture, b: &Picture) -> f32 {
+    let pairs = a.pixels.iter().zip(&b.pixels);
+    pairs
+        .map(|(a, b)| (0..3).map(|c| (a[c] - b[c]).powi(2)).sum::<f32>())
+        .sum()
+}
+
+/// Largest difference of a channel, of which 1 is white.
+pub(crate) fn worst(shown: &[[u8; 4]], expected: &Picture) -> f32 {
+    let pairs = shown.iter().zip(&expected.pixels);
+    let channels = pairs.flat_map(|(a, b)| (0..3).map(|c| (f32::from(a[c]), b[c])));
+    channels.fold(0.0, |worst, (a, b)| f32::max(worst, (a / 255.0 - b).abs()))
 }

@@ -130,7 +130,7 @@ pub(super) fn pixel_options(
         paths: PathOptions {
             max_vertices: config.bounces + 1,
             smooth: 1,
-            torn: if config.subpixels { 2 } else { 1 },
+            discontinuous: if config.subpixels { 2 } else { 1 },
             largest_turn: TAUGHT_TURN,
         },
         outline_error_px,

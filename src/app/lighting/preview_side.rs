@@ -35,7 +35,7 @@ impl PreviewSide {
         let wake = ctx.clone();
         Ok(Self {
             name,
-            preview: Preview::with_card(n_threads, choice, move || wake.request_repaint())?,
+            preview: Preview::new(n_threads, choice, move || wake.request_repaint())?,
             driver: PreviewDriver::default(),
             n_frames_seen: 0,
             texture: None,
@@ -61,22 +61,23 @@ impl PreviewSide {
         self.n_frames_seen = n_frames;
         let frame = self.preview.frame()?;
         let step = self.driver.was_shown(&frame)?;
-        let size = [frame.width as usize, frame.height as usize];
-        texture::renew(ctx, &mut self.texture, self.name, (size, &frame.pixels));
+        let output = &frame.output;
+        let size = [output.width as usize, output.height as usize];
+        texture::renew(ctx, &mut self.texture, self.name, (size, &output.pixels));
         tracing::trace!(
             name = self.name,
             scale = frame.scale,
             is_last = frame.is_last,
-            cpu_secs = frame.cpu_secs,
-            computed = ?frame.recomputed,
+            cpu_secs = output.cpu_secs,
+            computed = ?output.recomputed,
             "preview"
         );
         Some(ShownPicture {
-            size: (frame.width, frame.height),
+            size: (output.width, output.height),
             scale: frame.scale,
             step,
             is_refining: !frame.is_last,
-            recomputed: frame.recomputed,
+            recomputed: output.recomputed,
         })
     }
 

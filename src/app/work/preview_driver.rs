@@ -205,11 +205,11 @@ impl PreviewDriver {
         match self.asked.as_ref().map(|asked| asked.passes) {
             Some(Passes::Only(_)) if frame.request == newest => {
                 let pixels = f64::from(frame.scale * frame.scale);
-                self.full_cost_secs = Some(frame.cpu_secs * pixels);
+                self.full_cost_secs = Some(frame.output.cpu_secs * pixels);
             }
             // The first of two; the second is of a view at rest.
             Some(Passes::Glance) if !frame.is_last => {
-                self.motion_cost_secs = Some(frame.cpu_secs);
+                self.motion_cost_secs = Some(frame.output.cpu_secs);
             }
             _ => {}
         }
@@ -227,7 +227,7 @@ mod tests {
     use super::*;
     use crate::app::state::app_state::tests::snapshot;
     use crate::render::Layer;
-    use crate::render::preview::progressive::Recomputed;
+    use crate::render::preview::progressive::PassOutput;
     use crate::render::test_scene::camera;
 
     fn picture(width: u32) -> impl Fn(&Snapshot) -> PreviewScene {
@@ -256,11 +256,10 @@ mod tests {
             scale: 4,
             is_fine: false,
             is_last: true,
-            width: 1,
-            height: 1,
-            pixels: Vec::new(),
-            recomputed: Recomputed::default(),
-            cpu_secs,
+            output: PassOutput {
+                cpu_secs,
+                ..PassOutput::default()
+            },
         }
     }
 

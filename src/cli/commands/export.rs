@@ -105,7 +105,9 @@ fn baked(
             let albedo = |texels: &[Texel], diffuse: &[Vec3]| -> Vec<Vec3> {
                 let pairs = texels.iter().zip(diffuse);
                 pairs
-                    .map(|(texel, diffuse)| light.albedo(texel.position, texel.normal, *diffuse))
+                    .map(|(texel, diffuse)| {
+                        light.surface.albedo(texel.position, texel.normal, *diffuse)
+                    })
                     .collect()
             };
             bake(

@@ -9,6 +9,7 @@ use neif::render::{
     Backdrop, Background, Destination, FileKind, Film, FilmError, Layer, LobeShape,
     ReferenceOptions, ToneMap,
 };
+use strum::VariantArray as _;
 
 use crate::cli::edits::{EnvironmentFlags, MaterialFlags, apply};
 use crate::cli::failure::Failure;
@@ -119,7 +120,7 @@ fn destination(args: &RenderArgs, name: &str) -> Result<Destination, Failure> {
         Some(extension) if extension == kind.extension() => Ok(Destination::File(out.clone())),
         // A name that is meant for another kind of file is not that of a folder.
         Some(extension)
-            if FileKind::ALL
+            if FileKind::VARIANTS
                 .iter()
                 .any(|kind| extension == kind.extension()) =>
         {

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::GroundResolution;
 use super::stand::Stand;
-use crate::geometry::{Hit, Ray};
+use crate::geometry::Hit;
 use crate::neif::field::radiance_field::{FieldBatch, FieldRay};
 use crate::neif::light::environment::LightScratch;
 use crate::neif::light::shading::fresnel;
@@ -15,6 +15,7 @@ use crate::neif::surface::material::MaterialBatch;
 use crate::render::irradiance::{Probe, Probes, ratio};
 use crate::render::lamps::MovedLamps;
 use crate::render::output::panorama::PanoramaView;
+use crate::render::path::trace::is_hidden;
 
 /// Radiance from all directions to the middle of an object, as a small panorama in the axes of the environment; lamps are
 /// left out.
@@ -104,8 +105,9 @@ impl Around {
 /// An object as a source of light.
 pub(super) struct Bounce<'a> {
     stand: &'a Stand<'a>,
-    lamps: MovedLamps,
-    around: Around,
+    /// In world coordinates.
+    pub(super) lamps: MovedLamps,
+    pub(super) around: Around,
     probes: &'a Probes,
     /// Diffuse radiance and tint at each probe.
     surfaces: Vec<(Vec3, Vec3)>,
@@ -161,16 +163,6 @@ impl<'a> Bounce<'a> {
         self.probes.probes().par_iter().map(at).collect()
     }
 
-    /// The light around the object.
-    pub(super) fn around(&self) -> &Around {
-        &self.around
-    }
-
-    /// The lamps around the object, in world coordinates.
-    pub(super) fn lamps(&self) -> &MovedLamps {
-        &self.lamps
-    }
-
     /// Radiance that comes back along a ray (unit world direction) that met the object.
     pub(super) fn radiance(&self, hit: &Hit, direction: Vec3) -> Vec3 {
         let (mut diffuse, mut tint, mut sum) = (Vec3::ZERO, Vec3::ZERO, 0.0);
@@ -186,11 +178,7 @@ impl<'a> Bounce<'a> {
         let fresnel = fresnel(tint / sum, cos.max(0.0));
         let mirrored = (direction + 2.0 * cos * hit.normal).normalize_or(hit.normal);
         let tracer = &self.stand.object.tracer;
-        let onward = Ray {
-            origin: hit.position,
-            direction: mirrored,
-        };
-        let arriving = if tracer.occluded(&onward, tracer.self_distance(), f32::INFINITY) {
+        let arriving = if is_hidden(tracer, hit.position, mirrored, f32::INFINITY) {
             self.mean
         } else {
             self.around.radiance(self.stand.motion.direction(mirrored))

@@ -8,9 +8,8 @@ use glam::Vec3;
 use super::bounce::Bounce;
 use super::share_grid::ShareGrid;
 use super::sight::Sight;
-use super::square::Square;
 use super::stand::Stand;
-use super::support::{Hidden, LEAST_SHARE, Support};
+use super::support::{LEAST_SHARE, Support};
 use super::{Cancelled, GroundResolution};
 use crate::neif::{Environment, EnvironmentTransform, ObjectModel};
 use crate::render::irradiance::Probes;
@@ -54,7 +53,7 @@ pub struct BakedGround {
     /// Share of the light that the object left.
     share: ShareGrid,
     /// What it stood on, where there was something.
-    support: Option<Support>,
+    pub(super) support: Option<Support>,
 }
 
 impl BakedGround {
@@ -67,30 +66,13 @@ impl BakedGround {
     ) -> Result<Option<Arc<Self>>, Cancelled> {
         let mut surfaces = stand.surfaces(resolution);
         let plane = stand.plane_below(&mut surfaces);
-        if surfaces.patches().is_empty() {
+        if surfaces.patches.is_empty() {
             return Ok(None);
         }
         let shares = stand.shares(&surfaces, bounce, resolution.n_directions, cancel)?;
-        let light = shares.iter().map(|share| share.light);
-        let share = ShareGrid::new(surfaces, light);
+        let share = ShareGrid::new(surfaces, &shares);
         let support = plane.and_then(|plane| Support::new(stand, plane, &share, &shares));
         Ok(Some(Arc::new(Self { share, support })))
-    }
-
-    /// The plane that the object stood on.
-    pub(super) fn plane(&self) -> Option<&Square> {
-        self.support.as_ref().map(Support::plane)
-    }
-
-    /// Whether there is something to stand on at a point of the plane, `[0, 1]`.
-    pub(super) fn floor_at(&self, point: Vec3) -> f32 {
-        let support = self.support.as_ref();
-        support.map_or(0.0, |support| support.floor_at(point))
-    }
-
-    /// What the object hid along a ray.
-    pub(super) fn hidden(&self, sight: &Sight<'_>) -> Option<Hidden> {
-        self.support.as_ref()?.hidden(sight)
     }
 
     /// What the radiance along a ray without the object's shadow is multiplied by, a colour.

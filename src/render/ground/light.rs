@@ -13,6 +13,7 @@ use super::stand::Stand;
 use super::surfaces::{Cells, Patch, Surfaces};
 use super::{Cancelled, GroundResolution};
 use crate::geometry::{Ray, irradiance_directions};
+use crate::render::path::trace::meet_again;
 
 /// Half the cube's side: this many heights of the object beyond its radius.
 const MARGIN_HEIGHTS: f32 = 1.2;
@@ -124,7 +125,7 @@ impl Stand<'_> {
         // The object's lowest point says better than the field where it stands.
         let lift = if offset.abs() < slab { 0.0 } else { offset };
         let center = foot.center + lift * up;
-        let plane = Square::new(center, up, half_side, surfaces.cells().side);
+        let plane = Square::new(center, up, half_side, surfaces.cells.side);
         surfaces.lay(&plane, slab, |point| point.distance(center) < foot.radius);
         Some(plane)
     }
@@ -137,39 +138,32 @@ impl Stand<'_> {
         n_directions: usize,
         cancel: &AtomicBool,
     ) -> Result<Vec<Share>, Cancelled> {
-        let lift = LIFT * surfaces.cells().half_side;
-        let patches = surfaces.patches().par_iter();
-        let shares: Vec<Share> = patches
+        let lift = LIFT * surfaces.cells.half_side;
+        let patches = surfaces.patches.par_iter();
+        let shares: Option<Vec<Share>> = patches
             .map(|patch| {
-                if cancel.load(Ordering::Relaxed) {
-                    return Share::default();
-                }
                 let lifted = patch.point + patch.normal * lift;
-                self.share(lifted, patch.normal, n_directions, bounce)
+                (!cancel.load(Ordering::Relaxed))
+                    .then(|| self.share(lifted, patch.normal, n_directions, bounce))
             })
             .collect();
-        if cancel.load(Ordering::Relaxed) {
-            return Err(Cancelled);
-        }
-        Ok(blurred(surfaces, &shares))
+        Ok(blurred(surfaces, &shares.ok_or(Cancelled)?))
     }
 
     /// What the object does to a point of a surface: keeps light from it, and sends some of its own.
     fn share(&self, point: Vec3, normal: Vec3, n_directions: usize, bounce: &Bounce<'_>) -> Share {
         let (tracer, frame) = (&*self.object.tracer, self.environment.frame());
-        let start = tracer.self_distance();
         let normal_world = self.motion.world_direction(normal);
         let origin = self.motion.world_point(frame.world_from_field(point));
         let (mut light, mut all) = (Vec3::ZERO, Vec3::ZERO);
         let (mut n_seen, mut n_band) = (0_usize, 0_usize);
         for (toward, _) in irradiance_directions(normal, n_directions, 0.0) {
-            let radiance = bounce.around().radiance(toward);
+            let radiance = bounce.around.radiance(toward);
             let is_in_band = CAMERA_BAND.contains(&toward.dot(normal));
             let direction = self.motion.world_direction(toward);
-            let hit = tracer.intersect(&Ray { origin, direction }, start, f32::INFINITY);
             all += radiance;
             n_band += usize::from(is_in_band);
-            if let Some(hit) = hit {
+            if let Some(hit) = meet_again(tracer, origin, direction) {
                 light += bounce.radiance(&hit, direction);
             } else {
                 light += radiance;
@@ -178,7 +172,7 @@ impl Stand<'_> {
         }
         // As mean radiances from above: a lamp's irradiance over pi.
         let n = n_directions.max(1) as f32;
-        let by_lamps = |tracer| bounce.lamps().irradiance(tracer, origin, normal_world) / PI;
+        let by_lamps = |tracer| bounce.lamps.irradiance(tracer, origin, normal_world) / PI;
         let light = light / n + by_lamps(Some(tracer));
         let all = all / n + by_lamps(None);
         Share {
@@ -196,11 +190,11 @@ fn plane_beside(
     (foot, up, offset): (&Foot, Vec3, f32),
     slab: f32,
 ) -> Option<(Vec3, Vec3)> {
-    let size = surfaces.cells().size();
+    let size = surfaces.cells.size();
     let slab = slab * foot.height.max(foot.radius) + size;
     let reach = BESIDE * foot.radius + 2.0 * size;
     let (mut normals, mut points, mut n) = (Vec3::ZERO, Vec3::ZERO, 0.0);
-    for patch in surfaces.patches() {
+    for patch in &surfaces.patches {
         let from_foot = patch.point - foot.center;
         let height = from_foot.dot(up);
         if (height - offset).abs() < slab
@@ -234,5 +228,5 @@ fn blurred(surfaces: &Surfaces, shares: &[Share]) -> Vec<Share> {
             seen: sum.seen / n,
         }
     };
-    surfaces.patches().iter().zip(shares).map(mean).collect()
+    surfaces.patches.iter().zip(shares).map(mean).collect()
 }

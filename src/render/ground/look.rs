@@ -3,6 +3,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::sight::Sight;
 use super::square::Square;
 use crate::neif::Environment;
 use crate::neif::field::radiance_field::{FieldBatch, FieldRay};
@@ -29,46 +30,39 @@ pub(super) fn look_down(environment: &Environment, square: &Square) -> Vec<Floor
     let slab = FLOOR_SLAB * square.half_side;
     let points: Vec<usize> = (0..square.len()).collect();
     let direction = -square.up;
-    let looks: Vec<Vec<FloorLook>> = points
-        .par_chunks(square.side)
-        .map_init(
-            <(FieldBatch, LightScratch)>::default,
-            |(batch, scratch), points| {
-                batch.rays.clear();
-                batch.rays.extend(points.iter().map(|&i| {
-                    let origin = (square.point(i) + square.up * from_height).to_array();
-                    let base = 0.3 * square.point_size();
-                    FieldRay::of_pixel(origin, direction.to_array(), base, 0.0)
-                }));
-                environment.light(batch, scratch);
-                let n = batch.weights().len() / batch.rays.len().max(1);
-                let floor = |i: usize| -> f32 {
-                    let samples = batch.distances().iter().zip(batch.weights());
-                    samples
-                        .skip(i * n)
-                        .take(n)
-                        .filter(|(t, _)| (**t - from_height).abs() < slab)
-                        .map(|(_, weight)| weight)
-                        .sum()
-                };
-                let look = |i: usize| FloorLook {
-                    radiance: Vec3::from(batch.radiance[i]),
-                    floor: floor(i),
-                    seen: environment.seen_share(batch, i),
-                };
-                (0..batch.rays.len()).map(look).collect()
-            },
-        )
-        .collect();
-    looks.into_iter().flatten().collect()
+    let looks = points.par_chunks(square.side).map_init(
+        <(FieldBatch, LightScratch)>::default,
+        |(batch, scratch), points| {
+            batch.rays.clear();
+            batch.rays.extend(points.iter().map(|&i| {
+                let origin = (square.point(i) + square.up * from_height).to_array();
+                let base = 0.3 * square.point_size();
+                FieldRay::of_pixel(origin, direction.to_array(), base, 0.0)
+            }));
+            environment.light(batch, scratch);
+            let floor = |i: usize| -> f32 {
+                let sight = Sight::of(batch, i);
+                let samples = sight.samples();
+                let on_plane = samples.filter(|(t, _)| (t - from_height).abs() < slab);
+                on_plane.map(|(_, weight)| weight).sum()
+            };
+            let look = |i: usize| FloorLook {
+                radiance: Vec3::from(batch.radiance[i]),
+                floor: floor(i),
+                seen: environment.seen_share(batch, i),
+            };
+            (0..batch.rays.len()).map(look).collect::<Vec<_>>()
+        },
+    );
+    looks.flatten_iter().collect()
 }
 
-/// Whether there is a floor in most of the shadow, of what is known: `floor` and `known` in `[0, 1]` each point.
-pub(super) fn is_floor(shares: &[Share], floor: &[f32], known: &[f32]) -> bool {
+/// Whether there is a floor in most of the shadow, of what is known: `known` in `[0, 1]` each point.
+pub(super) fn is_floor(shares: &[Share], looks: &[FloorLook], known: &[f32]) -> bool {
     let (mut on, mut all) = (0.0, 0.0);
-    for ((share, floor), known) in shares.iter().zip(floor).zip(known) {
+    for ((share, look), known) in shares.iter().zip(looks).zip(known) {
         let shadow = known * (1.0 - lightness(share.light)).max(0.0);
-        on += floor * shadow;
+        on += look.floor * shadow;
         all += shadow;
     }
     on > 0.5 * all

@@ -1,5 +1,7 @@
 //! Values on a square, with coarser levels for blurred looks and for filling gaps.
 
+use std::iter::successors;
+
 use glam::{Vec2, Vec4};
 
 /// Four values at each of `side` x `side` points, and their means over 2 x 2, 4 x 4, ... of them.
@@ -19,11 +21,10 @@ impl Map {
     /// `values`: `side * side`, row by row.
     pub(super) fn new(side: usize, values: Vec<Vec4>) -> Self {
         assert_eq!(values.len(), side * side, "a value each point");
-        let mut levels = vec![Level { side, values }];
-        while let Some(coarser) = levels.last().and_then(Level::halved) {
-            levels.push(coarser);
+        let finest = Level { side, values };
+        Self {
+            levels: successors(Some(finest), Level::halved).collect(),
         }
-        Self { levels }
     }
 
     /// The map of values that are known in part: `known[i]` in `[0, 1]`. What is not known comes from around it.

@@ -31,6 +31,7 @@ pub use shadow::Shadow;
 
 use crate::neif::field::radiance_field::FieldBatch;
 use sight::Sight;
+use support::Hidden;
 
 /// How finely the surfaces around an object are looked at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,11 +67,8 @@ impl Ground {
 
     /// Corrects the radiance of an evaluated batch: [`FieldBatch::radiance`].
     pub fn apply(&self, batch: &mut FieldBatch) {
-        let n_rays = batch.rays.len();
-        if n_rays == 0
-            || !batch.weights().len().is_multiple_of(n_rays)
-            || batch.weights().is_empty()
-        {
+        let (n_rays, n_samples) = (batch.rays.len(), batch.weights().len());
+        if n_rays == 0 || n_samples == 0 || !n_samples.is_multiple_of(n_rays) {
             return;
         }
         for i in 0..n_rays {
@@ -83,7 +81,8 @@ impl Ground {
     }
 
     fn corrected(&self, sight: &Sight<'_>, seen: Vec3) -> Vec3 {
-        let hidden = self.baked.as_ref().and_then(|baked| baked.hidden(sight));
+        let support = self.baked.as_ref().and_then(|baked| baked.support.as_ref());
+        let hidden = support.and_then(|support| support.hidden(sight));
         let mut radiance = seen;
         if let Some(baked) = &self.baked {
             radiance *= baked.lightened(sight);
@@ -92,9 +91,9 @@ impl Ground {
             radiance = radiance.lerp(hidden.radiance, hidden.weight);
         }
         if let Some(shadow) = &self.shadow {
-            let mut share = shadow.share(sight);
-            if let Some(hidden) = &hidden {
-                share = share.lerp(shadow.share_at(hidden.point, sight), hidden.weight);
+            let mut share = shadow.share.along(sight, |share| share);
+            if let Some(Hidden { point, weight, .. }) = hidden {
+                share = share.lerp(shadow.share.at(point, sight.blur(point)), weight);
             }
             radiance *= share;
         }

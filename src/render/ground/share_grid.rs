@@ -1,7 +1,10 @@
 //! Shares of light in a cube of cells, with coarser levels for blurred looks.
 
+use std::iter::successors;
+
 use glam::{IVec3, Vec3, Vec4};
 
+use super::look::Share;
 use super::sight::Sight;
 use super::smoothstep;
 use super::surfaces::Surfaces;
@@ -15,7 +18,8 @@ const LEAST_WEIGHT: f32 = 1e-3;
 /// 4, ... cells.
 #[derive(Clone, Debug)]
 pub(super) struct ShareGrid {
-    surfaces: Surfaces,
+    /// What it is the share of.
+    pub(super) surfaces: Surfaces,
     /// Fine to coarse.
     levels: Vec<Level>,
 }
@@ -28,29 +32,22 @@ struct Level {
 }
 
 impl ShareGrid {
-    /// `shares`: of each patch, a colour.
-    pub(super) fn new(surfaces: Surfaces, shares: impl Iterator<Item = Vec3>) -> Self {
-        let side = surfaces.cells().side;
+    /// `shares`: of each patch.
+    pub(super) fn new(surfaces: Surfaces, shares: &[Share]) -> Self {
+        let side = surfaces.cells.side;
         let mut values = vec![Vec4::ZERO; side.pow(3)];
-        for (patch, share) in surfaces.patches().iter().zip(shares) {
-            values[patch.cell] = share.extend(1.0);
+        for (patch, share) in surfaces.patches.iter().zip(shares) {
+            values[patch.cell] = share.light.extend(1.0);
         }
-        let mut levels = vec![Level { side, values }];
-        while let Some(coarser) = levels.last().and_then(Level::halved) {
-            levels.push(coarser);
-        }
+        let finest = Level { side, values };
+        let levels = successors(Some(finest), Level::halved).collect();
         Self { surfaces, levels }
-    }
-
-    /// What it is the share of.
-    pub(super) fn surfaces(&self) -> &Surfaces {
-        &self.surfaces
     }
 
     /// The mean share over the light of a ray, where `at` makes something of the share at a point.
     pub(super) fn along(&self, sight: &Sight<'_>, at: impl Fn(Vec3) -> Vec3) -> Vec3 {
         let mut mean = Vec3::ONE;
-        let cells = self.surfaces.cells();
+        let cells = &self.surfaces.cells;
         let Some(inside) = sight.within(cells.center, cells.half_side) else {
             return mean;
         };
@@ -67,7 +64,7 @@ impl ShareGrid {
 
     /// The share at a point of a surface, blurred by `blur` (standard deviation, field units); 1 away from surfaces.
     pub(super) fn at(&self, point: Vec3, blur: f32) -> Vec3 {
-        let cells = self.surfaces.cells();
+        let cells = &self.surfaces.cells;
         let from_middle = point.distance(cells.center) / cells.half_side;
         let fade = 1.0 - smoothstep(FADE_FROM, 1.0, from_middle);
         if fade == 0.0 {

@@ -17,12 +17,12 @@ const SEEN: [f32; 2] = [0.05, 0.25];
 /// Share of the light at which a point is too dark to determine its colour, and at which it is not.
 const LIT: [f32; 2] = [0.04, 0.1];
 /// Share of the light from which a point does not, and does, determine the colour of places that no camera saw.
-const TELLING: [f32; 2] = [0.2, 0.7];
+const INFORMATIVE: [f32; 2] = [0.2, 0.7];
 
 /// What an object stood on.
 #[derive(Clone, Debug)]
 pub(super) struct Support {
-    plane: Square,
+    pub(super) plane: Square,
     /// Whether there is something to stand on.
     floor: Map,
     /// Radiance without the object, and how far it replaces what was learned.
@@ -53,7 +53,7 @@ impl Support {
         let n = plane.len();
         let at = |i: usize| {
             let point = plane.point(i);
-            let near = grid.surfaces().near(point);
+            let near = grid.surfaces.near(point);
             Share {
                 light: grid.at(point, 0.0),
                 seen: near.map_or(1.0, |(number, _)| shares[number].seen),
@@ -70,8 +70,7 @@ impl Support {
                     * smoothstep(LIT[0], LIT[1], lightness(share.light))
             })
             .collect();
-        let floor: Vec<f32> = looks.iter().map(|look| look.floor).collect();
-        if !is_floor(&shares, &floor, &known) {
+        if !is_floor(&shares, &looks, &known) {
             return None;
         }
         let floors: Vec<Vec4> = looks.iter().map(|look| Vec4::splat(look.floor)).collect();
@@ -88,7 +87,7 @@ impl Support {
             .iter()
             .zip(known.iter().zip(&shares))
             .map(|(look, (known, share))| {
-                let lit = smoothstep(TELLING[0], TELLING[1], lightness(share.light));
+                let lit = smoothstep(INFORMATIVE[0], INFORMATIVE[1], lightness(share.light));
                 look.floor * known * (lit + 1e-3)
             })
             .collect();
@@ -103,10 +102,6 @@ impl Support {
             ghost: GHOST_HEIGHT * stand.foot(plane.up).height,
             plane,
         })
-    }
-
-    pub(super) fn plane(&self) -> &Square {
-        &self.plane
     }
 
     /// Whether there is something to stand on at a point of the plane, `[0, 1]`.

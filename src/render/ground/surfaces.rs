@@ -121,8 +121,8 @@ impl Patch {
 /// The surfaces around an object.
 #[derive(Clone, Debug)]
 pub(super) struct Surfaces {
-    cells: Cells,
-    patches: Vec<Patch>,
+    pub(super) cells: Cells,
+    pub(super) patches: Vec<Patch>,
     /// Of each cell the patch that points in it belong to.
     nearest: Vec<u32>,
 }
@@ -170,14 +170,6 @@ impl Surfaces {
         }
         surfaces.find_nearest();
         surfaces
-    }
-
-    pub(super) fn cells(&self) -> &Cells {
-        &self.cells
-    }
-
-    pub(super) fn patches(&self) -> &[Patch] {
-        &self.patches
     }
 
     /// Where a ray meets the surface that its sample at this distance belongs to; `None` where there is none. A sample lies

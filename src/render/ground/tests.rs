@@ -15,9 +15,8 @@ use crate::neif::{Environment, EnvironmentTransform, ObjectModel, SurfaceField};
 use crate::render::Scene;
 use crate::render::irradiance::Probes;
 use crate::render::lamps::Lamps;
-use crate::render::test_scene::{fog_above, fog_where, object_of};
+use crate::render::test_scene::{NEVER, fog_above, fog_where, object_of};
 
-static NEVER: AtomicBool = AtomicBool::new(false);
 const RESOLUTION: GroundResolution = GroundResolution {
     side: 32,
     n_looks: 32,
@@ -54,10 +53,6 @@ fn room() -> Arc<Environment> {
     fog_above(FLOOR)
 }
 
-fn lamps() -> Lamps {
-    lamps_of(&room())
-}
-
 fn lamps_of(room: &Environment) -> Lamps {
     Lamps::of(room, &NEVER).expect("not cancelled")
 }
@@ -66,14 +61,39 @@ fn probes(object: &ObjectModel) -> Probes {
     Probes::on_mesh(object.tracer.mesh(), 128)
 }
 
-fn captured(object: &ObjectModel, cancel: &AtomicBool) -> Result<Captured, Cancelled> {
-    let own = (&*room(), &lamps());
+fn captured_in(
+    room: &Environment,
+    object: &ObjectModel,
+    cancel: &AtomicBool,
+) -> Result<Captured, Cancelled> {
+    let own = (room, &lamps_of(room));
     Captured::new(object, own, &probes(object), RESOLUTION, cancel)
 }
 
-fn baked() -> Arc<BakedGround> {
-    let captured = captured(&ball(), &NEVER).expect("not cancelled");
-    captured.ground.expect("a floor")
+fn captured(object: &ObjectModel) -> Captured {
+    captured_in(&room(), object, &NEVER).expect("not cancelled")
+}
+
+/// The shadow in a room at `transform` of an object that was captured in it.
+fn shadow_in(
+    room: &Environment,
+    object: &ObjectModel,
+    transform: &EnvironmentTransform,
+    captured: &Captured,
+    baked: Option<&BakedGround>,
+) -> Option<Shadow> {
+    let (lamps, probes) = (lamps_of(room), probes(object));
+    let known = (&probes, captured);
+    let shadow = Shadow::new(
+        object,
+        (room, &lamps),
+        transform,
+        known,
+        baked,
+        RESOLUTION,
+        &NEVER,
+    );
+    shadow.expect("not cancelled")
 }
 
 /// Radiance of the room from a world point towards another, after `ground`.
@@ -98,21 +118,10 @@ fn look_in(room: &Environment, ground: Option<&Ground>, from: Vec3, to: Vec3) ->
 #[test]
 fn a_shadow_is_taken_away_and_put_where_the_object_went() {
     let still = EnvironmentTransform::default();
-    let baked = baked();
-    let probes = probes(&ball());
-    let captured = captured(&ball(), &NEVER).expect("not cancelled");
+    let captured = captured(&ball());
+    let baked = captured.ground.clone().expect("a floor");
     let shadow = |transform: &EnvironmentTransform| {
-        Shadow::new(
-            &ball(),
-            (&room(), &lamps()),
-            transform,
-            (&probes, &captured),
-            Some(&baked),
-            RESOLUTION,
-            &NEVER,
-        )
-        .expect("not cancelled")
-        .expect("a floor")
+        shadow_in(&room(), &ball(), transform, &captured, Some(&baked)).expect("a floor")
     };
     let empty = Ground {
         baked: Some(Arc::clone(&baked)),
@@ -158,20 +167,10 @@ fn a_shadow_is_taken_away_and_put_where_the_object_went() {
 #[test]
 fn a_red_mirror_keeps_less_red_from_its_floor_than_a_black_one() {
     let shade = |ball: &ObjectModel| {
-        let probes = probes(ball);
-        let captured = captured(ball, &NEVER).expect("not cancelled");
-        let shadow = Shadow::new(
-            ball,
-            (&room(), &lamps()),
-            &EnvironmentTransform::default(),
-            (&probes, &captured),
-            None,
-            RESOLUTION,
-            &NEVER,
-        );
+        let still = EnvironmentTransform::default();
         let ground = Ground {
             baked: None,
-            shadow: shadow.expect("not cancelled"),
+            shadow: shadow_in(&room(), ball, &still, &captured(ball), None),
         };
         let eye = Vec3::new(0.1, -1.6, 0.6);
         let beside = Vec3::new(0.0, -0.45, FLOOR);
@@ -213,17 +212,12 @@ fn walls_slopes_and_curved_things_are_shaded_too() {
     ];
     for (what, is_solid, near, far) in things {
         let room = fog_where(is_solid);
-        let own = (&*room, &lamps_of(&room));
-        let (ball, probes) = (ball(), probes(&ball()));
-        let captured = Captured::new(&ball, own, &probes, RESOLUTION, &NEVER);
-        let captured = captured.expect("not cancelled");
+        let captured = captured_in(&room, &ball(), &NEVER).expect("not cancelled");
         let still = EnvironmentTransform::default();
         let baked = captured.ground.clone().expect("something near");
-        let known = (&probes, &captured);
-        let shadow = Shadow::new(&ball, own, &still, known, Some(&baked), RESOLUTION, &NEVER);
         let put_on = Ground {
             baked: None,
-            shadow: shadow.expect("not cancelled"),
+            shadow: shadow_in(&room, &ball(), &still, &captured, Some(&baked)),
         };
         let as_it_was = Ground {
             baked: Some(baked),
@@ -271,7 +265,7 @@ fn a_slope_is_what_an_object_stands_on() {
 #[test]
 fn walls_and_sky_and_what_lies_far_off_stay() {
     let empty = Ground {
-        baked: Some(baked()),
+        baked: Some(captured(&ball()).ground.expect("a floor")),
         shadow: None,
     };
     let eye = Vec3::new(0.1, -1.6, 0.6);
@@ -287,14 +281,13 @@ fn walls_and_sky_and_what_lies_far_off_stay() {
 #[test]
 fn an_object_that_hovers_has_no_floor() {
     let high = object_of(ellipsoid(Vec3::new(0.0, 0.0, 1.0), Vec3::splat(0.2), 16), 3);
-    let on_air = captured(&high, &NEVER).expect("not cancelled");
-    assert!(on_air.ground.is_none());
+    assert!(captured(&high).ground.is_none());
     let cancelled = AtomicBool::new(true);
-    assert!(captured(&ball(), &cancelled).is_err());
+    assert!(captured_in(&room(), &ball(), &cancelled).is_err());
 }
 
 #[test]
-fn a_scene_has_a_ground_where_its_surroundings_moved() {
+fn a_scene_has_a_ground_where_its_environment_moved() {
     let scene = Scene::new(Some(ball()), room());
     assert!(scene.lit(&NEVER).expect("not cancelled").ground.is_none());
     let moved = Scene {
@@ -318,20 +311,10 @@ fn what_is_not_known_comes_from_around_it() {
     let values: Vec<Vec4> = (0..side * side).map(|i| Vec4::splat(value(i))).collect();
     let mut known = vec![1.0; side * side];
     let hole = |i: usize| (4..12).contains(&(i / side)) && (6..10).contains(&(i % side));
-    for (i, known) in known.iter_mut().enumerate() {
-        if hole(i) {
-            *known = 0.0;
-        }
+    let mut wrong = values.clone();
+    for i in (0..values.len()).filter(|i| hole(*i)) {
+        (known[i], wrong[i]) = (0.0, Vec4::splat(99.0));
     }
-    let wrong: Vec<Vec4> = (0..values.len())
-        .map(|i| {
-            if hole(i) {
-                Vec4::splat(99.0)
-            } else {
-                values[i]
-            }
-        })
-        .collect();
     let map = Map::filled(side, &wrong, &known);
     for i in 0..side * side {
         let place = (Vec2::new((i % side) as f32, (i / side) as f32) + 0.5) / 8.0 - 1.0;

@@ -34,7 +34,7 @@ impl KnownLamps {
         cancel: &AtomicBool,
     ) -> Option<Arc<Lamps>> {
         if Arc::ptr_eq(&key.trained_in, &key.environment) {
-            return Some(Arc::clone(trained.lamps()));
+            return Some(Arc::clone(&trained.lamps));
         }
         if let Some((environment, lamps)) = &self.other
             && Arc::ptr_eq(environment, &key.environment)
@@ -96,11 +96,6 @@ impl DiffuseLights {
             self.coarse.trained(&key, &mut self.lamps, cancel);
         }
     }
-
-    /// Forgets everything.
-    pub fn clear(&mut self) {
-        *self = Self::default();
-    }
 }
 
 /// Whether one of the layers shows the light at the surface even where it is the trained one.
@@ -118,9 +113,10 @@ fn lit(
         Some(key) => Some(level.light(&key, lamps, cancel)?),
         None => None,
     };
-    let ground = diffuse_light.as_ref().and_then(|lit| lit.light.ground());
+    let ground = diffuse_light.as_ref();
+    let ground = ground.and_then(|lit: &KeyedLight| lit.light.ground.clone());
     Some(Scene {
-        ground: ground.cloned(),
+        ground,
         diffuse_light,
         ..scene.clone().marked_for(layers)
     })
@@ -130,7 +126,7 @@ fn lit(
 #[derive(Debug)]
 struct Level {
     resolution: Resolution,
-    transport: Option<(Arc<SurfaceTracer>, Arc<Transport>)>,
+    transport: Option<Arc<Transport>>,
     work: Option<(LightKey, TrainedWork)>,
     trained: Option<(LightKey, Arc<TrainedLight>)>,
     gathered: Option<(LightKey, Gathered)>,
@@ -207,7 +203,7 @@ impl Level {
             return None;
         };
         let trained = Arc::new(trained);
-        lamps.own = Some((Arc::clone(&key.object.tracer), Arc::clone(trained.lamps())));
+        lamps.own = Some((Arc::clone(&key.object.tracer), Arc::clone(&trained.lamps)));
         self.trained = Some((key.clone(), Arc::clone(&trained)));
         Some(trained)
     }
@@ -217,14 +213,13 @@ impl Level {
         tracer: &Arc<SurfaceTracer>,
         cancel: &AtomicBool,
     ) -> Option<Arc<Transport>> {
-        if let Some((old, transport)) = &self.transport
-            && Arc::ptr_eq(old, tracer)
+        if let Some(transport) = &self.transport
+            && Arc::ptr_eq(&transport.tracer, tracer)
         {
             return Some(Arc::clone(transport));
         }
-        let transport = Arc::new(Transport::trace(tracer, self.resolution, cancel)?);
-        self.transport = Some((Arc::clone(tracer), Arc::clone(&transport)));
-        Some(transport)
+        let transport = Transport::trace(tracer, self.resolution, cancel)?;
+        Some(Arc::clone(self.transport.insert(Arc::new(transport))))
     }
 }
 

@@ -9,9 +9,8 @@ use rayon::prelude::*;
 
 use super::key::LightKey;
 use super::probes::Probes;
-use super::surface_light::{Irradiance, LampLight, SurfaceLight, albedo, quotient, ratio};
+use super::surface_light::{Irradiance, LampLight, SurfaceLight, quotient, ratio};
 use super::transport::{Cone, Met, Transport};
-use crate::geometry::SurfaceTracer;
 use crate::neif::field::radiance_field::{FieldBatch, FieldRay};
 use crate::neif::light::environment::LightScratch;
 use crate::neif::light::lobe::Lobe;
@@ -64,14 +63,14 @@ pub(super) struct Gathered {
 /// An object in the light that it was trained in.
 #[derive(Debug)]
 pub struct TrainedLight {
-    tracer: Arc<SurfaceTracer>,
     transport: Arc<Transport>,
     beams: Vec<Vec<Beam>>,
     /// Mean radiance along all rays.
     ray_mean: Vec3,
     /// Lamps of the trained environment, with the brightness estimated from the object's shading.
-    lamps: Arc<Lamps>,
-    light: Arc<SurfaceLight>,
+    pub(super) lamps: Arc<Lamps>,
+    /// The light at the surface.
+    pub surface: Arc<SurfaceLight>,
     captured: Captured,
 }
 
@@ -121,66 +120,31 @@ impl TrainedWork {
         let radiance = &self.gathered.radiance;
         let first = irradiance(&self.beams, radiance, |beam| beam.bounce);
         let rest = SurfaceLight::new(&self.transport, first.clone(), LampLight::none(&first));
-        let lamps = known.unwrap_or_else(|| Arc::new(self.brightened(&seen, &rest, key)));
+        let lamps = known.unwrap_or_else(|| Arc::new(brightened(&seen, &rest, key)));
         let resolution = self.transport.resolution.ground;
-        let captured = Captured::new(
-            &key.object,
-            (own, &lamps),
-            &self.transport.probes,
-            resolution,
-            cancel,
-        )
-        .ok()?;
-        let (transport, tracer) = (Arc::clone(&self.transport), &key.object.tracer);
+        let (transport, light) = (Arc::clone(&self.transport), (&**own, &*lamps));
+        let probes = &transport.probes;
+        let captured = Captured::new(&key.object, light, probes, resolution, cancel).ok()?;
         let points = lamps.points(&still.environment_from_world());
-        let by_lamps = LampLight::new(&transport, tracer, points);
+        let by_lamps = LampLight::new(&transport, points);
         let first = SurfaceLight::new(&transport, first, by_lamps.clone());
         let mut beams = std::mem::take(&mut self.beams);
         beams.par_iter_mut().flatten().for_each(|beam| {
             // An enclosed mirror sees about what is around it.
             if let (Some((position, normal)), None) = (beam.met, beam.ray) {
-                let around = first.smooth(&transport, position, normal);
+                let around = first.smooth(position, normal);
                 beam.bounce += beam.gain * around / PI;
             }
         });
         let rest = irradiance(&beams, radiance, |beam| beam.bounce);
         Some(TrainedLight {
-            tracer: Arc::clone(tracer),
             ray_mean: self.gathered.mean(),
-            light: Arc::new(SurfaceLight::new(&transport, rest, by_lamps)),
+            surface: Arc::new(SurfaceLight::new(&transport, rest, by_lamps)),
             lamps,
             transport,
             beams,
             captured,
         })
-    }
-
-    /// The lamps with the brightness estimated from the object's shading, where `rest` is the light of everything else.
-    fn brightened(&self, lamps: &Lamps, rest: &SurfaceLight, key: &LightKey) -> Lamps {
-        let parts = lamps.parts();
-        let tracer = &key.object.tracer;
-        let still = EnvironmentTransform::default().environment_from_world();
-        let points = lamps.points_of(&parts, &still);
-        let probes = Probes::on_mesh(tracer.mesh(), N_SHADED);
-        let positions: Vec<Vec3> = probes.probes().iter().map(|p| p.position).collect();
-        let mut batch = MaterialBatch::default();
-        key.object
-            .material
-            .forward(&positions, &mut batch, &mut Vec::new());
-        let places = probes.probes().iter().zip(&batch.surfaces);
-        let places: Vec<Place> = places
-            .map(|(&probe, &surface)| Place {
-                probe,
-                surface,
-                around: rest.smooth(&self.transport, probe.position, probe.normal) / PI,
-            })
-            .collect();
-        let shaded = places.par_iter().map(|place| place.shaded(tracer, &points));
-        let shaded = shaded.collect();
-        let own = (&*key.trained_in, lamps, &points);
-        let lobes = lit_lobes(&key.object, own, &places, &still);
-        let gains = lamp_gains(&probes, shaded, lobes, parts.len());
-        lamps.gained(&parts, &gains)
     }
 }
 
@@ -209,41 +173,23 @@ impl TrainedLight {
         }))
     }
 
-    /// Diffuse reflectance of a surface point whose baked diffuse radiance is `diffuse`: `π C_d / E`, in `[0, 1]`.
-    pub fn albedo(&self, position: Vec3, normal: Vec3, diffuse: Vec3) -> Vec3 {
-        albedo(self.irradiance(position, normal), self.light.mean, diffuse)
-    }
-
-    /// Irradiance at a surface point, linear, at least 0.
-    pub fn irradiance(&self, position: Vec3, normal: Vec3) -> Vec3 {
-        self.light
-            .at(&self.transport, &self.tracer, position, normal)
-    }
-
-    /// The lamps of the trained environment, with the brightness estimated from the object's shading.
-    pub(super) fn lamps(&self) -> &Arc<Lamps> {
-        &self.lamps
-    }
-
     /// The surfaces around the object where it was captured, where there are any.
     pub fn baked_ground(&self) -> Option<&Arc<BakedGround>> {
         self.captured.ground.as_ref()
-    }
-
-    /// Number of rays that the environment is asked with.
-    pub fn n_rays(&self) -> usize {
-        let beams = self.beams.iter().flatten();
-        beams.filter(|beam| beam.ray.is_some()).count()
     }
 }
 
 /// How the light at the surface differs from the one that the diffuse part was trained in.
 #[derive(Debug)]
 pub struct DiffuseLight {
-    trained: Arc<TrainedLight>,
-    light: Arc<SurfaceLight>,
-    ground: Option<Arc<Ground>>,
-    highlights: Option<Highlights>,
+    /// The light that it is compared with.
+    pub(super) trained: Arc<TrainedLight>,
+    /// The present light at the surface, before the transform's gain.
+    pub surface: Arc<SurfaceLight>,
+    /// What is done to the surfaces around the object.
+    pub(super) ground: Option<Arc<Ground>>,
+    /// The lamps that lobes gather, if there are any.
+    pub(in crate::render) highlights: Option<Highlights>,
 }
 
 impl DiffuseLight {
@@ -259,7 +205,7 @@ impl DiffuseLight {
         let highlights = Highlights::new(lamps, &motion);
         if key.is_captured() {
             return Some(Self {
-                light: Arc::clone(&trained.light),
+                surface: Arc::clone(&trained.surface),
                 trained: Arc::clone(trained),
                 ground: None,
                 highlights,
@@ -274,7 +220,7 @@ impl DiffuseLight {
         if !gathered.run(&trained.beams, from, &key.transform, cancel) {
             return None;
         }
-        let by_lamps = LampLight::new(transport, &trained.tracer, lamps.points(&motion));
+        let by_lamps = LampLight::new(transport, lamps.points(&motion));
         let lit = |bounce: &(dyn Fn(&Beam) -> Vec3 + Sync)| {
             let rest = irradiance(&trained.beams, &gathered.radiance, bounce);
             SurfaceLight::new(transport, rest, by_lamps.clone())
@@ -284,14 +230,14 @@ impl DiffuseLight {
         for _ in 0..BOUNCES {
             light = lit(&|beam| {
                 beam.met.map_or(Vec3::ZERO, |(position, normal)| {
-                    let now = light.smooth(transport, position, normal);
-                    let then = trained.light.smooth(transport, position, normal);
-                    beam.bounce * ratio((now, light.mean), (then, trained.light.mean))
+                    let [now, then] = [&light, &*trained.surface]
+                        .map(|light| (light.smooth(position, normal), light.mean));
+                    beam.bounce * ratio(now, then)
                 })
             });
         }
         Some(Self {
-            light: Arc::new(light),
+            surface: Arc::new(light),
             trained: Arc::clone(trained),
             ground: gathered.ground.clone().filter(|ground| !ground.is_empty()),
             highlights,
@@ -304,47 +250,47 @@ impl DiffuseLight {
     /// Shadows have edges where the point `is_seen` directly; elsewhere the probes have to do, for shadow rays from each
     /// of the places that many cones meet take longer than all the rest.
     pub fn ratio(&self, position: Vec3, normal: Vec3, is_seen: bool) -> Vec3 {
-        let trained = &self.trained;
-        if Arc::ptr_eq(&self.light, &trained.light) {
+        if Arc::ptr_eq(&self.surface, &self.trained.surface) {
             return Vec3::ONE;
         }
         let at = |light: &SurfaceLight| {
             let value = if is_seen {
-                light.at(&trained.transport, &trained.tracer, position, normal)
+                light.irradiance(position, normal)
             } else {
-                light.smooth(&trained.transport, position, normal)
+                light.smooth(position, normal)
             };
             (value, light.mean)
         };
-        ratio(at(&self.light), at(&trained.light))
+        ratio(at(&self.surface), at(&self.trained.surface))
     }
+}
 
-    /// Present irradiance at a surface point before the transform's gain, linear, at least 0.
-    pub fn irradiance(&self, position: Vec3, normal: Vec3) -> Vec3 {
-        let trained = &self.trained;
-        self.light
-            .at(&trained.transport, &trained.tracer, position, normal)
-    }
-
-    /// Diffuse reflectance of a surface point whose present diffuse radiance is `diffuse`: `π C_d / E`, in `[0, 1]`.
-    pub fn albedo(&self, position: Vec3, normal: Vec3, diffuse: Vec3) -> Vec3 {
-        albedo(self.irradiance(position, normal), self.light.mean, diffuse)
-    }
-
-    /// The lamps that lobes gather, if there are any.
-    pub(in crate::render) fn highlights(&self) -> Option<&Highlights> {
-        self.highlights.as_ref()
-    }
-
-    /// What is done to the surfaces around the object.
-    pub fn ground(&self) -> Option<&Arc<Ground>> {
-        self.ground.as_ref()
-    }
-
-    /// The light that it is compared with.
-    pub fn trained(&self) -> &Arc<TrainedLight> {
-        &self.trained
-    }
+/// The lamps with the brightness estimated from the object's shading, where `rest` is the light of everything else.
+fn brightened(lamps: &Lamps, rest: &SurfaceLight, key: &LightKey) -> Lamps {
+    let parts = lamps.parts();
+    let tracer = &key.object.tracer;
+    let still = EnvironmentTransform::default().environment_from_world();
+    let points = lamps.points_of(&parts, &still);
+    let probes = Probes::on_mesh(tracer.mesh(), N_SHADED);
+    let positions: Vec<Vec3> = probes.probes().iter().map(|p| p.position).collect();
+    let mut batch = MaterialBatch::default();
+    key.object
+        .material
+        .forward(&positions, &mut batch, &mut Vec::new());
+    let places = probes.probes().iter().zip(&batch.surfaces);
+    let places: Vec<Place> = places
+        .map(|(&probe, &surface)| Place {
+            probe,
+            surface,
+            around: rest.smooth(probe.position, probe.normal) / PI,
+        })
+        .collect();
+    let shaded = places.par_iter().map(|place| place.shaded(tracer, &points));
+    let shaded = shaded.collect();
+    let own = (&*key.trained_in, lamps, &points);
+    let lobes = lit_lobes(&key.object, own, &places, &still);
+    let gains = lamp_gains(&probes, shaded, lobes, parts.len());
+    lamps.gained(&parts, &gains)
 }
 
 /// Irradiance of every probe, from the radiance along its rays and what the object sends instead.

@@ -20,5 +20,6 @@ pub(super) use cache::shows_light;
 pub use cache::{DiffuseLights, trained_light};
 pub use light::{DiffuseLight, TrainedLight};
 pub use probes::{Probe, Probes};
+pub use surface_light::SurfaceLight;
 pub(super) use surface_light::ratio;
 pub use transport::{Resolution, Transport};

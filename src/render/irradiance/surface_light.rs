@@ -1,13 +1,13 @@
 //! The light at an object's surface as probes and lamps give it, and the ratios of two of them.
 
 use std::f32::consts::PI;
+use std::sync::Arc;
 
 use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 
 use super::probes::Probe;
 use super::transport::Transport;
-use crate::geometry::SurfaceTracer;
 use crate::render::lamps::MovedLamps;
 
 /// Largest ratio: a surface that was in the dark knows too little of its colour to show more.
@@ -34,7 +34,8 @@ pub(super) struct LampLight {
 
 /// The light at an object's surface.
 #[derive(Debug)]
-pub(super) struct SurfaceLight {
+pub struct SurfaceLight {
+    transport: Arc<Transport>,
     /// Of all but the lamps, at the probes.
     rest: Vec<Irradiance>,
     lamps: LampLight,
@@ -51,7 +52,8 @@ impl LampLight {
         }
     }
 
-    pub(super) fn new(transport: &Transport, tracer: &SurfaceTracer, lamps: MovedLamps) -> Self {
+    pub(super) fn new(transport: &Transport, lamps: MovedLamps) -> Self {
+        let tracer = &*transport.tracer;
         let at_probe = |probe: &Probe| {
             let mut light = Irradiance::ZERO;
             let at = (probe.position, probe.normal);
@@ -73,8 +75,9 @@ impl LampLight {
 
 impl SurfaceLight {
     /// The light of lamps and of the rest, which is given at the probes.
-    pub(super) fn new(transport: &Transport, rest: Vec<Irradiance>, lamps: LampLight) -> Self {
+    pub(super) fn new(transport: &Arc<Transport>, rest: Vec<Irradiance>, lamps: LampLight) -> Self {
         let mut light = Self {
+            transport: Arc::clone(transport),
             rest,
             lamps,
             mean: Vec3::ZERO,
@@ -95,45 +98,35 @@ impl SurfaceLight {
     }
 
     /// Irradiance at a surface point, interpolated from the probes.
-    pub(super) fn smooth(&self, transport: &Transport, position: Vec3, normal: Vec3) -> Vec3 {
-        self.interpolated(transport, (position, normal), true)
+    pub(super) fn smooth(&self, position: Vec3, normal: Vec3) -> Vec3 {
+        self.interpolated(position, normal, true)
     }
 
-    /// Irradiance at a surface point, lamps with the shadows that the object casts on itself.
-    pub(super) fn at(
-        &self,
-        transport: &Transport,
-        tracer: &SurfaceTracer,
-        position: Vec3,
-        normal: Vec3,
-    ) -> Vec3 {
+    /// Irradiance at a surface point, linear, at least 0; of lamps with the shadows that the object casts on itself.
+    pub fn irradiance(&self, position: Vec3, normal: Vec3) -> Vec3 {
         let Some(lamps) = &self.lamps.lamps else {
-            return self.smooth(transport, position, normal);
+            return self.smooth(position, normal);
         };
-        let rest = self.interpolated(transport, (position, normal), false);
-        rest + lamps.irradiance(Some(tracer), position, normal)
+        let rest = self.interpolated(position, normal, false);
+        rest + lamps.irradiance(Some(&self.transport.tracer), position, normal)
     }
 
-    fn interpolated(
-        &self,
-        transport: &Transport,
-        (position, normal): (Vec3, Vec3),
-        has_lamps: bool,
-    ) -> Vec3 {
+    fn interpolated(&self, position: Vec3, normal: Vec3, has_lamps: bool) -> Vec3 {
         let (mut light, mut sum) = (FAR_WEIGHT * self.mean, FAR_WEIGHT);
-        transport.probes.near(position, normal, |i, weight| {
+        self.transport.probes.near(position, normal, |i, weight| {
             light += weight * self.at_probe(i, normal, has_lamps);
             sum += weight;
         });
         light / sum
     }
-}
 
-/// `π C_d / E`, in `[0, 1]`; `mean` is the mean irradiance over the object, below a share of which there is no light.
-pub(super) fn albedo(irradiance: Vec3, mean: Vec3, diffuse: Vec3) -> Vec3 {
-    let light = irradiance + FLOOR * mean;
-    let albedo = PI * diffuse * (1.0 + FLOOR) / light.max(Vec3::splat(f32::MIN_POSITIVE));
-    albedo.clamp(Vec3::ZERO, Vec3::ONE)
+    /// Diffuse reflectance of a surface point that in this light has the diffuse radiance `diffuse`: `π C_d / E`, in
+    /// `[0, 1]`. Below a share of the mean irradiance there is no light.
+    pub fn albedo(&self, position: Vec3, normal: Vec3, diffuse: Vec3) -> Vec3 {
+        let light = self.irradiance(position, normal) + FLOOR * self.mean;
+        let albedo = PI * diffuse * (1.0 + FLOOR) / light.max(Vec3::splat(f32::MIN_POSITIVE));
+        albedo.clamp(Vec3::ZERO, Vec3::ONE)
+    }
 }
 
 /// Present over trained irradiance, both with their means over the object.

@@ -11,10 +11,8 @@ use super::*;
 use crate::geometry::Mesh;
 use crate::geometry::meshes::test_mesh::{ellipsoid, together};
 use crate::neif::{Environment, EnvironmentTransform, ObjectModel, RoughnessEdit};
-use crate::render::test_scene::{environment, fog, object_of, scene};
+use crate::render::test_scene::{NEVER, environment, fog, object_of, scene};
 use crate::render::{Layer, Scene};
-
-static NEVER: AtomicBool = AtomicBool::new(false);
 
 fn ball() -> Arc<ObjectModel> {
     object_of(ellipsoid(Vec3::ZERO, Vec3::splat(0.5), 32), 3)
@@ -64,7 +62,7 @@ fn in_a_white_furnace_the_irradiance_is_pi_times_the_radiance_and_turning_change
     let turned = moved(Arc::clone(&ball), &furnace, &furnace, turned(77.0));
     for n in normals() {
         let expected = PI / E;
-        let light = trained.irradiance(0.5 * n, n);
+        let light = trained.surface.irradiance(0.5 * n, n);
         let off = (light / expected - Vec3::ONE).abs().max_element();
         assert!(off < 0.02, "{light} at {n}, not {expected}");
         let ratio = response(&turned, 0.5 * n, n);
@@ -72,7 +70,7 @@ fn in_a_white_furnace_the_irradiance_is_pi_times_the_radiance_and_turning_change
             (ratio - Vec3::ONE).abs().max_element() < 0.01,
             "{ratio} at {n}"
         );
-        let albedo = trained.albedo(0.5 * n, n, Vec3::splat(0.5 / E));
+        let albedo = trained.surface.albedo(0.5 * n, n, Vec3::splat(0.5 / E));
         assert!((albedo - 0.5).abs().max_element() < 0.01, "{albedo} at {n}");
     }
 }
@@ -82,7 +80,7 @@ fn a_half_lit_room_turned_about_swaps_the_bright_and_the_dark_side() {
     let (ball, room) = (ball(), fog(-2.0, 3.0));
     let trained = light_of(Arc::clone(&ball), &room);
     let turned = moved(ball, &room, &room, turned(180.0));
-    let light = |n: Vec3| trained.irradiance(0.5 * n, n);
+    let light = |n: Vec3| trained.surface.irradiance(0.5 * n, n);
     assert!(
         light(Vec3::X).y > 4.0 * light(Vec3::NEG_X).y,
         "the room is half lit"
@@ -130,7 +128,8 @@ fn a_point_under_a_roof_receives_less_and_its_share_of_what_the_roof_sends() {
         object_of(together(&square(0.0, 1.0), &square(0.2, -1.0)), 5),
         &room,
     );
-    let [open, roofed] = [open, roofed].map(|light| light.irradiance(Vec3::ZERO, Vec3::Z).y);
+    let [open, roofed] =
+        [open, roofed].map(|light| light.surface.irradiance(Vec3::ZERO, Vec3::Z).y);
     assert!((open / PI - 1.0).abs() < 0.02, "{open}");
     // The roof covers 0.82 of the hemisphere by cosine, and sends on some of the light.
     assert!(
@@ -160,7 +159,7 @@ fn exposure_and_white_balance_scale_the_diffuse_part_exactly() {
 }
 
 #[test]
-fn unmoved_surroundings_change_nothing_even_when_read_again() {
+fn an_unmoved_environment_changes_nothing_even_when_read_again() {
     let room = environment(4);
     let again = Arc::new(Environment::clone(&room));
     let still = EnvironmentTransform::default();
@@ -175,7 +174,7 @@ fn unmoved_surroundings_change_nothing_even_when_read_again() {
 }
 
 #[test]
-fn black_and_blinding_surroundings_give_finite_ratios_in_range() {
+fn black_and_blinding_environments_give_finite_ratios_in_range() {
     let (black, bright) = (fog(-12.0, 0.0), fog(11.5, 0.0));
     let still = EnvironmentTransform::default();
     for (from, to, least, most) in [
@@ -259,8 +258,8 @@ fn what_is_prepared_serves_every_change() {
         );
         let light = scene.diffuse_light.expect("moved").light;
         (
-            Arc::clone(light.trained()),
-            light.irradiance(0.5 * Vec3::X, Vec3::X),
+            Arc::clone(&light.trained),
+            light.surface.irradiance(0.5 * Vec3::X, Vec3::X),
         )
     };
     let (first, light) = trained(&mut prepared, 70.0);

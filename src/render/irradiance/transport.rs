@@ -1,15 +1,17 @@
 //! Where the light of a probe comes from: cones over its hemisphere and what of the object they meet. Geometry only.
 
 use std::f32::consts::{PI, TAU};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use glam::Vec3;
 use rayon::prelude::*;
 
 use super::probes::{Probe, Probes};
-use crate::geometry::{GOLDEN_ANGLE, Hit, Ray, SurfaceTracer, irradiance_directions};
+use crate::geometry::{GOLDEN_ANGLE, SurfaceTracer, irradiance_directions};
 use crate::render::ground::GroundResolution;
 use crate::render::path::shade::MOTION_SAMPLES;
+use crate::render::path::trace::{is_hidden, meet_again};
 
 /// How finely light is gathered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -89,6 +91,7 @@ impl Cone {
 /// Probes with their cones.
 #[derive(Debug)]
 pub struct Transport {
+    pub(super) tracer: Arc<SurfaceTracer>,
     pub(super) probes: Probes,
     /// Of each probe.
     pub(super) cones: Vec<Vec<Cone>>,
@@ -98,7 +101,7 @@ pub struct Transport {
 impl Transport {
     /// Places the probes and traces their cones, in parallel; `None` when cancelled.
     pub fn trace(
-        tracer: &SurfaceTracer,
+        tracer: &Arc<SurfaceTracer>,
         resolution: Resolution,
         cancel: &AtomicBool,
     ) -> Option<Self> {
@@ -114,6 +117,7 @@ impl Transport {
             })
             .collect::<Option<Vec<_>>>()?;
         Some(Self {
+            tracer: Arc::clone(tracer),
             probes,
             cones,
             resolution,
@@ -137,15 +141,9 @@ fn met(tracer: &SurfaceTracer, probe: &Probe, direction: Vec3) -> Option<Met> {
     if direction.dot(probe.face_normal) <= 0.0 {
         return None;
     }
-    let start = tracer.self_distance();
-    let origin = probe.position;
-    let hit: Hit = tracer.intersect(&Ray { origin, direction }, start, f32::INFINITY)?;
+    let hit = meet_again(tracer, probe.position, direction)?;
     let cos = -hit.normal.dot(direction);
     let reflected = (direction + 2.0 * cos * hit.normal).normalize_or(hit.normal);
-    let onward = Ray {
-        origin: hit.position,
-        direction: reflected,
-    };
     Some(Met {
         position: hit.position,
         normal: hit.normal,
@@ -153,6 +151,6 @@ fn met(tracer: &SurfaceTracer, probe: &Probe, direction: Vec3) -> Option<Met> {
         cos: cos.max(0.0),
         distance: hit.t,
         curvature: tracer.curvature(&hit),
-        is_enclosed: tracer.occluded(&onward, start, f32::INFINITY),
+        is_enclosed: is_hidden(tracer, hit.position, reflected, f32::INFINITY),
     })
 }

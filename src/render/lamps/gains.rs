@@ -94,7 +94,7 @@ struct Pair {
 }
 
 fn pairs(probes: &Probes, lit: &[LitPlace]) -> Vec<Pair> {
-    let telling = |i: usize| {
+    let trust = |i: usize| {
         let dim = lit[i].radiance.element_sum() / 3.0;
         lit[i].trust * dim / (dim + DIM)
     };
@@ -102,7 +102,7 @@ fn pairs(probes: &Probes, lit: &[LitPlace]) -> Vec<Pair> {
     for (a, probe) in probes.probes().iter().enumerate() {
         probes.near(probe.position, probe.normal, |b, near| {
             if b > a {
-                let weight = near * telling(a) * telling(b);
+                let weight = near * trust(a) * trust(b);
                 pairs.push(Pair {
                     a,
                     b: Some(b),

@@ -10,12 +10,13 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
-use super::{Lamps, MovedLamps, is_hidden};
+use super::{Lamps, MovedLamps};
 use crate::geometry::SurfaceTracer;
 use crate::neif::EnvironmentFromWorld;
 use crate::neif::light::lobe::Lobe;
 use crate::neif::light::lobe_cones::lobe_density;
 use crate::neif::light::shading::SurfacePoint;
+use crate::render::path::trace::is_hidden;
 
 /// Light, as a share of white, below which a point is not asked for its shadow.
 const LITTLE: f32 = 1e-3;
@@ -64,8 +65,8 @@ impl Highlights {
             *radiance = seen.lerp(self.lamps.below(seen), share).to_array();
         }
         let mut sum = Vec3::ZERO;
-        let visit = |_, light| sum += light;
-        self.points.gathered(tracer, point, roughness, visit);
+        self.points
+            .gathered(tracer, point, roughness, |_, light| sum += light);
         share * sum
     }
 }

@@ -8,7 +8,7 @@ use std::f32::consts::TAU;
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::{Lamps, LitPlace, MovedLamps, Place, is_hidden};
+use super::{Lamps, LitPlace, MovedLamps, Place};
 use crate::geometry::{SurfaceTracer, irradiance_directions, orthonormal_basis};
 use crate::neif::field::radiance_field::{FieldBatch, FieldRay};
 use crate::neif::light::environment::{EnvironmentField, LightScratch};
@@ -19,6 +19,7 @@ use crate::neif::light::shading::SurfacePoint;
 use crate::neif::surface::object::ObjectModel;
 use crate::neif::{Environment, EnvironmentFromWorld};
 use crate::render::irradiance::Probe;
+use crate::render::path::trace::is_hidden;
 
 /// Lobes that are asked for at once.
 const LOBES_AT_ONCE: usize = 16;
@@ -52,16 +53,15 @@ pub(in crate::render) fn lit_lobes(
 ) -> Vec<LitPlace> {
     let taught = places.par_iter().enumerate().filter_map(|(number, place)| {
         let roughness = object.material.perceptual(place.surface).roughness;
-        let lobe = TaughtLobe {
-            point: SurfacePoint::default(),
-            roughness: [roughness, place.surface.roughness],
-            mirrored: 1.0 - place.diffuse_share(),
-        };
-        if lobe.mirrored < DULL || points.spacing_share(roughness) < 1.0 {
+        let mirrored = 1.0 - place.diffuse_share();
+        if mirrored < DULL || points.spacing_share(roughness) < 1.0 {
             return None;
         }
-        let point = photographed(&place.probe, environment, number)?;
-        let lobe = TaughtLobe { point, ..lobe };
+        let lobe = TaughtLobe {
+            point: photographed(&place.probe, environment, number)?,
+            roughness: [roughness, place.surface.roughness],
+            mirrored,
+        };
         lobe.is_clear(&object.tracer).then_some(lobe)
     });
     let taught: Vec<TaughtLobe> = taught.collect();

@@ -22,10 +22,11 @@ pub(super) use highlights::Highlights;
 pub(super) use lobes::lit_lobes;
 pub(super) use places::Place;
 
-use crate::geometry::{Ray, SurfaceTracer, fibonacci_sphere};
+use crate::geometry::{SurfaceTracer, fibonacci_sphere};
 use crate::neif::field::radiance_field::{FieldBatch, FieldRay};
 use crate::neif::light::environment::{EnvironmentField, LightScratch};
 use crate::neif::{Environment, EnvironmentFromWorld};
+use crate::render::path::trace::is_hidden;
 
 /// Directions in which lamps are looked for: 2.2 degrees apart.
 const N_LOOKS: usize = 16_384;
@@ -237,11 +238,6 @@ impl MovedLamps {
         });
         sum
     }
-}
-
-fn is_hidden(tracer: &SurfaceTracer, origin: Vec3, direction: Vec3, distance: f32) -> bool {
-    let ray = Ray { origin, direction };
-    tracer.occluded(&ray, tracer.self_distance(), distance)
 }
 
 /// Radiance scaled so that no colour is brighter than `white`.

@@ -2,7 +2,6 @@
 
 use std::f32::consts::PI;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 use glam::{Quat, Vec3};
 
@@ -12,8 +11,8 @@ use crate::neif::EnvironmentTransform;
 use crate::neif::distant::{DistantConfig, DistantLight};
 use crate::neif::light::shading::SurfacePoint;
 use crate::render::irradiance::Probes;
+use crate::render::test_scene::NEVER;
 
-static NEVER: AtomicBool = AtomicBool::new(false);
 /// Radiance of the lamp, and the cosine of its half angle: a disc of 0.0195 steradians.
 const LAMP: f32 = 400.0;
 const RIM: f32 = 0.996_9;
@@ -119,7 +118,7 @@ fn shaded(probes: &Probes, toward: Vec3, gain: Vec3) -> Vec<LitPlace> {
 }
 
 #[test]
-fn shading_tells_how_bright_a_lamp_is_whatever_is_painted_on_the_object() {
+fn shading_shows_how_bright_a_lamp_is_whatever_is_painted_on_the_object() {
     let mesh = ellipsoid(Vec3::ZERO, Vec3::splat(0.5), 32);
     let probes = Probes::on_mesh(&mesh, 1000);
     for gain in [Vec3::ONE, Vec3::new(60.0, 50.0, 40.0), Vec3::splat(0.3)] {
@@ -147,7 +146,7 @@ fn what_has_no_diffuse_part_leaves_lamps_as_they_were_learned() {
 }
 
 #[test]
-fn lobes_tell_how_bright_a_lamp_is_and_what_is_told_of_one_part_goes_for_the_next() {
+fn lobes_show_how_bright_a_lamp_is_and_what_is_known_of_one_part_goes_for_the_next() {
     let mesh = ellipsoid(Vec3::ZERO, Vec3::splat(0.5), 16);
     let probes = Probes::on_mesh(&mesh, 20);
     let black = LitPlace {

@@ -1,6 +1,6 @@
 //! Bakes the object's surface into textures for other programs.
 
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
 use super::metallic_roughness::MetallicRoughness;
@@ -61,20 +61,28 @@ pub fn bake(
     let n_texels = (atlas.size_px as usize).pow(2);
     let mut pixels: Vec<Option<Pixel>> = vec![None; n_texels];
     for (texel, baked) in texels.iter().zip(&baked) {
-        pixels[texel.index as usize] = Some(Pixel {
-            material: baked.material,
-            roughness: baked.roughness,
-        });
+        let MetallicRoughness {
+            base,
+            metallic,
+            dielectric,
+        } = baked.material;
+        let pixel = [base.extend(metallic), dielectric.extend(baked.roughness)];
+        pixels[texel.index as usize] = Some(pixel);
     }
     let overall = mean(&mut pixels.iter().flatten().copied());
     for _ in 0..=padding_px {
         grow(&mut pixels, atlas.size_px as usize, mean);
     }
-    let filled = |pixel: &Option<Pixel>| pixel.unwrap_or(overall);
+    let filled = pixels.iter().map(|pixel| pixel.unwrap_or(overall));
+    let material = |[metal, rest]: Pixel| MetallicRoughness {
+        base: metal.truncate(),
+        metallic: metal.w,
+        dielectric: rest.truncate(),
+    };
     BakedSurface {
         size_px: atlas.size_px,
-        material: pixels.iter().map(|p| filled(p).material).collect(),
-        roughness: pixels.iter().map(|p| filled(p).roughness).collect(),
+        material: filled.clone().map(material).collect(),
+        roughness: filled.map(|[_, rest]| rest.w).collect(),
         plain_error,
         specular_error,
     }
@@ -87,11 +95,8 @@ struct Baked {
     reflectance: Vec3,
 }
 
-#[derive(Clone, Copy, Default)]
-struct Pixel {
-    material: MetallicRoughness,
-    roughness: f32,
-}
+/// Base colour and metalness, dielectric colour and roughness.
+type Pixel = [Vec4; 2];
 
 fn bake_texels(
     object: &ObjectModel,
@@ -120,31 +125,13 @@ fn bake_texels(
 }
 
 fn mean(pixels: &mut dyn Iterator<Item = Pixel>) -> Pixel {
-    let mut sum = Pixel::default();
-    let mut n = 0.0;
-    for pixel in pixels {
-        add(&mut sum, &pixel);
+    let (mut sum, mut n) = (Pixel::default(), 0.0);
+    for [metal, rest] in pixels {
+        sum[0] += metal;
+        sum[1] += rest;
         n += 1.0;
     }
-    divided(sum, f32::max(n, 1.0))
-}
-
-fn add(sum: &mut Pixel, pixel: &Pixel) {
-    sum.material.base += pixel.material.base;
-    sum.material.metallic += pixel.material.metallic;
-    sum.material.dielectric += pixel.material.dielectric;
-    sum.roughness += pixel.roughness;
-}
-
-fn divided(sum: Pixel, n: f32) -> Pixel {
-    Pixel {
-        material: MetallicRoughness {
-            base: sum.material.base / n,
-            metallic: sum.material.metallic / n,
-            dielectric: sum.material.dielectric / n,
-        },
-        roughness: sum.roughness / n,
-    }
+    sum.map(|values| values / f32::max(n, 1.0))
 }
 
 /// Gives every empty pixel beside filled ones their mean, so that look-ups between texels do not bleed.

@@ -2,10 +2,10 @@
 //! command line write through this; what is cancelled leaves nothing behind.
 
 use std::ffi::OsStr;
-use std::fmt;
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 use std::sync::atomic::{AtomicBool, Ordering};
+
+use strum::{Display, EnumString, IntoStaticStr, VariantArray};
 
 use super::parts::{Backdrop, Parts, PartsOptions, render_parts};
 use crate::data::{
@@ -15,12 +15,15 @@ use crate::data::{
 use crate::geometry::Camera;
 use crate::neif::EnvironmentTransform;
 use crate::render::irradiance::DiffuseLights;
-use crate::render::named::by_name;
+use crate::render::named::unknown;
 use crate::render::path::reference::ReferenceOptions;
 use crate::render::scene::{Layer, Scene};
 
-/// What kind of file pictures become.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+/// What kind of file pictures become; its name is the ending of the files' names.
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, Display, EnumString, IntoStaticStr, VariantArray,
+)]
+#[strum(serialize_all = "lowercase", parse_err_ty = String, parse_err_fn = unknown_kind)]
 pub enum FileKind {
     /// 8 bits as shown on a screen, a file a picture and layer.
     #[default]
@@ -34,17 +37,9 @@ pub enum FileKind {
 }
 
 impl FileKind {
-    /// All of them.
-    pub const ALL: [Self; 4] = [Self::Png, Self::Exr, Self::Gif, Self::Mp4];
-
     /// The ending of its files' names, also its name on the command line.
     pub fn extension(self) -> &'static str {
-        match self {
-            Self::Png => "png",
-            Self::Exr => "exr",
-            Self::Gif => "gif",
-            Self::Mp4 => "mp4",
-        }
+        self.into()
     }
 
     /// Whether all pictures go into one file.
@@ -53,18 +48,8 @@ impl FileKind {
     }
 }
 
-impl fmt::Display for FileKind {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.extension())
-    }
-}
-
-impl FromStr for FileKind {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        by_name("format", &Self::ALL, Self::extension, text)
-    }
+fn unknown_kind(text: &str) -> String {
+    unknown::<FileKind>("format", text)
 }
 
 /// One picture of a series.
@@ -166,8 +151,8 @@ impl Film {
             (FileKind::Mp4, _) => {
                 write_mp4(&path, &ffmpeg()?, format, &mut || renderer.next_frame())
             }
-            (_, Some(_)) => renderer.write_one(&path),
-            (_, None) => renderer.write_all(&path),
+            (_, Some(_)) => renderer.write_stills(|_| path.clone()),
+            (_, None) => renderer.write_stills(|name| path.join(name)),
         };
         match written {
             // Ctrl-C ends ffmpeg too, which then looks like its failure.
@@ -220,14 +205,10 @@ impl Film {
 
     /// Whether all pictures are of one size.
     fn check_sizes(&self) -> Result<(), FilmError> {
-        let sizes = self
-            .shots
-            .iter()
-            .map(|Shot { camera, .. }| (camera.width, camera.height));
-        let mut others = sizes
-            .clone()
-            .filter(|size| Some(*size) != sizes.clone().next());
-        match (sizes.clone().next(), others.next()) {
+        let size = |Shot { camera, .. }: &Shot| (camera.width, camera.height);
+        let mut sizes = self.shots.iter().map(size);
+        let first = sizes.next();
+        match (first, sizes.find(|size| Some(*size) != first)) {
             (Some((a, b)), Some((c, d))) => Err(FilmError::Unusable(format!(
                 "a film has pictures of one size, and these are {a}x{b} and {c}x{d}; ask for a size"
             ))),
@@ -286,33 +267,20 @@ impl Renderer<'_> {
         Some(parts.to_rgba8(&scene, self.film.layers[0]))
     }
 
-    fn write_one(&mut self, path: &Path) -> Result<Ending, DataError> {
-        let Some((scene, parts)) = self.render_next() else {
-            return Ok(Ending::Cancelled);
-        };
-        if self.film.kind == FileKind::Exr {
-            write_exr_channels(path, parts.width, parts.height, parts.exr_channels(&scene))?;
-        } else {
-            parts
-                .to_rgba8(&scene, self.film.layers[0])
-                .write_png(path)?;
-        }
-        Ok(Ending::Finished)
-    }
-
-    fn write_all(&mut self, folder: &Path) -> Result<Ending, DataError> {
+    /// Writes the shots where `path_of` their files' names says.
+    fn write_stills(&mut self, path_of: impl Fn(String) -> PathBuf) -> Result<Ending, DataError> {
         let film = self.film;
         for shot in &film.shots {
             let Some((scene, parts)) = self.render_next() else {
                 return Ok(Ending::Cancelled);
             };
             if film.kind == FileKind::Exr {
-                let path = folder.join(format!("{}.exr", shot.name));
+                let path = path_of(format!("{}.exr", shot.name));
                 write_exr_channels(&path, parts.width, parts.height, parts.exr_channels(&scene))?;
                 continue;
             }
             for &layer in &film.layers {
-                let path = folder.join(png_name(&shot.name, layer));
+                let path = path_of(png_name(&shot.name, layer));
                 parts.to_rgba8(&scene, layer).write_png(&path)?;
             }
         }
@@ -336,25 +304,18 @@ mod tests {
     use glam::Vec3;
 
     use super::*;
-    use crate::render::output::turntable;
-    use crate::render::render;
-    use crate::render::test_scene::{camera, scene};
+    use crate::render::output::turntable::{self, Spin};
+    use crate::render::test_scene::{NEVER, camera, picture, scene};
 
     const SIZE: (u32, u32) = (24, 16);
 
     /// The environment turns in `n` steps.
     fn film(kind: FileKind, n: u32) -> Film {
-        let scene = scene();
-        let first = EnvironmentTransform::default();
-        let transforms = turntable::transforms(&first, Vec3::ZERO, Vec3::Z, n);
-        let shot = |(i, transform)| Shot {
-            name: format!("turn_{i:03}"),
-            camera: camera(SIZE.0, SIZE.1),
-            transform,
-        };
+        let (camera, first) = (camera(SIZE.0, SIZE.1), EnvironmentTransform::default());
+        let axis = (Vec3::ZERO, Vec3::Z);
         Film {
-            scene,
-            shots: transforms.into_iter().enumerate().map(shot).collect(),
+            scene: scene(),
+            shots: turntable::shots(Spin::Environment, &camera, &first, axis, n),
             layers: vec![Layer::Final],
             backdrop: Backdrop::Shown,
             kind,
@@ -372,19 +333,17 @@ mod tests {
     }
 
     fn write(film: &Film, destination: &Destination) -> Result<Ending, FilmError> {
-        film.write(destination, &AtomicBool::new(false), &|_| {})
+        film.write(destination, &NEVER, &|_| {})
     }
 
     #[test]
-    fn the_first_picture_of_turning_surroundings_is_the_still_picture() {
+    fn the_first_picture_of_a_turning_environment_is_the_still_picture() {
         let folder = tempfile::tempdir().unwrap();
         let film = film(FileKind::Png, 3);
         write(&film, &destination(folder.path(), FileKind::Png)).unwrap();
         let file = |i: u32| folder.path().join(format!("pictures/turn_{i:03}.png"));
         let read = |i| image::open(file(i)).unwrap().to_rgb8();
-        let cancel = AtomicBool::new(false);
-        let camera = camera(SIZE.0, SIZE.1);
-        let still = render(&film.scene, &camera, Layer::Final, &cancel, &|_| {}).unwrap();
+        let still = picture(&film.scene, &camera(SIZE.0, SIZE.1), Layer::Final);
         let code = |v: &f32| (v * 255.0).round() as u8;
         let codes: Vec<u8> = still.pixels.as_flattened().iter().map(code).collect();
         assert!(read(0).as_raw() == &codes, "the first picture differs");

@@ -1,16 +1,16 @@
 //! Equirectangular panoramas: the environment as a point inside it sees it.
 
 use std::f32::consts::{PI, TAU};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
 use glam::{Quat, Vec2, Vec3};
-use rayon::prelude::*;
 
 use super::raster::Picture;
 use crate::neif::field::proposal::ConeRay;
 use crate::neif::field::radiance_field::FieldRay;
 use crate::neif::light::lobe::Lobe;
 use crate::render::path::scratch::ShadeScratch;
+use crate::render::path::trace::PIXEL_STD;
 use crate::render::scene::Scene;
 
 /// What a panorama shows.
@@ -72,20 +72,14 @@ pub fn panorama(
 pub fn panorama_of(scene: &Scene, view: &PanoramaView, cancel: &AtomicBool) -> Option<Picture> {
     let width = view.width.max(1);
     let height = (width / 2).max(1);
-    let mut pixels = vec![[0.0; 3]; (width * height) as usize];
-    pixels
-        .par_chunks_mut(width as usize)
-        .enumerate()
-        .for_each_init(ShadeScratch::default, |scratch, (y, row)| {
-            if !cancel.load(Ordering::Relaxed) {
-                panorama_row(scene, view, (y as u32, height), row, scratch);
-            }
-        });
-    (!cancel.load(Ordering::Relaxed)).then_some(Picture {
-        width,
-        height,
-        pixels,
-    })
+    Picture::by_rows(
+        (width, height),
+        1,
+        cancel,
+        |scratch: &mut ShadeScratch, y, row| {
+            panorama_row(scene, view, (y, height), row, scratch);
+        },
+    )
 }
 
 fn panorama_row(
@@ -96,38 +90,33 @@ fn panorama_row(
     scratch: &mut ShadeScratch,
 ) {
     let motion = scene.transform.environment_from_world();
-    let origin = scene
-        .environment
-        .frame()
-        .field_from_world(motion.point(view.at))
-        .to_array();
+    let frame = scene.environment.frame();
+    let origin = frame.field_from_world(motion.point(view.at)).to_array();
     let width = row.len();
     let lobe = (view.roughness > 0.0).then(|| Lobe::from_roughness(view.roughness));
     // A pixel is a box of π/height radians.
-    let spread = PI / height as f32 * 0.288_675_13;
-    scratch.rays().clear();
+    let spread = PI / height as f32 * PIXEL_STD;
+    scratch.rays.clear();
     for x in 0..width {
         let place = Vec2::new(
             (x as f32 + 0.5) / width as f32,
             (y as f32 + 0.5) / height as f32,
         );
         let direction = motion.direction(view.direction(place));
-        let cone = ConeRay {
-            origin,
-            direction: (direction * lobe.map_or(1.0, |l| l.mean_length)).to_array(),
-            base: 0.0,
-            spread,
-            lobe_variance: lobe.map_or(0.0, |l| l.variance),
-        };
-        let kappa = lobe.map_or(f32::INFINITY, |l| l.kappa);
-        scratch.rays().push(FieldRay {
-            cone,
+        scratch.rays.push(FieldRay {
+            cone: ConeRay {
+                origin,
+                direction: (direction * lobe.map_or(1.0, |l| l.mean_length)).to_array(),
+                base: 0.0,
+                spread,
+                lobe_variance: lobe.map_or(0.0, |l| l.variance),
+            },
             direction: direction.to_array(),
-            kappa,
+            kappa: lobe.map_or(f32::INFINITY, |l| l.kappa),
         });
     }
     scratch.light(scene);
-    for (out, radiance) in row.iter_mut().zip(scratch.radiance()) {
+    for (out, radiance) in row.iter_mut().zip(&scratch.radiance) {
         *out = (Vec3::from(*radiance) * motion.gain).to_array();
     }
 }
@@ -140,6 +129,7 @@ mod tests {
     use crate::data::{ExrSample, write_exr};
     use crate::neif::EnvironmentTransform;
     use crate::neif::distant::{ImportOptions, import_environment};
+    use crate::render::test_scene::NEVER;
 
     #[test]
     fn places_and_directions_undo_each_other_whatever_is_up() {
@@ -172,7 +162,6 @@ mod tests {
         write_exr(&file, width, height, &pixels, ExrSample::Float).unwrap();
         let imported = import_environment(&file, &ImportOptions::default()).unwrap();
         let environment = Arc::new(imported.environment);
-        let cancel = AtomicBool::new(false);
         let still = EnvironmentTransform::default();
         // Moved and scaled: a far environment does not care.
         let moved = EnvironmentTransform {
@@ -185,7 +174,7 @@ mod tests {
                 transform,
                 ..Scene::new(None, Arc::clone(&environment))
             };
-            let seen = panorama(&scene, at, 0.0, width, &cancel).unwrap();
+            let seen = panorama(&scene, at, 0.0, width, &NEVER).unwrap();
             assert_eq!((seen.width, seen.height), (width, height), "size");
             assert!(seen.pixels == pixels, "pixels");
         }

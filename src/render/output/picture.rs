@@ -52,7 +52,7 @@ pub struct SeenThere {
 }
 
 /// The environment through each listed pixel (`y * width + x` of `camera`), whether or not the object hides them.
-pub fn see_surroundings(scene: &Scene, camera: &Camera, pixels: &[u32]) -> Vec<SeenThere> {
+pub fn environment_at(scene: &Scene, camera: &Camera, pixels: &[u32]) -> Vec<SeenThere> {
     let eye = camera.position();
     let gain = scene.transform.environment_from_world().gain;
     let there = |light: SeenLight| {

@@ -8,6 +8,7 @@ use crate::neif::field::contraction::{contract, unit_cube};
 use crate::neif::field::floor::Floor;
 use crate::neif::field::radiance_field::FieldBatch;
 use crate::neif::light::environment::EnvironmentField;
+use crate::render::diagnostic::logarithmic_share;
 
 /// Densities per field unit at both ends of the colours.
 pub const DENSITY_RANGE: [f32; 2] = [0.1, 1000.0];
@@ -91,30 +92,27 @@ pub fn density_slice(
 
 /// Place of a density in [`DENSITY_RANGE`] by its logarithm, 0 to 1.
 pub fn density_share(density: f32) -> f32 {
-    let [low, high] = DENSITY_RANGE;
-    ((density.max(low) / low).ln() / (high / low).ln()).min(1.0)
+    logarithmic_share(density, DENSITY_RANGE)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::test_scene::{environment, environment_over_a_floor};
+    use crate::render::test_scene::{NEVER, environment, environment_over_a_floor};
 
     #[test]
     fn a_slice_is_finite_outside_the_object_and_moves_with_its_plane() {
-        let never = AtomicBool::new(false);
-        let slice = |axis, share| {
+        let slice_of = |axis, share, side| {
             let plane = SlicePlane { axis, share };
-            density_slice(&environment(3), plane, 12, &never).expect("a grid has a density")
+            density_slice(&environment(3), plane, side, &NEVER).expect("a grid has a density")
         };
+        let slice = |axis, share| slice_of(axis, share, 12);
         let middle = slice(2, 0.5);
         assert!(middle.densities.iter().all(|d| d.is_finite() && *d >= 0.0));
         assert_ne!(middle, slice(2, 0.9));
         assert_ne!(middle, slice(0, 0.5));
         // The middle lines of two planes are the same line of the field, seen the same way round.
-        let odd =
-            |axis| density_slice(&environment(3), SlicePlane { axis, share: 0.5 }, 11, &never);
-        let (x, y) = (odd(0).expect("a slice"), odd(1).expect("a slice"));
+        let (x, y) = (slice_of(0, 0.5, 11), slice_of(1, 0.5, 11));
         let column =
             |s: &DensitySlice| -> Vec<f32> { (0..11).map(|r| s.densities[r * 11 + 5]).collect() };
         assert_eq!(column(&x), column(&y), "the z axis through the centre");
@@ -126,10 +124,9 @@ mod tests {
             axis: 0,
             share: 0.5,
         };
-        let never = AtomicBool::new(false);
         let over_a_floor = environment_over_a_floor(3);
-        let slice = density_slice(&over_a_floor, plane, 8, &never).expect("a slice");
-        let free = density_slice(&environment(3), plane, 8, &never).expect("a slice");
+        let slice = density_slice(&over_a_floor, plane, 8, &NEVER).expect("a slice");
+        let free = density_slice(&environment(3), plane, 8, &NEVER).expect("a slice");
         let pairs = slice.densities.iter().zip(&free.densities);
         let below = pairs.clone().filter(|(d, _)| d.is_nan()).count();
         assert!((8..56).contains(&below), "{below} of 64 below it");
@@ -137,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn surroundings_without_density_have_no_slice() {
+    fn an_environment_without_density_has_no_slice() {
         use crate::neif::distant::{DistantConfig, DistantLight};
         let config = DistantConfig {
             width: 16,
@@ -150,6 +147,6 @@ mod tests {
             axis: 2,
             share: 0.5,
         };
-        assert!(density_slice(&sky, plane, 4, &AtomicBool::new(false)).is_none());
+        assert!(density_slice(&sky, plane, 4, &NEVER).is_none());
     }
 }

@@ -1,11 +1,8 @@
 //! What becomes of light that is brighter than white in a picture.
 
-use std::fmt;
-use std::str::FromStr;
-
 use serde::{Deserialize, Serialize};
 
-use crate::render::named::by_name;
+use crate::render::named::unknown;
 
 /// Where compression begins: 0.8 less the reflectance of plastic seen straight on.
 const START: f32 = 0.8 - F0;
@@ -19,6 +16,8 @@ const BRIGHTEST: f32 = 1e6;
 /// How a picture's linear light, exposed, is brought below 1 before the display curve.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[derive(strum::Display, strum::EnumString, strum::VariantArray)]
+#[strum(serialize_all = "lowercase", parse_err_ty = String, parse_err_fn = unknown_tone_map)]
 pub enum ToneMap {
     /// Clipped at white, colour by colour, as the photos are: the picture that training compares.
     #[default]
@@ -28,17 +27,6 @@ pub enum ToneMap {
 }
 
 impl ToneMap {
-    /// All of them.
-    pub const ALL: [Self; 2] = [Self::Photo, Self::Neutral];
-
-    /// Lower-case name, as on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Photo => "photo",
-            Self::Neutral => "neutral",
-        }
-    }
-
     /// Linear light that is not negative, brought towards 0 to 1; [`Self::Photo`] leaves the clipping to the display.
     pub fn apply(self, light: [f32; 3]) -> [f32; 3] {
         match self {
@@ -71,18 +59,8 @@ fn neutral(light: [f32; 3]) -> [f32; 3] {
     })
 }
 
-impl fmt::Display for ToneMap {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
-    }
-}
-
-impl FromStr for ToneMap {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        by_name("tone map", &Self::ALL, Self::name, text)
-    }
+fn unknown_tone_map(text: &str) -> String {
+    unknown::<ToneMap>("tone map", text)
 }
 
 /// Factor of an exposure of the picture; finite, so that black stays black.
@@ -92,11 +70,13 @@ pub(in crate::render) fn display_gain(ev: f32) -> f32 {
 
 #[cfg(test)]
 mod tests {
+    use strum::VariantArray as _;
+
     use super::*;
 
     #[test]
     fn names_are_read_back() {
-        for map in ToneMap::ALL {
+        for &map in ToneMap::VARIANTS {
             assert_eq!(map.to_string().parse(), Ok(map));
         }
         assert!("filmic".parse::<ToneMap>().unwrap_err().contains("neutral"));

@@ -56,17 +56,13 @@ pub fn first_camera(scene: &Scene, up: Vec3) -> Camera {
 /// `n` cameras at equal angles about the `up` axis (unit) through `center`, counter-clockwise seen from above; the first
 /// is `first` itself.
 pub fn cameras(first: &Camera, center: Vec3, up: Vec3, n: u32) -> Vec<Camera> {
-    let turned = |i: u32| {
-        let turn = turn(up, i, n);
+    turned(first, up, n, |turn| {
         let about_center = Affine3A::from_rotation_translation(turn, center - turn * center);
         Camera {
             world_from_camera: about_center * first.world_from_camera,
             ..*first
         }
-    };
-    (0..n)
-        .map(|i| if i == 0 { *first } else { turned(i) })
-        .collect()
+    })
 }
 
 /// `n` places of the environment at equal angles about the `up` axis (unit) through `center`, counter-clockwise seen
@@ -77,16 +73,10 @@ pub fn transforms(
     up: Vec3,
     n: u32,
 ) -> Vec<EnvironmentTransform> {
-    let turned = |i: u32| {
-        let turn = turn(up, i, n);
-        EnvironmentTransform {
-            translate: center + turn * (first.translate - center),
-            ..first.turned(turn)
-        }
-    };
-    (0..n)
-        .map(|i| if i == 0 { *first } else { turned(i) })
-        .collect()
+    turned(first, up, n, |turn| EnvironmentTransform {
+        translate: center + turn * (first.translate - center),
+        ..first.turned(turn)
+    })
 }
 
 /// The `n` pictures of a turntable about the axis through a centre (point and unit direction), begun at `camera` and
@@ -98,26 +88,28 @@ pub fn shots(
     (center, up): (Vec3, Vec3),
     n: u32,
 ) -> Vec<Shot> {
-    let places: Vec<(Camera, EnvironmentTransform)> = match spin {
-        Spin::Camera => cameras(camera, center, up, n)
-            .into_iter()
-            .map(|camera| (camera, *transform))
-            .collect(),
-        Spin::Environment => transforms(transform, center, up, n)
-            .into_iter()
-            .map(|transform| (*camera, transform))
-            .collect(),
+    let still = (vec![*camera; n as usize], vec![*transform; n as usize]);
+    let (cameras, transforms) = match spin {
+        Spin::Camera => (cameras(camera, center, up, n), still.1),
+        Spin::Environment => (still.0, transforms(transform, center, up, n)),
     };
     let shot = |(i, (camera, transform))| Shot {
         name: format!("turn_{i:03}"),
         camera,
         transform,
     };
-    places.into_iter().enumerate().map(shot).collect()
+    let places = cameras.into_iter().zip(transforms);
+    places.enumerate().map(shot).collect()
 }
 
-fn turn(up: Vec3, i: u32, n: u32) -> Quat {
-    Quat::from_axis_angle(up, TAU * i as f32 / n as f32)
+/// `n` equal turns about `up`, the first of which is none.
+fn turned<T: Copy>(first: &T, up: Vec3, n: u32, turned: impl Fn(Quat) -> T) -> Vec<T> {
+    let turn = |i: u32| Quat::from_axis_angle(up, TAU * i as f32 / n as f32);
+    let others = (1..n).map(|i| turned(turn(i)));
+    std::iter::once(*first)
+        .take(n as usize)
+        .chain(others)
+        .collect()
 }
 
 #[cfg(test)]
@@ -147,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn turned_surroundings_look_like_those_from_a_camera_turned_back() {
+    fn a_turned_environment_looks_like_one_from_a_camera_turned_back() {
         let center = Vec3::new(0.3, -0.2, 0.1);
         let first = EnvironmentTransform {
             rotate_deg: Vec3::new(10.0, 20.0, 30.0),

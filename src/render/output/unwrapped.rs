@@ -22,10 +22,8 @@ impl Unwrapped {
     /// Unwraps an object's mesh, as it was before it was subdivided, with `padding_px` texels around each chart; `None` when
     /// there are too many charts for the texture.
     pub fn new(mesh: &Arc<Mesh>, size_px: u32, padding_px: u32) -> Option<Self> {
-        let mut levels = vec![Arc::clone(mesh)];
-        while let Some(coarser) = levels.last().and_then(|mesh| mesh.undivided()) {
-            levels.push(Arc::new(coarser));
-        }
+        let coarser = |mesh: &Arc<Mesh>| mesh.undivided().map(Arc::new);
+        let mut levels: Vec<_> = std::iter::successors(Some(Arc::clone(mesh)), coarser).collect();
         let coarsest = levels.pop()?;
         let atlas = Atlas::new(&coarsest, size_px, padding_px)?;
         let mut of_finer = None;
@@ -75,11 +73,8 @@ impl Unwrapped {
                 around.sum::<Vec3>().normalize_or(Vec3::Z)
             });
         }
-        Some(
-            map.into_iter()
-                .map(|normal| normal.unwrap_or(Vec3::Z))
-                .collect(),
-        )
+        let filled = map.into_iter().map(|normal| normal.unwrap_or(Vec3::Z));
+        Some(filled.collect())
     }
 }
 
@@ -89,7 +84,7 @@ mod tests {
     use crate::geometry::meshes::test_mesh::ellipsoid;
 
     #[test]
-    fn a_normal_map_tells_the_finer_normals_of_a_subdivided_mesh() {
+    fn a_normal_map_holds_the_finer_normals_of_a_subdivided_mesh() {
         let ball = Arc::new(ellipsoid(Vec3::ZERO, Vec3::ONE, 16));
         let plain = Unwrapped::new(&ball, 64, 2).unwrap();
         assert!(plain.normal_map(&plain.atlas.tangents(&ball), 2).is_none());
@@ -107,7 +102,7 @@ mod tests {
         for texel in unwrapped.own_atlas().texels(&finer) {
             normals[texel.index as usize] = Some(texel.normal);
         }
-        let mut n_told = 0;
+        let mut n_texels = 0;
         for texel in unwrapped.atlas.texels(&unwrapped.mesh) {
             let Some(wanted) = normals[texel.index as usize] else {
                 continue;
@@ -122,8 +117,8 @@ mod tests {
             let shown = read.x * tangent.truncate() + read.y * bitangent + read.z * texel.normal;
             let off = shown.normalize_or_zero().angle_between(wanted);
             assert!(off < 0.03, "{off} radians off at {texel:?}");
-            n_told += 1;
+            n_texels += 1;
         }
-        assert!(n_told > 10_000, "{n_told} texels");
+        assert!(n_texels > 10_000, "{n_texels} texels");
     }
 }

@@ -6,8 +6,7 @@
 use glam::Vec3;
 
 use super::scratch::{BlockedCone, Contribution, ShadeScratch, light_surfaces};
-use super::trace::MAX_VERTICES;
-use crate::geometry::Ray;
+use super::trace::{MAX_VERTICES, meet_again};
 use crate::neif::light::light_path;
 use crate::neif::light::lobe::Lobe;
 use crate::neif::light::lobe_cones::{LobeCone, lobe_cone};
@@ -25,12 +24,7 @@ pub(in crate::render) fn arrive(
     axis: Vec3,
     variance: f32,
 ) -> Option<SurfacePoint> {
-    let ray = Ray {
-        origin: from.position,
-        direction: axis,
-    };
-    let tracer = &object.tracer;
-    let hit = tracer.intersect(&ray, tracer.self_distance(), f32::INFINITY)?;
+    let hit = meet_again(&object.tracer, from.position, axis)?;
     let base = from.base + from.spread * hit.t;
     Some(SurfacePoint {
         position: hit.position,
@@ -76,7 +70,7 @@ pub(in crate::render) fn follow(scene: &Scene, object: &ObjectModel, scratch: &m
                 });
                 continue;
             }
-            let (owner, ray) = (cone.owner, scratch.rays().len());
+            let (owner, ray) = (cone.owner, scratch.rays.len());
             scratch.contributions.push(Contribution {
                 owner,
                 ray,
@@ -84,7 +78,7 @@ pub(in crate::render) fn follow(scene: &Scene, object: &ObjectModel, scratch: &m
             });
             let lobe = Lobe::from_variance((variance + sharpest).min(WIDEST));
             let ray = light_path::first_lobe_ray(&cone.point, axis, &lobe, &motion, frame);
-            scratch.rays().push(ray);
+            scratch.rays.push(ray);
         }
         cones = next;
     }
@@ -107,15 +101,11 @@ fn draw(cone: &BlockedCone, roughness: f32, bounce: u32) -> LobeCone {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::atomic::AtomicBool;
-
     use glam::Vec3;
 
     use crate::geometry::meshes::test_mesh::{ellipsoid, together};
     use crate::neif::RoughnessEdit;
-    use crate::render::{
-        Layer, LobeShape, ReferenceOptions, Scene, render, render_reference, test_scene,
-    };
+    use crate::render::{Layer, LobeShape, ReferenceOptions, Scene, render_reference, test_scene};
 
     #[test]
     fn a_rough_object_that_meets_itself_looks_as_by_thin_rays() {
@@ -124,20 +114,16 @@ mod tests {
         let object = test_scene::object_of(together(&left, &right), 1);
         let mut scene = Scene::new(Some(object), test_scene::environment(2));
         let camera = test_scene::camera(24, 16);
-        let cancel = AtomicBool::new(false);
         for roughness in [0.1, 0.4, 0.8] {
             scene.edit.roughness = RoughnessEdit::Constant(roughness);
             let options = ReferenceOptions {
                 n_paths: 256,
                 lobe: LobeShape::Ggx,
             };
-            let cones = render(&scene, &camera, Layer::Final, &cancel, &|_| {});
-            let rays = render_reference(&scene, &camera, options, &cancel, &|_| {});
-            let (cones, rays) = cones.zip(rays).expect("not cancelled");
-            let squares = cones.pixels.iter().zip(&rays.pixels);
-            let sum: f32 = squares
-                .map(|(a, b)| (0..3).map(|c| (a[c] - b[c]).powi(2)).sum::<f32>())
-                .sum();
+            let cones = test_scene::picture(&scene, &camera, Layer::Final);
+            let rays = render_reference(&scene, &camera, options, &test_scene::NEVER, &|_| {});
+            let rays = rays.expect("not cancelled");
+            let sum = test_scene::squared_difference(&cones, &rays);
             let psnr = -10.0 * (sum / (3 * cones.pixels.len()) as f32).log10();
             assert!(psnr > 34.0, "roughness {roughness}: {psnr} dB");
         }

@@ -21,7 +21,7 @@ pub struct PathOptions {
     /// Paths per axis of a pixel whose neighbours see nearly the same: 1, 2 or 4.
     pub smooth: usize,
     /// Paths per axis of a pixel whose mirror image is discontinuous, or that the silhouette passes: 1, 2 or 4.
-    pub torn: usize,
+    pub discontinuous: usize,
     /// Turn of the mirror direction to the next pixel, radians, above which a pixel's mirror image counts as discontinuous.
     pub largest_turn: f32,
 }
@@ -31,7 +31,7 @@ impl PathOptions {
     pub const PLAIN: Self = Self {
         max_vertices: MAX_VERTICES,
         smooth: 1,
-        torn: 2,
+        discontinuous: 2,
         largest_turn: SHOWN_TURN,
     };
     /// Four paths a pixel, sixteen where that is not enough: for pictures that stay. A reflection in a curved mirror is
@@ -39,7 +39,7 @@ impl PathOptions {
     pub const FINE: Self = Self {
         max_vertices: MAX_VERTICES,
         smooth: 2,
-        torn: 4,
+        discontinuous: 4,
         largest_turn: SHOWN_TURN,
     };
 }
@@ -63,16 +63,9 @@ impl GBuffer {
         rows: Range<u32>,
         options: PathOptions,
     ) -> Self {
-        let n = (rows.len() as u32 * camera.width) as usize;
         match tracer {
             Some(tracer) => Self::trace_some(tracer, camera, rows, options, |_| true),
-            None => Self {
-                eye: camera.position(),
-                first: rows.start * camera.width,
-                coverage: vec![0.0; n],
-                starts: vec![0; n + 1],
-                paths: PathStore::default(),
-            },
+            None => Self::uncovered(camera, &rows),
         }
     }
 
@@ -84,16 +77,20 @@ impl GBuffer {
         options: PathOptions,
         is_wanted: impl Fn(u32) -> bool,
     ) -> Self {
-        let n = (rows.len() as u32 * camera.width) as usize;
-        let mut buffer = Self {
+        let mut buffer = Self::uncovered(camera, &rows);
+        buffer.fill(tracer, camera, rows, options, is_wanted);
+        buffer
+    }
+
+    fn uncovered(camera: &Camera, rows: &Range<u32>) -> Self {
+        let n = rows.len() * camera.width as usize;
+        Self {
             eye: camera.position(),
             first: rows.start * camera.width,
             coverage: vec![0.0; n],
             starts: vec![0; n + 1],
             paths: PathStore::default(),
-        };
-        buffer.fill(tracer, camera, rows, options, is_wanted);
-        buffer
+        }
     }
 
     /// Where the camera stands.
@@ -104,11 +101,6 @@ impl GBuffer {
     /// Share of each pixel that the object covers, `[0, 1]`, of the traced rows.
     pub fn coverage(&self) -> &[f32] {
         &self.coverage
-    }
-
-    /// Coverage of a pixel by its index in the whole image.
-    pub fn coverage_at(&self, pixel: u32) -> f32 {
-        self.coverage[(pixel - self.first) as usize]
     }
 
     /// The light paths of a pixel (index in the whole image), all of the same weight; none where no object is seen.
@@ -135,10 +127,18 @@ impl GBuffer {
                 let (x, y) = ((i % width) as f32, (rows.start as usize + i / width) as f32);
                 self.coverage[i] = match (centers.kind(i, options.largest_turn), options) {
                     (PixelKind::Empty, _) => 0.0,
-                    (PixelKind::Edge, PathOptions { torn, .. }) => {
-                        subsample_edge(tracer, camera, (x, y), torn.max(2), &mut points)
-                    }
-                    (PixelKind::Torn, PathOptions { torn: n, .. })
+                    (
+                        PixelKind::Edge,
+                        PathOptions {
+                            discontinuous: n, ..
+                        },
+                    ) => subsample_edge(tracer, camera, (x, y), n.max(2), &mut points),
+                    (
+                        PixelKind::Discontinuous,
+                        PathOptions {
+                            discontinuous: n, ..
+                        },
+                    )
                     | (PixelKind::Smooth, PathOptions { smooth: n, .. }) => {
                         if n > 1 {
                             subsample(tracer, camera, (x, y), n, &mut points);
@@ -175,7 +175,7 @@ enum PixelKind {
     /// The object's silhouette passes here or beside.
     Edge,
     /// Object all around, but what it mirrors here does not hang together with what it mirrors beside.
-    Torn,
+    Discontinuous,
     /// One ray stands for the pixel.
     Smooth,
 }
@@ -233,7 +233,7 @@ impl Centers {
         if beside.iter().all(is_smooth) {
             PixelKind::Smooth
         } else {
-            PixelKind::Torn
+            PixelKind::Discontinuous
         }
     }
 }

@@ -16,12 +16,12 @@ pub(super) const STEPS: [(u32, f32); 4] = [
 ];
 
 /// How many times as many cones a pixel of this standard error gets; 1 where it is let be.
-pub(in crate::render) fn times(doubt: f32) -> u32 {
-    let passed = STEPS.iter().rev().find(|(_, least)| doubt > *least);
+pub(in crate::render) fn times(std_error: f32) -> u32 {
+    let passed = STEPS.iter().rev().find(|(_, least)| std_error > *least);
     passed.map_or(1, |(times, _)| *times)
 }
 
-/// Whether pixels of these standard errors are worth [`super::shade::shade_doubtful`].
-pub(in crate::render) fn is_any_doubtful(doubts: &[f32]) -> bool {
-    doubts.iter().any(|&doubt| times(doubt) > 1)
+/// Whether pixels of these standard errors are worth [`super::shade::shade_uncertain`].
+pub(in crate::render) fn is_any_uncertain(std_errors: &[f32]) -> bool {
+    std_errors.iter().any(|&error| times(error) > 1)
 }

@@ -9,11 +9,12 @@ use std::sync::atomic::AtomicBool;
 use glam::Vec3;
 
 use super::aim::untaught_share;
+use super::blocked_cones::arrive;
 use super::gbuffer::GBuffer;
 use super::importance::{Importance, hilbert, systematic};
-use super::scratch::ShadeScratch;
+use super::scratch::{ShadeScratch, light_surfaces};
 use super::trace::MAX_VERTICES;
-use crate::geometry::{Ray, sample_vmf};
+use crate::geometry::sample_vmf;
 use crate::neif::field::contraction::FieldFrame;
 use crate::neif::field::radiance_field::FieldRay;
 use crate::neif::light::light_path::{PathVertex, first_lobe_ray};
@@ -116,23 +117,17 @@ pub(in crate::render) fn shade_object_reference(
         throughputs: Vec::new(),
     };
     for (&pixel, out) in pixels.iter().zip(out) {
-        let points: Vec<Walker> = start(gbuffer, pixel);
+        let share = 1.0 / gbuffer.paths_at(pixel).count().max(1) as f32;
+        let point = |path: &[PathVertex]| Walker {
+            point: path[0].point,
+            throughput: Vec3::splat(share),
+            index: 0,
+        };
+        let points: Vec<Walker> = gbuffer.paths_at(pixel).map(point).collect();
         if !points.is_empty() {
             *out = paths.light(pixel, &points, scratch).to_array();
         }
     }
-}
-
-/// The points of a pixel, each an equal share of it.
-fn start(gbuffer: &GBuffer, pixel: u32) -> Vec<Walker> {
-    let share = Vec3::splat(1.0 / gbuffer.paths_at(pixel).count().max(1) as f32);
-    let paths = gbuffer.paths_at(pixel);
-    let walker = |path: &[PathVertex]| Walker {
-        point: path[0].point,
-        throughput: share,
-        index: 0,
-    };
-    paths.map(walker).collect()
 }
 
 /// A direction drawn from the lobe of one of a pixel's points.
@@ -185,9 +180,9 @@ impl Paths<'_> {
             }
             walkers = next;
         }
-        std::mem::swap(scratch.rays(), &mut self.rays);
+        std::mem::swap(&mut scratch.rays, &mut self.rays);
         scratch.light(self.scene);
-        let light = scratch.radiance().iter().zip(&self.throughputs);
+        let light = scratch.radiance.iter().zip(&self.throughputs);
         sum + light
             .map(|(radiance, throughput)| Vec3::from(*radiance) * self.motion.gain * *throughput)
             .sum::<Vec3>()
@@ -196,7 +191,8 @@ impl Paths<'_> {
     /// What the walkers' diffuse parts bring together, and their lobes.
     fn emitted(&self, walkers: &[Walker], scratch: &mut ShadeScratch) -> (Vec3, Vec<WalkerLobe>) {
         let points = walkers.iter().map(|w| (w.point.position, w.point.normal));
-        let edited = scratch.surfaces(self.scene, self.object, points, |_| true);
+        let edited = &mut scratch.edited;
+        light_surfaces(edited, self.scene, self.object, points, |_| true);
         let surfaces = edited.surfaces().iter().zip(edited.specular_gain());
         let surfaces = surfaces.zip(edited.learned_roughness());
         let sharpest = self.scene.environment.sharpest_variance();
@@ -300,29 +296,15 @@ impl Paths<'_> {
         throughput: Vec3,
         may_meet: bool,
     ) -> Option<Walker> {
-        let tracer = &self.object.tracer;
-        let ray = Ray {
-            origin: walker.point.position,
-            direction,
-        };
-        let hit = may_meet
-            .then(|| tracer.intersect(&ray, tracer.self_distance(), f32::INFINITY))
-            .flatten();
-        let Some(hit) = hit else {
+        let met = may_meet.then(|| arrive(self.object, &walker.point, direction, 0.0));
+        let Some(point) = met.flatten() else {
             self.throughputs.push(throughput);
             let ray = first_lobe_ray(&walker.point, direction, &thin, &self.motion, &self.frame);
             self.rays.push(ray);
             return None;
         };
-        let from = &walker.point;
         Some(Walker {
-            point: SurfacePoint {
-                position: hit.position,
-                normal: hit.normal,
-                to_eye: -direction,
-                base: from.base + from.spread * hit.t,
-                spread: from.spread,
-            },
+            point,
             throughput,
             ..*walker
         })
@@ -407,22 +389,20 @@ fn hash(words: [u32; 3]) -> u32 {
 mod tests {
     use super::*;
     use crate::neif::RoughnessEdit;
-    use crate::render::{Layer, render, render_reference, test_scene};
+    use crate::render::test_scene::{self, NEVER, camera, squared_difference};
+    use crate::render::{Layer, Picture, render_reference};
 
-    fn reference(scene: &Scene, n_paths: u32, lobe: LobeShape) -> crate::render::Picture {
-        let camera = test_scene::camera(24, 16);
+    fn reference(scene: &Scene, n_paths: u32, lobe: LobeShape) -> Picture {
         let options = ReferenceOptions { n_paths, lobe };
-        let cancel = AtomicBool::new(false);
-        render_reference(scene, &camera, options, &cancel, &|_| {}).expect("not cancelled")
+        let picture = render_reference(scene, &camera(24, 16), options, &NEVER, &|_| {});
+        picture.expect("not cancelled")
     }
 
     #[test]
     fn a_mirror_needs_one_ray_only() {
         let mut scene = test_scene::scene();
         scene.edit.roughness = RoughnessEdit::Constant(0.0);
-        let camera = test_scene::camera(24, 16);
-        let cancel = AtomicBool::new(false);
-        let cones = render(&scene, &camera, Layer::Final, &cancel, &|_| {}).expect("not cancelled");
+        let cones = test_scene::picture(&scene, &camera(24, 16), Layer::Final);
         for lobe in [LobeShape::Model, LobeShape::Ggx] {
             let rays = reference(&scene, 4, lobe);
             let difference: f32 = cones
@@ -441,15 +421,9 @@ mod tests {
     fn more_paths_settle() {
         let mut scene = test_scene::scene();
         scene.edit.roughness = RoughnessEdit::Constant(0.5);
-        let difference = |a: &crate::render::Picture, b: &crate::render::Picture| -> f32 {
-            let pairs = a.pixels.iter().zip(&b.pixels);
-            pairs
-                .map(|(a, b)| (0..3).map(|c| (a[c] - b[c]).powi(2)).sum::<f32>())
-                .sum()
-        };
         for lobe in [LobeShape::Model, LobeShape::Ggx] {
             let [few, some, many] = [4, 64, 1024].map(|n| reference(&scene, n, lobe));
-            let (far, near) = (difference(&few, &many), difference(&some, &many));
+            let [far, near] = [few, some].map(|picture| squared_difference(&picture, &many));
             assert!(near < 0.5 * far, "{lobe:?}: {far} then {near}");
         }
     }

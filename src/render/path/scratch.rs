@@ -29,11 +29,12 @@ pub(in crate::render) struct SeenLight {
 /// Working memory of one thread, reused from call to call.
 #[derive(Debug, Default)]
 pub struct ShadeScratch {
-    /// Rays to evaluate, and their radiance.
+    /// Rays to evaluate, and after [`Self::light`] their linear radiance before the transform's gain.
     pub(in crate::render) rays: Vec<FieldRay>,
-    pub(super) radiance: Vec<[f32; 3]>,
+    pub(in crate::render) radiance: Vec<[f32; 3]>,
     /// Those that were evaluated last, with their samples.
     pub(super) batch: FieldBatch,
+    /// The surfaces that were last evaluated.
     pub(in crate::render) edited: EditedSurfaces,
     light: LightScratch,
     /// Of each path, its pixel in the tile.
@@ -95,33 +96,6 @@ impl ShadeScratch {
             self.radiance.extend_from_slice(&self.batch.radiance);
         }
     }
-
-    /// [`light_surfaces`] of a path's vertices or others.
-    pub(in crate::render) fn surfaces(
-        &mut self,
-        scene: &Scene,
-        object: &ObjectModel,
-        points: impl Iterator<Item = (Vec3, Vec3)> + Clone,
-        is_seen: impl Fn(usize) -> bool,
-    ) -> &EditedSurfaces {
-        light_surfaces(&mut self.edited, scene, object, points, is_seen);
-        &self.edited
-    }
-
-    /// The surfaces that were last evaluated.
-    pub(in crate::render) fn edited(&mut self) -> &mut EditedSurfaces {
-        &mut self.edited
-    }
-
-    /// Rays to evaluate.
-    pub(in crate::render) fn rays(&mut self) -> &mut Vec<FieldRay> {
-        &mut self.rays
-    }
-
-    /// Linear radiance of each of the rays before the transform's gain, after [`Self::light`].
-    pub(in crate::render) fn radiance(&self) -> &[[f32; 3]] {
-        &self.radiance
-    }
 }
 
 /// What light that no photo showed looks like where that is marked, linear: rare in photos of things.
@@ -132,7 +106,7 @@ pub(super) const FAR: f32 = 1e5;
 
 /// Evaluates the edited surfaces at world points with unit normals, their diffuse part in the light of the scene: with
 /// the edges of shadows where the point of that number `is_seen` directly, interpolated from the probes elsewhere.
-pub(super) fn light_surfaces(
+pub(in crate::render) fn light_surfaces(
     edited: &mut EditedSurfaces,
     scene: &Scene,
     object: &ObjectModel,

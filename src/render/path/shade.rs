@@ -5,7 +5,7 @@ use glam::Vec3;
 use super::aim::aim_lobes;
 use super::gbuffer::GBuffer;
 use super::more_cones::{STEPS, times};
-use super::scratch::{Contribution, FAR, PIECE, SeenLight, ShadeScratch, TILE};
+use super::scratch::{Contribution, FAR, PIECE, SeenLight, ShadeScratch, TILE, light_surfaces};
 use crate::geometry::Camera;
 use crate::neif::EditedSurfaces;
 use crate::neif::field::radiance_field::FieldBatch;
@@ -14,7 +14,6 @@ use crate::neif::light::light_path::{self, LitVertex, PathVertex};
 use crate::neif::light::lobe_cones::PathOfPixel;
 use crate::neif::light::shading::{fresnel, outgoing};
 use crate::neif::surface::object::ObjectModel;
-use crate::neif::surface::values::Surface;
 use crate::render::diagnostic::{depth_share, diagnostic_color, visibility};
 use crate::render::scene::{Layer, Scene};
 
@@ -57,12 +56,13 @@ pub(in crate::render) fn see_background(
         scratch.aim_at_background(scene, camera, pixels);
         scratch.light(scene);
         let batch = &scratch.batch;
+        let is_grid = matches!(scene.environment.field(), EnvironmentField::Grid { .. });
+        let is_near = is_grid && !scene.environment.is_far();
         for (i, out) in out.iter_mut().enumerate() {
-            let t = match scene.environment.field() {
-                EnvironmentField::Grid { .. } if !scene.environment.is_far() => {
-                    median_distance(batch, i)
-                }
-                _ => FAR,
+            let t = if is_near {
+                median_distance(batch, i)
+            } else {
+                FAR
             };
             *out = SeenLight {
                 position: batch.rays[i].cone.at(t).into(),
@@ -76,19 +76,14 @@ pub(in crate::render) fn see_background(
 fn median_distance(batch: &FieldBatch, ray: usize) -> f32 {
     let n = batch.weights().len() / batch.rays.len().max(1);
     let samples = ray * n..(ray + 1) * n;
-    let (weights, distances) = (
-        &batch.weights()[samples.clone()],
-        &batch.distances()[samples],
-    );
+    let weights = &batch.weights()[samples.clone()];
     let half = 0.5 * weights.iter().sum::<f32>();
     let mut before = 0.0;
-    for (weight, distance) in weights.iter().zip(distances) {
+    let median = weights.iter().position(|weight| {
         before += weight;
-        if before >= half && before > 0.0 {
-            return *distance;
-        }
-    }
-    FAR
+        before >= half && before > 0.0
+    });
+    median.map_or(FAR, |i| batch.distances()[samples.start + i])
 }
 
 /// The object's part of each listed pixel: linear radiance, or the layer's value; 0 where the object is not seen. What a
@@ -101,8 +96,8 @@ pub fn shade_object(
     out: &mut [[f32; 3]],
     scratch: &mut ShadeScratch,
 ) {
-    let doubts = shade_object_once(scene, gbuffer, pixels, layer, 1, out, scratch);
-    shade_doubtful(scene, gbuffer, pixels, layer, (out, &doubts), scratch);
+    let errors = shade_object_once(scene, gbuffer, pixels, layer, 1, out, scratch);
+    shade_uncertain(scene, gbuffer, pixels, layer, (out, &errors), scratch);
 }
 
 /// [`shade_object`] with `times` as many cones of split lobes as usual in every pixel; returns each pixel's standard
@@ -118,12 +113,12 @@ pub(in crate::render) fn shade_object_once(
 ) -> Vec<f32> {
     assert_eq!(pixels.len(), out.len(), "one result a pixel");
     out.fill([0.0; 3]);
-    let mut doubts = vec![0.0; pixels.len()];
+    let mut std_errors = vec![0.0; pixels.len()];
     let Some(object) = &scene.object else {
-        return doubts;
+        return std_errors;
     };
-    let tiles = out.chunks_mut(TILE).zip(doubts.chunks_mut(TILE));
-    for (pixels, (out, doubts)) in pixels.chunks(TILE).zip(tiles) {
+    let tiles = out.chunks_mut(TILE).zip(std_errors.chunks_mut(TILE));
+    for (pixels, (out, std_errors)) in pixels.chunks(TILE).zip(tiles) {
         let mut pixel_of_path = std::mem::take(&mut scratch.pixel_of_path);
         pixel_of_path.clear();
         let mut paths: Vec<&[PathVertex]> = Vec::new();
@@ -150,25 +145,25 @@ pub(in crate::render) fn shade_object_once(
         let mut variances = [Vec3::ZERO; TILE];
         for (&i, path) in pixel_of_path.iter().zip(&values) {
             out[i] = (Vec3::from(out[i]) + path.value).to_array();
-            variances[i] += path.doubt * path.doubt;
+            variances[i] += path.std_error * path.std_error;
         }
         scratch.pixel_of_path = pixel_of_path;
         // Costs add up over a pixel's paths; everything else is their mean.
         if layer == Layer::Samples {
             continue;
         }
-        let results = out.iter_mut().zip(doubts).zip(counts).zip(variances);
-        for (((out, doubt), n), variance) in results {
+        let results = out.iter_mut().zip(std_errors).zip(counts).zip(variances);
+        for (((out, error), n), variance) in results {
             let share = 1.0 / n.max(1) as f32;
             *out = out.map(|v| v * share);
-            *doubt = shown_doubt(scene, Vec3::from(*out), variance.map(f32::sqrt) * share);
+            *error = shown_error(scene, Vec3::from(*out), variance.map(f32::sqrt) * share);
         }
     }
-    doubts
+    std_errors
 }
 
 /// How much an error of a linear value shows in the picture, the worst colour.
-fn shown_doubt(scene: &Scene, value: Vec3, error: Vec3) -> f32 {
+fn shown_error(scene: &Scene, value: Vec3, error: Vec3) -> f32 {
     if error == Vec3::ZERO {
         return 0.0;
     }
@@ -189,14 +184,16 @@ pub(in crate::render) struct PathLight {
     /// The layer's value at the first vertex.
     pub(in crate::render) value: Vec3,
     /// Its standard error as estimated from the cones of a split lobe.
-    pub(in crate::render) doubt: Vec3,
+    pub(in crate::render) std_error: Vec3,
+    /// Linear radiance that its lobe gathers, where the layer needs that.
+    pub(in crate::render) incoming: Vec3,
 }
 
 impl From<Vec3> for PathLight {
     fn from(value: Vec3) -> Self {
         Self {
             value,
-            doubt: Vec3::ZERO,
+            ..Self::default()
         }
     }
 }
@@ -219,7 +216,7 @@ pub(in crate::render) fn shade_paths(
         start += path.len();
     }
     let is_first = |i: usize| starts.binary_search(&i).is_ok();
-    scratch.surfaces(scene, object, points, is_first);
+    light_surfaces(&mut scratch.edited, scene, object, points, is_first);
     let edited = &scratch.edited;
     if let Some(values) = unlit(scene, object, (paths, &starts), edited, view) {
         return values.into_iter().map(PathLight::from).collect();
@@ -241,57 +238,45 @@ pub(in crate::render) fn shade_paths(
     let lit = paths
         .iter()
         .zip(starts)
-        .map(|(path, (start, (light, doubt)))| {
-            let surface = edited.surfaces()[start];
-            let surface = match view.layer {
-                Layer::Specular => Surface {
-                    diffuse: Vec3::ZERO,
-                    ..surface
-                },
-                _ => surface,
-            };
-            let gain = edited.specular_gain()[start];
-            let cos = path[0].point.n_dot_v();
+        .map(|(path, (start, (incoming, error)))| {
+            let mut surface = edited.surfaces()[start];
+            if view.layer == Layer::Specular {
+                surface.diffuse = Vec3::ZERO;
+            }
+            let (cos, gain) = (path[0].point.n_dot_v(), edited.specular_gain()[start]);
             PathLight {
-                value: outgoing(&surface, cos, gain, light),
-                doubt: fresnel(surface.tint, cos) * gain * doubt,
+                value: outgoing(&surface, cos, gain, incoming),
+                std_error: fresnel(surface.tint, cos) * gain * error,
+                incoming,
             }
         });
     lit.collect()
 }
 
-/// What a path, the only one of a settled picture's pixel, sends to the eye, and what its first lobe gathers for that,
-/// linear radiance; leaves the path's surfaces in the scratch.
+/// What a path, the only one of a settled picture's pixel, sends to the eye; leaves its surfaces in the scratch.
 pub(in crate::render) fn settled_path(
     scene: &Scene,
     object: &ObjectModel,
     path: &[PathVertex],
     scratch: &mut ShadeScratch,
-) -> (Vec3, Vec3) {
-    let points = path.iter();
-    let points = points.map(|vertex| (vertex.point.position, vertex.point.normal));
-    scratch.surfaces(scene, object, points, |i| i == 0);
+) -> PathLight {
+    let view = PathView {
+        layer: Layer::Final,
+        // Depth alone asks for it.
+        eye: Vec3::ZERO,
+    };
     let mut seen = |times: u32| {
         let alone = |_| PathOfPixel {
             times,
             ..PathOfPixel::ALONE
         };
-        let (light, doubt) = lobe_light(scene, object, (&[path], &[0]), alone, scratch)[0];
-        let (surface, gain) = (
-            scratch.edited.surfaces()[0],
-            scratch.edited.specular_gain()[0],
-        );
-        let cos = path[0].point.n_dot_v();
-        let doubt = fresnel(surface.tint, cos) * gain * doubt;
-        (outgoing(&surface, cos, gain, light), light, doubt)
+        shade_paths(scene, object, &[path], alone, view, scratch)[0]
     };
-    let (value, light, doubt) = seen(1);
-    let times = times(shown_doubt(scene, value, doubt));
-    if times == 1 {
-        return (value, light);
+    let usual = seen(1);
+    match times(shown_error(scene, usual.value, usual.std_error)) {
+        1 => usual,
+        more => seen(more),
     }
-    let (value, light, _) = seen(times);
-    (value, light)
 }
 
 /// What the lobe at the first vertex of each path gathers and its standard error; `starts` are the indices of the
@@ -345,36 +330,22 @@ fn unlit(
     edited: &EditedSurfaces,
     view: PathView,
 ) -> Option<Vec<Vec3>> {
-    let (tracer, surfaces) = (&object.tracer, edited.surfaces());
-    let value = |number: usize, path: &[PathVertex], i: usize| match view.layer {
-        Layer::Diffuse => {
-            let (cos, gain) = (path[0].point.n_dot_v(), edited.specular_gain()[i]);
-            Some(outgoing(&surfaces[i], cos, gain, Vec3::ZERO))
-        }
-        Layer::Albedo | Layer::Irradiance => {
-            let point = &path[0].point;
-            let at = (point.position, point.normal);
-            let [light, albedo] = scene.surface_light(at, surfaces[i].diffuse);
-            Some(match view.layer {
-                Layer::Albedo => albedo,
-                _ => light,
-            })
-        }
-        Layer::Roughness => Some(Vec3::splat(surfaces[i].roughness)),
-        Layer::Tint => Some(fresnel(surfaces[i].tint, 1.0) * edited.specular_gain()[i]),
-        Layer::Normal => Some(path[0].point.normal * 0.5 + Vec3::splat(0.5)),
-        Layer::Environment => Some(Vec3::ZERO),
-        Layer::Depth => Some(Vec3::splat(depth_share(
-            tracer,
-            view.eye,
-            path[0].point.position,
-        ))),
-        Layer::Visibility => Some(Vec3::splat(visibility(
-            tracer,
-            &path[0].point,
-            number as f32,
-        ))),
-        Layer::Final | Layer::Specular | Layer::Samples | Layer::Seen => None,
+    let (tracer, surfaces, gains) = (&object.tracer, edited.surfaces(), edited.specular_gain());
+    let value = |number: usize, path: &[PathVertex], i: usize| {
+        let point = &path[0].point;
+        let light = || scene.surface_light((point.position, point.normal), surfaces[i].diffuse);
+        Some(match view.layer {
+            Layer::Diffuse => outgoing(&surfaces[i], point.n_dot_v(), gains[i], Vec3::ZERO),
+            Layer::Irradiance => light()[0],
+            Layer::Albedo => light()[1],
+            Layer::Roughness => Vec3::splat(surfaces[i].roughness),
+            Layer::Tint => fresnel(surfaces[i].tint, 1.0) * gains[i],
+            Layer::Normal => point.normal * 0.5 + Vec3::splat(0.5),
+            Layer::Environment => Vec3::ZERO,
+            Layer::Depth => Vec3::splat(depth_share(tracer, view.eye, point.position)),
+            Layer::Visibility => Vec3::splat(visibility(tracer, point, number as f32)),
+            Layer::Final | Layer::Specular | Layer::Samples | Layer::Seen => return None,
+        })
     };
     paths
         .iter()
@@ -405,30 +376,23 @@ pub fn compose(
     scene.shown(layer).values(mixed.map(|v| v.max(0.0)))
 }
 
-/// Shades those of the listed pixels again whose `doubts` say so; leaves the others' values. Returns how many.
-pub(in crate::render) fn shade_doubtful(
+/// Shades those of the listed pixels again whose standard errors ask for it; leaves the others' values. Returns how many.
+pub(in crate::render) fn shade_uncertain(
     scene: &Scene,
     gbuffer: &GBuffer,
     pixels: &[u32],
     layer: Layer,
-    (out, doubts): (&mut [[f32; 3]], &[f32]),
+    (out, std_errors): (&mut [[f32; 3]], &[f32]),
     scratch: &mut ShadeScratch,
 ) -> usize {
     let mut n_shaded = 0;
     for (n_times, _) in STEPS {
-        let is_chosen = |i: &usize| times(doubts[*i]) == n_times;
+        let is_chosen = |i: &usize| times(std_errors[*i]) == n_times;
         let chosen: Vec<usize> = (0..pixels.len()).filter(is_chosen).collect();
         let theirs: Vec<u32> = chosen.iter().map(|&i| pixels[i]).collect();
         let mut values = vec![[0.0; 3]; theirs.len()];
-        shade_object_once(
-            scene,
-            gbuffer,
-            &theirs,
-            layer,
-            n_times,
-            &mut values,
-            scratch,
-        );
+        let into = &mut values;
+        shade_object_once(scene, gbuffer, &theirs, layer, n_times, into, scratch);
         for (&i, value) in chosen.iter().zip(&values) {
             out[i] = *value;
         }

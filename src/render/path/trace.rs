@@ -97,6 +97,27 @@ pub fn trace_pixel(
     Some(hit.seen(tracer, camera, at_px, size_px))
 }
 
+/// What a ray that leaves the surface at `origin` meets of it.
+pub(in crate::render) fn meet_again(
+    tracer: &SurfaceTracer,
+    origin: Vec3,
+    direction: Vec3,
+) -> Option<Hit> {
+    let ray = Ray { origin, direction };
+    tracer.intersect(&ray, tracer.self_distance(), f32::INFINITY)
+}
+
+/// Whether the object hides from a point of its surface what lies `distance` away.
+pub(in crate::render) fn is_hidden(
+    tracer: &SurfaceTracer,
+    origin: Vec3,
+    direction: Vec3,
+    distance: f32,
+) -> bool {
+    let ray = Ray { origin, direction };
+    tracer.occluded(&ray, tracer.self_distance(), distance)
+}
+
 /// The path of mirror directions that starts at `first`, with at most `path.len()` vertices; returns how many it has.
 ///
 /// `turn` (radians) turns the rings of lobe rays, so that neighbouring pixels test different directions.
@@ -135,12 +156,8 @@ pub fn trace_path<'a>(
 /// The cone that holds all rays of the lobe at a point.
 fn lobe_fan<'a>(tracer: &'a SurfaceTracer, from: &Seen) -> Fan<'a> {
     let (point, axis) = (from.point.position, from.point.reflected());
-    tracer.fan(
-        point,
-        from.face_normal,
-        axis,
-        RING_ANGLES[RING_ANGLES.len() - 1],
-    )
+    let widest = RING_ANGLES[RING_ANGLES.len() - 1];
+    tracer.fan(point, from.face_normal, axis, widest)
 }
 
 /// The lobe's rays: how many meet the object, and the first point met (the mirror ray's if it does) with its

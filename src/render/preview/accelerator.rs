@@ -5,22 +5,15 @@ use std::sync::atomic::AtomicBool;
 use super::drawn_by::{DrawnBy, GpuChoice};
 
 #[cfg(feature = "gpu")]
-use super::gpu::{GpuError, GpuRenderer, carries};
+use super::gpu::{GpuRenderer, carries};
 use super::progressive::PassOutput;
 #[cfg(feature = "gpu")]
 use super::progressive::Recomputed;
 use super::request::PreviewScene;
 #[cfg(feature = "gpu")]
 use super::thread_clock::thread_cpu;
-
-/// How good a picture of the card is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::render) enum CardPass {
-    /// One path a pixel.
-    Plain,
-    /// What [`crate::render::render`] makes.
-    Fine,
-}
+#[cfg(feature = "gpu")]
+use crate::render::PathOptions;
 
 /// What came of asking the card.
 #[cfg_attr(not(feature = "gpu"), expect(dead_code, reason = "only a card draws"))]
@@ -40,7 +33,8 @@ pub(in crate::render) struct Accelerator {
     choice: GpuChoice,
     #[cfg(feature = "gpu")]
     renderer: Option<GpuRenderer>,
-    drawn_by: DrawnBy,
+    /// What draws at the moment.
+    pub(in crate::render) drawn_by: DrawnBy,
 }
 
 impl Accelerator {
@@ -49,11 +43,6 @@ impl Accelerator {
             choice,
             ..Self::default()
         }
-    }
-
-    /// What draws at the moment.
-    pub(in crate::render) fn drawn_by(&self) -> &DrawnBy {
-        &self.drawn_by
     }
 
     fn fail(&mut self, why: &impl ToString) {
@@ -90,15 +79,21 @@ impl Accelerator {
         carried.is_ok()
     }
 
-    /// A picture that it takes.
+    /// A picture that it takes: with one path a pixel or, where it `is_fine`, what [`crate::render::render`] makes.
     pub(in crate::render) fn draw(
         &mut self,
         picture: &PreviewScene,
-        pass: CardPass,
+        is_fine: bool,
         cancel: &AtomicBool,
     ) -> Attempt {
         let start = thread_cpu();
-        match self.pixels(picture, pass, cancel) {
+        let options = if is_fine {
+            PathOptions::FINE
+        } else {
+            PathOptions::PLAIN
+        };
+        let renderer = self.renderer.as_mut();
+        match renderer.map_or(Ok(None), |card| card.picture(picture, options, cancel)) {
             Ok(Some(pixels)) => {
                 let (width, height) = (picture.camera.width, picture.camera.height);
                 let n = pixels.len();
@@ -111,7 +106,7 @@ impl Accelerator {
                         background: n,
                         object: n,
                     },
-                    is_settled: pass == CardPass::Fine,
+                    is_settled: is_fine,
                     cpu_secs: thread_cpu().saturating_sub(start).as_secs_f64(),
                 })
             }
@@ -121,23 +116,6 @@ impl Accelerator {
                 self.fail(&error);
                 Attempt::Failed
             }
-        }
-    }
-
-    fn pixels(
-        &mut self,
-        picture: &PreviewScene,
-        pass: CardPass,
-        cancel: &AtomicBool,
-    ) -> Result<Option<Vec<[u8; 4]>>, GpuError> {
-        use crate::render::path::gbuffer::PathOptions;
-        let options = match pass {
-            CardPass::Plain => PathOptions::PLAIN,
-            CardPass::Fine => PathOptions::FINE,
-        };
-        match &mut self.renderer {
-            Some(renderer) => renderer.picture(picture, options, cancel),
-            None => Ok(None),
         }
     }
 }
@@ -161,7 +139,7 @@ impl Accelerator {
     pub(in crate::render) fn draw(
         &mut self,
         _picture: &PreviewScene,
-        _pass: CardPass,
+        _is_fine: bool,
         _cancel: &AtomicBool,
     ) -> Attempt {
         self.fail(&NO_CARD);

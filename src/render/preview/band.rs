@@ -4,21 +4,20 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::request::{PreviewScene, Quality};
-use crate::geometry::Camera;
 use crate::render::highlight::{highlighted, region_share};
 use crate::render::path::gbuffer::{GBuffer, PathOptions};
-use crate::render::path::more_cones::is_any_doubtful;
+use crate::render::path::more_cones::is_any_uncertain;
 use crate::render::path::scratch::{ShadeScratch, TILE};
-use crate::render::path::shade::{compose, shade_background, shade_doubtful, shade_object_once};
+use crate::render::path::shade::{compose, shade_background, shade_object_once, shade_uncertain};
 
 /// Pixels of a band, about.
 const BAND_PIXELS: u32 = 2048;
 /// Pixels shaded again between two looks at whether the picture is still wanted.
-const DOUBTFUL_TILE: usize = 16;
+const UNCERTAIN_TILE: usize = 16;
 /// Fewest rows of a band: tracing looks at one more row on each side.
 const MIN_BAND_ROWS: u32 = 4;
 
-/// Counters of the causes: a part of a band is good while its number is the pass's.
+/// Counters of what the parts depend on: a part of a band is good while its number is the pass's.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(in crate::render) struct Versions {
     pub(in crate::render) geometry: u64,
@@ -27,29 +26,22 @@ pub(in crate::render) struct Versions {
     pub(in crate::render) highlight: u64,
 }
 
-/// Some rows of one pass, with what is known of them; a version of 0 is nothing.
-#[derive(Debug)]
+/// Some rows of the picture, with what is known of them; a version of 0 is nothing.
+#[derive(Debug, Default)]
 pub(in crate::render) struct Band {
     pub(in crate::render) rows: Range<u32>,
-    /// The object with one path a pixel, and with several: both cover the same.
-    objects: [BandObject; 2],
+    gbuffer: GBuffer,
+    geometry_version: u64,
     /// `[rows * width]` linear; behind the object only where `is_background_whole`.
     background: Vec<[f32; 3]>,
     background_version: u64,
     is_background_whole: bool,
-}
-
-/// The object in a band.
-#[derive(Debug, Default)]
-struct BandObject {
-    gbuffer: GBuffer,
-    geometry_version: u64,
     /// `[rows * width]` linear, or the layer's value.
     values: Vec<[f32; 3]>,
-    /// Of each pixel where the object is seen, in order: how much the cones of split lobes disagree; 0 once it was shaded
-    /// again.
-    doubts: Vec<f32>,
-    version: u64,
+    /// Of each pixel where the object is seen, in order: its standard error as the cones of split lobes disagree; 0 once it
+    /// was shaded again.
+    std_errors: Vec<f32>,
+    object_version: u64,
     /// `[rows * width]` share that is highlighted.
     highlight: Vec<f32>,
     highlight_version: u64,
@@ -58,8 +50,6 @@ struct BandObject {
 /// What all bands of a pass share.
 pub(in crate::render) struct Work<'a> {
     pub(in crate::render) request: &'a PreviewScene,
-    pub(in crate::render) camera: Camera,
-    /// What the object gets.
     pub(in crate::render) quality: Quality,
     pub(in crate::render) versions: Versions,
     /// Set when the picture is no longer wanted.
@@ -67,21 +57,8 @@ pub(in crate::render) struct Work<'a> {
 }
 
 impl Work<'_> {
-    fn options(&self) -> PathOptions {
-        if self.quality == Quality::Plain {
-            PathOptions::PLAIN
-        } else {
-            PathOptions::FINE
-        }
-    }
-
     fn is_cancelled(&self) -> bool {
         self.cancel.load(Ordering::Relaxed)
-    }
-
-    /// Which of a band's objects is wanted.
-    fn object(&self) -> usize {
-        usize::from(self.quality != Quality::Plain)
     }
 }
 
@@ -94,10 +71,7 @@ pub(in crate::render) fn bands(width: u32, height: u32) -> Vec<Band> {
     (0..height.div_ceil(rows))
         .map(|i| Band {
             rows: i * rows..((i + 1) * rows).min(height),
-            objects: Default::default(),
-            background: Vec::new(),
-            background_version: 0,
-            is_background_whole: false,
+            ..Band::default()
         })
         .collect()
 }
@@ -110,9 +84,7 @@ impl Band {
         scratch: &mut ShadeScratch,
     ) -> [usize; 3] {
         let layer = work.request.layer;
-        let object = &self.objects[work.object()];
-        let is_traced = object.geometry_version == work.versions.geometry;
-        let is_shaded = object.version == work.versions.object;
+        let is_traced = self.geometry_version == work.versions.geometry;
         let traced = if is_traced { 0 } else { self.trace(work) };
         let background = if work.request.scene.shows_background(layer) {
             self.update_background(work, scratch)
@@ -120,7 +92,7 @@ impl Band {
             0
         };
         let mut object = 0;
-        if layer.shows_object() && !is_shaded {
+        if layer.shows_object() && self.object_version != work.versions.object {
             object += self.update_object(work, scratch);
         }
         if work.quality == Quality::Settled && layer.shows_object() {
@@ -131,96 +103,77 @@ impl Band {
     }
 
     fn trace(&mut self, work: &Work<'_>) -> usize {
-        let tracer = work
-            .request
-            .scene
-            .object
-            .as_ref()
-            .map(|object| &*object.tracer);
-        let gbuffer = GBuffer::trace(tracer, &work.camera, self.rows.clone(), work.options());
-        let n = gbuffer.coverage().len();
-        self.objects[work.object()] = BandObject {
-            gbuffer,
-            geometry_version: work.versions.geometry,
-            ..BandObject::default()
-        };
-        n
+        let PreviewScene { scene, camera, .. } = work.request;
+        let tracer = scene.object.as_ref().map(|object| &*object.tracer);
+        self.gbuffer = GBuffer::trace(tracer, camera, self.rows.clone(), PathOptions::FINE);
+        self.geometry_version = work.versions.geometry;
+        self.std_errors.clear();
+        self.gbuffer.coverage().len()
     }
 
     fn update_object(&mut self, work: &Work<'_>, scratch: &mut ShadeScratch) -> usize {
         let pixels = self.pixels(work, |coverage| coverage > 0.0);
         let mut out = vec![[0.0; 3]; pixels.len()];
-        let object = &mut self.objects[work.object()];
-        object.doubts.clear();
+        self.std_errors.clear();
         for (pixels, out) in pixels.chunks(TILE).zip(out.chunks_mut(TILE)) {
             if work.is_cancelled() {
                 return 0;
             }
             let (scene, layer) = (&work.request.scene, work.request.layer);
-            let doubts = shade_object_once(scene, &object.gbuffer, pixels, layer, 1, out, scratch);
-            object.doubts.extend(doubts);
+            let errors = shade_object_once(scene, &self.gbuffer, pixels, layer, 1, out, scratch);
+            self.std_errors.extend(errors);
         }
-        object.values.clear();
-        object
-            .values
-            .resize(object.gbuffer.coverage().len(), [0.0; 3]);
-        let first = self.rows.start * work.camera.width;
-        scatter(&mut object.values, first, &pixels, &out);
-        object.version = work.versions.object;
+        self.values.clear();
+        self.values.resize(self.gbuffer.coverage().len(), [0.0; 3]);
+        let first = self.first(work);
+        scatter(&mut self.values, first, &pixels, &out);
+        self.object_version = work.versions.object;
         pixels.len()
     }
 
     /// Shades the object's uncertain pixels again.
     fn settle_object(&mut self, work: &Work<'_>, scratch: &mut ShadeScratch) -> usize {
-        if work.is_cancelled() || self.is_settled(work) {
+        if work.is_cancelled() || self.is_settled() {
             return 0;
         }
-        let mut doubts = std::mem::take(&mut self.objects[work.object()].doubts);
         let pixels = self.pixels(work, |coverage| coverage > 0.0);
-        let first = self.rows.start * work.camera.width;
-        let object = &mut self.objects[work.object()];
+        let first = self.first(work);
         let known = pixels.iter().map(|pixel| (pixel - first) as usize);
-        let mut out: Vec<_> = known.map(|i| object.values[i]).collect();
+        let mut out: Vec<_> = known.map(|i| self.values[i]).collect();
         let mut n_shaded = 0;
-        let tiles = out
-            .chunks_mut(DOUBTFUL_TILE)
-            .zip(doubts.chunks_mut(DOUBTFUL_TILE));
-        for (pixels, (out, doubts)) in pixels.chunks(DOUBTFUL_TILE).zip(tiles) {
+        let errors = self.std_errors.chunks_mut(UNCERTAIN_TILE);
+        let tiles = out.chunks_mut(UNCERTAIN_TILE).zip(errors);
+        for (pixels, (out, errors)) in pixels.chunks(UNCERTAIN_TILE).zip(tiles) {
             if work.is_cancelled() {
                 break;
             }
             let (scene, layer) = (&work.request.scene, work.request.layer);
-            let parts = (&mut *out, &*doubts);
-            n_shaded += shade_doubtful(scene, &object.gbuffer, pixels, layer, parts, scratch);
-            doubts.fill(0.0);
+            let parts = (&mut *out, &*errors);
+            n_shaded += shade_uncertain(scene, &self.gbuffer, pixels, layer, parts, scratch);
+            errors.fill(0.0);
         }
-        scatter(&mut object.values, first, &pixels, &out);
-        object.doubts = doubts;
+        scatter(&mut self.values, first, &pixels, &out);
         n_shaded
     }
 
     /// Whether a pass of [`Quality::Settled`] would show anything else.
-    pub(in crate::render) fn is_settled(&self, work: &Work<'_>) -> bool {
-        !is_any_doubtful(&self.objects[work.object()].doubts)
+    pub(in crate::render) fn is_settled(&self) -> bool {
+        !is_any_uncertain(&self.std_errors)
     }
 
     fn update_highlight(&mut self, work: &Work<'_>, scratch: &mut ShadeScratch) {
-        let object = &self.objects[work.object()];
-        let is_fresh = object.highlight_version == work.versions.highlight;
+        let is_fresh = self.highlight_version == work.versions.highlight;
         let Some(region) = work.request.highlight.as_ref().filter(|_| !is_fresh) else {
             return;
         };
         let pixels = self.pixels(work, |coverage| coverage > 0.0);
-        let object = &mut self.objects[work.object()];
         let scene = &work.request.scene;
-        let shares = region_share(scene, &object.gbuffer, region, &pixels, scratch);
-        object.highlight.clear();
-        object
-            .highlight
-            .resize(object.gbuffer.coverage().len(), 0.0);
-        let first = self.rows.start * work.camera.width;
-        scatter(&mut object.highlight, first, &pixels, &shares);
-        object.highlight_version = work.versions.highlight;
+        let shares = region_share(scene, &self.gbuffer, region, &pixels, scratch);
+        self.highlight.clear();
+        self.highlight.resize(self.gbuffer.coverage().len(), 0.0);
+        let first = self.first(work);
+        scatter(&mut self.highlight, first, &pixels, &shares);
+        self.highlight_version = work.versions.highlight;
     }
 
     fn update_background(&mut self, work: &Work<'_>, scratch: &mut ShadeScratch) -> usize {
@@ -236,27 +189,26 @@ impl Band {
             (false, false) => self.pixels(work, |coverage| coverage < 1.0),
         };
         let mut out = vec![[0.0; 3]; pixels.len()];
-        shade_background(
-            &work.request.scene,
-            &work.camera,
-            &pixels,
-            &mut out,
-            scratch,
-        );
-        let width = work.camera.width;
+        let PreviewScene { scene, camera, .. } = work.request;
+        shade_background(scene, camera, &pixels, &mut out, scratch);
         self.background
-            .resize(self.rows.len() * width as usize, [0.0; 3]);
-        scatter(&mut self.background, self.rows.start * width, &pixels, &out);
+            .resize(self.gbuffer.coverage().len(), [0.0; 3]);
+        let first = self.first(work);
+        scatter(&mut self.background, first, &pixels, &out);
         self.background_version = work.versions.background;
         self.is_background_whole = wants_whole;
         pixels.len()
     }
 
+    /// Index of its first pixel in the whole picture.
+    fn first(&self, work: &Work<'_>) -> u32 {
+        self.rows.start * work.request.camera.width
+    }
+
     /// Indices in the whole picture of the band's pixels whose coverage is as asked.
     fn pixels(&self, work: &Work<'_>, keep: impl Fn(f32) -> bool) -> Vec<u32> {
-        let first = self.rows.start * work.camera.width;
-        let gbuffer = &self.objects[work.object()].gbuffer;
-        let coverage = gbuffer.coverage().iter().enumerate();
+        let first = self.first(work);
+        let coverage = self.gbuffer.coverage().iter().enumerate();
         coverage
             .filter(|(_, coverage)| keep(**coverage))
             .map(|(i, _)| first + i as u32)
@@ -268,21 +220,24 @@ impl Band {
         let value =
             |part: &[[f32; 3]], i: usize, shown: bool| if shown { part[i] } else { [0.0; 3] };
         let shows_background = work.request.scene.shows_background(layer);
-        let object = &self.objects[work.object()];
         let is_highlighted = work.request.highlight.is_some() && layer.shows_object();
-        let shares = is_highlighted.then_some(&object.highlight);
-        for (i, (out, &coverage)) in out.iter_mut().zip(object.gbuffer.coverage()).enumerate() {
+        for (i, (out, &coverage)) in out.iter_mut().zip(self.gbuffer.coverage()).enumerate() {
             let coverage = if layer.shows_object() { coverage } else { 0.0 };
-            let object = value(&object.values, i, layer.shows_object());
+            let object = value(&self.values, i, layer.shows_object());
             let background = value(&self.background, i, shows_background);
             let mut color = compose(&work.request.scene, layer, coverage, object, background);
-            if let Some(shares) = shares {
-                color = highlighted(color, shares[i] * coverage);
+            if is_highlighted {
+                color = highlighted(color, self.highlight[i] * coverage);
             }
-            let [r, g, b] = color.map(|v| (v * 255.0 + 0.5) as u8);
-            *out = [r, g, b, 255];
+            *out = opaque_bytes(color);
         }
     }
+}
+
+/// A display colour in 8 bits with alpha 255.
+pub(super) fn opaque_bytes(color: [f32; 3]) -> [u8; 4] {
+    let [r, g, b] = color.map(|v| (v * 255.0 + 0.5) as u8);
+    [r, g, b, 255]
 }
 
 fn scatter<T: Copy>(into: &mut [T], first: u32, pixels: &[u32], values: &[T]) {

@@ -87,7 +87,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_card_that_fails_is_told_of_once_and_never_asked_again() {
+    fn a_card_that_fails_is_reported_once_and_never_asked_again() {
         let card = DrawnBy::Card("Big Card".to_owned());
         let after = card.after_failure("`Big Card` was lost: unplugged".to_owned());
         assert!(!after.may_use_card());

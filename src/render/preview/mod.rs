@@ -1,11 +1,10 @@
 //! The live picture: at once while a person drags, then finer and finer.
 //!
 //! `worker` takes the newest `request` from its `inbox`; `progressive` refines the picture `band` by band and recomputes what
-//! changed by its `causes`; `sketch` is the first coarse one. `accelerator` hands the work to `gpu` where `drawn_by` says so.
+//! changed; `sketch` is the first coarse one. `accelerator` hands the work to `gpu` where `drawn_by` says so.
 
 mod accelerator;
 mod band;
-mod causes;
 pub mod drawn_by;
 #[cfg(feature = "gpu")]
 pub mod gpu;

@@ -1,53 +1,18 @@
-//! What a person wants to see, and how good.
+//! What a person wants to see, how good, and which parts of a picture hold for the next: an `Arc` stands for its address.
 
 use std::sync::Arc;
 
 use crate::geometry::Camera;
 use crate::neif::{MaterialEdit, Region};
-use crate::render::{Layer, Scene};
+use crate::render::{Background, Layer, Scene};
 
-/// The resolution divisors of the passes, coarsest first; nothing is ever coarser than a quarter.
-pub const SCALES: [u32; 3] = [4, 2, 1];
-
-/// What the object gets in a pass.
+/// How good a pass at full resolution is, several paths for each of the object's pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quality {
-    /// One path a pixel.
-    Plain,
-    /// Several.
+    /// The last pass but one.
     Fine,
     /// What [`crate::render::render`] makes: where the cones of lobes disagree, more of them.
     Settled,
-}
-
-/// How good a pass is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct PassKind {
-    /// Resolution divisor per axis, one of [`SCALES`].
-    pub scale: u32,
-    /// What the object gets.
-    pub quality: Quality,
-}
-
-impl PassKind {
-    /// The last pass but one.
-    pub const FINE: Self = Self {
-        scale: 1,
-        quality: Quality::Fine,
-    };
-    /// The last pass: what [`crate::render::render`] makes.
-    pub const SETTLED: Self = Self {
-        scale: 1,
-        quality: Quality::Settled,
-    };
-
-    /// One path a pixel at the given resolution divisor.
-    pub fn plain(scale: u32) -> Self {
-        Self {
-            scale,
-            quality: Quality::Plain,
-        }
-    }
 }
 
 /// A picture that is wanted.
@@ -66,27 +31,75 @@ pub struct PreviewScene {
 impl PreviewScene {
     /// Whether the picture would be the same.
     pub fn is_same(&self, other: &Self) -> bool {
-        let object = |scene: &Scene| scene.object.as_ref().map(Arc::as_ptr);
-        // Where a highlighted region lies does not follow from its edit.
-        let place = |region: Region| Region {
-            edit: MaterialEdit::default(),
-            ..region
-        };
+        let (a, b) = (&self.scene, &other.scene);
         self.camera == other.camera
             && self.layer == other.layer
-            && self.highlight.map(place) == other.highlight.map(place)
-            && self.scene.transform == other.scene.transform
-            && self.scene.edit == other.scene.edit
-            && self.scene.regions.effective() == other.scene.regions.effective()
-            && self.scene.background == other.scene.background
-            && self.scene.display_ev == other.scene.display_ev
-            && self.scene.tone_map == other.scene.tone_map
-            && Arc::ptr_eq(&self.scene.environment, &other.scene.environment)
-            && same(
-                self.scene.trained_in.as_ref(),
-                other.scene.trained_in.as_ref(),
-            )
-            && object(&self.scene) == object(&other.scene)
+            && self.highlighted_place() == other.highlighted_place()
+            && a.transform == b.transform
+            && a.edit == b.edit
+            && a.regions.effective() == b.regions.effective()
+            && a.background == b.background
+            && a.display_ev == b.display_ev
+            && a.tone_map == b.tone_map
+            && Arc::ptr_eq(&a.environment, &b.environment)
+            && same(a.trained_in.as_ref(), b.trained_in.as_ref())
+            && same(a.object.as_ref(), b.object.as_ref())
+    }
+
+    /// Whether the camera sees the same of the same mesh.
+    pub(super) fn same_geometry(&self, other: &Self) -> bool {
+        let tracer = |scene: &Scene| scene.object.as_ref().map(|o| Arc::as_ptr(&o.tracer));
+        self.camera == other.camera && tracer(&self.scene) == tracer(&other.scene)
+    }
+
+    /// Whether what is behind the object is the same from one place.
+    pub(super) fn same_background(&self, other: &Self) -> bool {
+        let is_blurred = |of: &Self| of.scene.background == Background::Blurred;
+        is_blurred(self) == is_blurred(other) && self.same_light(other)
+    }
+
+    fn same_light(&self, other: &Self) -> bool {
+        let (a, b) = (&self.scene, &other.scene);
+        Arc::ptr_eq(&a.environment, &b.environment)
+            && a.marks_unseen == b.marks_unseen
+            && a.transform == b.transform
+            && same(a.ground.as_ref(), b.ground.as_ref())
+    }
+
+    /// Whether the same places of the object are highlighted.
+    pub(super) fn same_highlight(&self, other: &Self) -> bool {
+        self.highlighted_place() == other.highlighted_place()
+            && (self.highlight.is_none() || self.same_material(other))
+    }
+
+    /// Whether the object, of the same geometry, has the same values.
+    pub(super) fn same_object(&self, other: &Self) -> bool {
+        let (a, b) = (&self.scene, &other.scene);
+        let light = |scene: &Scene| scene.diffuse_light.as_ref().map(|l| Arc::as_ptr(&l.light));
+        let needs_light = self.layer.is_lit() || self.layer == Layer::Samples;
+        let is_same_light = || {
+            self.same_light(other)
+                && same(a.trained_in.as_ref(), b.trained_in.as_ref())
+                && light(a) == light(b)
+        };
+        self.layer == other.layer
+            && a.edit == b.edit
+            && a.regions.effective() == b.regions.effective()
+            && self.same_material(other)
+            && (!needs_light || is_same_light())
+    }
+
+    fn same_material(&self, other: &Self) -> bool {
+        let material = |scene: &Scene| scene.object.as_ref().map(|o| Arc::as_ptr(&o.material));
+        material(&self.scene) == material(&other.scene)
+    }
+
+    /// The highlighted region without its edit, from which it does not follow where it lies.
+    fn highlighted_place(&self) -> Option<Region> {
+        self.highlight.map(|region| Region {
+            edit: MaterialEdit::default(),
+            ..region
+        })
     }
 }
 

@@ -5,7 +5,6 @@
 //! none is ever coarser than a half per axis. Threads run below the window's priority and
 //! above the trainer's.
 
-use std::fmt;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
@@ -13,12 +12,12 @@ use std::time::Duration;
 
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-use super::accelerator::{Accelerator, Attempt, CardPass};
+use super::accelerator::{Accelerator, Attempt};
 use super::drawn_by::{DrawnBy, GpuChoice};
 use super::inbox::Inbox;
 use super::priority::lower_thread_priority;
-use super::progressive::{PassOutput, Progressive, Recomputed};
-use super::request::{PassKind, PreviewScene};
+use super::progressive::{PassOutput, Progressive};
+use super::request::{PreviewScene, Quality};
 use super::sketch::{Purpose, Sketch};
 use crate::render::irradiance::DiffuseLights;
 
@@ -46,21 +45,21 @@ impl Passes {
         let glance = [sketch(motion, Purpose::Motion), sketch(1, Purpose::Rest)];
         match self {
             Self::Refine => {
-                let still = [Step::Fine, Step::Settled];
+                let still = [Quality::Fine, Quality::Settled].map(Step::Still);
                 glance.into_iter().chain(still).collect()
             }
             Self::Glance => glance.to_vec(),
-            Self::Only(1) => vec![sketch(1, Purpose::SharpRefresh)],
-            Self::Only(2) => vec![sketch(2, Purpose::SharpRefresh)],
+            Self::Only(scale @ 1..=2) => vec![sketch(scale, Purpose::SharpRefresh)],
             Self::Only(_) => vec![sketch(2, Purpose::Refresh)],
         }
     }
 
     /// The same by a graphics card, which needs no sketches.
     fn card_steps(self) -> Vec<Step> {
+        let plain = Step::Card { is_fine: false };
         match self {
-            Self::Refine => vec![Step::Card(CardPass::Plain), Step::Card(CardPass::Fine)],
-            Self::Glance | Self::Only(_) => vec![Step::Card(CardPass::Plain)],
+            Self::Refine => vec![plain, Step::Card { is_fine: true }],
+            Self::Glance | Self::Only(_) => vec![plain],
         }
     }
 }
@@ -72,12 +71,12 @@ enum Step {
         scale: u32,
         purpose: Purpose,
     },
-    /// Several paths a pixel.
-    Fine,
-    /// What [`crate::render::render`] makes, where that is anything else.
-    Settled,
+    /// At full resolution; settled where that is anything else.
+    Still(Quality),
     /// By the graphics card.
-    Card(CardPass),
+    Card {
+        is_fine: bool,
+    },
 }
 
 impl Step {
@@ -89,16 +88,13 @@ impl Step {
                 purpose: Purpose::Refresh,
             } => 2 * scale,
             Self::Sketch { scale, .. } => scale,
-            Self::Fine | Self::Settled | Self::Card(_) => 1,
+            Self::Still(_) | Self::Card { .. } => 1,
         }
     }
 
     /// Whether the object has several paths a pixel.
     fn is_fine(self) -> bool {
-        matches!(
-            self,
-            Self::Fine | Self::Settled | Self::Card(CardPass::Fine)
-        )
+        matches!(self, Self::Still(_) | Self::Card { is_fine: true })
     }
 }
 
@@ -113,19 +109,12 @@ pub struct PreviewFrame {
     pub is_fine: bool,
     /// Whether no further pass follows.
     pub is_last: bool,
-    /// Pixels per row.
-    pub width: u32,
-    /// Rows.
-    pub height: u32,
-    /// `[height * width]` sRGB with alpha 255.
-    pub pixels: Vec<[u8; 4]>,
-    /// What had to be computed.
-    pub recomputed: Recomputed,
-    /// Processor time of the pass.
-    pub cpu_secs: f64,
+    /// The picture, and what it took.
+    pub output: PassOutput,
 }
 
 /// Renders on threads of its own. Dropping it ends them.
+#[derive(Debug)]
 pub struct Preview {
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
@@ -146,28 +135,13 @@ struct Shared {
     n_frames: AtomicU64,
 }
 
-impl fmt::Debug for Preview {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Preview")
-            .field("shared", &self.shared)
-            .finish_non_exhaustive()
-    }
-}
-
 impl Preview {
-    /// Starts the threads (0: one per core). `wake` is called after each picture; it must not block.
+    /// Starts the threads (0: one per core), which draw by the card of that choice, or without one by the processor. `wake`
+    /// is called after each picture; it must not block.
     ///
     /// # Errors
     /// When the system gives no threads.
-    pub fn new(n_threads: usize, wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
-        Self::with_card(n_threads, GpuChoice::Off, wake)
-    }
-
-    /// The same, with pictures by a graphics card where there is one.
-    ///
-    /// # Errors
-    /// As [`Self::new`]; without a card the processor draws.
-    pub fn with_card(
+    pub fn new(
         n_threads: usize,
         choice: GpuChoice,
         wake: impl Fn() + Send + 'static,
@@ -255,21 +229,18 @@ impl Worker {
 
     fn serve(&mut self, number: u64, request: &Request, wake: &(impl Fn() + Send)) {
         let mut picture = request.scene.clone();
-        let is_lit = picture.layer.is_lit();
         // Motion is lit by few probes; those of the last picture take longer than a frame.
-        if is_lit {
-            picture.scene = self
-                .pool
-                .install(|| self.lights.quick(&picture.scene, picture.layer));
+        if picture.layer.is_lit() {
+            let lights = &mut self.lights;
+            picture.scene = (self.pool).install(|| lights.quick(&picture.scene, picture.layer));
         }
         if self.accelerator.takes(&picture) {
             let steps = request.passes.card_steps();
-            let is_done = self.serve_steps((number, request), &mut picture, &steps, wake);
-            if is_done {
+            if self.serve_steps((number, request), &mut picture, &steps, wake) {
                 return;
             }
         }
-        self.tell_who_draws();
+        self.publish_who_draws();
         let motion = self.pool.install(|| self.sketch.motion_scale());
         let steps = request.passes.steps(motion);
         self.serve_steps((number, request), &mut picture, &steps, wake);
@@ -297,7 +268,7 @@ impl Worker {
                 shared.inbox.superseded()
             };
             let output = match step {
-                Step::Card(pass) => match self.accelerator.draw(picture, pass, cancel) {
+                Step::Card { is_fine } => match self.accelerator.draw(picture, is_fine, cancel) {
                     Attempt::Drawn(output) => Some(output),
                     Attempt::Cancelled => None,
                     Attempt::Failed => return false,
@@ -306,7 +277,7 @@ impl Worker {
             };
             tracing::trace!(number, ?step, is_done = output.is_some(), "pass");
             let Some(output) = output else { return true };
-            self.tell_who_draws();
+            self.publish_who_draws();
             let is_last = i + 1 == steps.len() || output.is_settled;
             self.publish(number, step, is_last, output);
             wake();
@@ -317,10 +288,11 @@ impl Worker {
         true
     }
 
-    fn tell_who_draws(&self) {
-        let told = self.shared.drawn_by.lock();
-        told.unwrap_or_else(PoisonError::into_inner)
-            .clone_from(self.accelerator.drawn_by());
+    fn publish_who_draws(&self) {
+        let drawn_by = self.shared.drawn_by.lock();
+        drawn_by
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone_from(&self.accelerator.drawn_by);
     }
 
     /// One picture by the processor; `None` when cancelled.
@@ -339,37 +311,24 @@ impl Worker {
         } = self;
         pool.install(|| match step {
             Step::Sketch { scale, purpose } => sketch.picture(picture, scale, purpose, cancel),
-            Step::Fine => {
-                if picture.layer.is_lit() {
+            Step::Still(quality) => {
+                if quality == Quality::Fine && picture.layer.is_lit() {
                     lights.prepare(&picture.scene, cancel);
                     picture.scene = lights.fine(&picture.scene, &[picture.layer], cancel)?;
                 }
-                progressive.pass(picture, PassKind::FINE, cancel)
+                progressive.pass(picture, quality, cancel)
             }
-            Step::Settled => progressive.pass(picture, PassKind::SETTLED, cancel),
-            Step::Card(_) => None,
+            Step::Card { .. } => None,
         })
     }
 
     fn publish(&self, request: u64, step: Step, is_last: bool, output: PassOutput) {
-        let PassOutput {
-            width,
-            height,
-            pixels,
-            recomputed,
-            cpu_secs,
-            is_settled: _,
-        } = output;
         let frame = PreviewFrame {
             request,
             scale: step.scale(),
             is_fine: step.is_fine(),
             is_last,
-            width,
-            height,
-            pixels,
-            recomputed,
-            cpu_secs,
+            output,
         };
         let newest = self.shared.frame.lock();
         *newest.unwrap_or_else(PoisonError::into_inner) = Some(Arc::new(frame));

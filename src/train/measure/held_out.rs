@@ -11,7 +11,7 @@ use glam::Vec3;
 use super::metrics::{ImageMetrics, compare, mean};
 use crate::color::{linear_from_srgb, srgb_from_linear};
 use crate::data::View;
-use crate::render::{Layer, Picture, Scene, render, see_surroundings};
+use crate::render::{Layer, Picture, Scene, environment_at, render};
 use crate::train::photos::pose_step::{Correction, PoseRow, Sums, slope_by_direction};
 use crate::train::statistics::{middle, share_beyond};
 
@@ -99,7 +99,7 @@ fn posed<'a>(
         return Some(Cow::Borrowed(picture));
     }
     let gain = gain(view, picture, side);
-    let mut seen = see_surroundings(scene, &view.camera, &pixels);
+    let mut seen = environment_at(scene, &view.camera, &pixels);
     let mut away: Vec<f32> = seen.iter().map(|seen| seen.distance).collect();
     let unit = middle(&mut away).max(f32::MIN_POSITIVE);
     let mut correction = Correction::default();
@@ -119,7 +119,7 @@ fn posed<'a>(
         }
         correction.turn += step.turn;
         correction.shift += step.shift;
-        seen = see_surroundings(scene, &correction.corrected(&view.camera, unit), &pixels);
+        seen = environment_at(scene, &correction.corrected(&view.camera, unit), &pixels);
     }
     let share = known_share(correction, view.camera.pixel_angle());
     if share == 0.0 {

@@ -126,7 +126,7 @@ fn traced_coverage(
 ) -> Vec<f32> {
     let options = PathOptions {
         max_vertices: 1,
-        torn: subpixels,
+        discontinuous: subpixels,
         ..PathOptions::PLAIN
     };
     let of_rows = |rows| GBuffer::trace_some(tracer, camera, rows, options, &is_wanted);

@@ -2,6 +2,7 @@
 
 use egui::containers::menu::MenuButton;
 use egui::{Align, Button, Layout, TextStyle, Ui};
+use strum::VariantArray as _;
 
 use crate::app::panels::widgets::on_click;
 use crate::app::state::app_state::AppState;
@@ -47,7 +48,7 @@ pub fn layer_name(layer: Layer) -> &'static str {
 fn layers_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     let n_buttons = n_that_fit(ui);
     let row = |ui: &mut Ui, i: usize| {
-        let layer = Layer::ALL[i];
+        let layer = Layer::VARIANTS[i];
         let button = ui.selectable_label(state.layer == layer, layer_name(layer));
         let button = match i {
             0..10 => button.on_hover_text(format!("Key {}", (i + 1) % 10)),
@@ -56,9 +57,9 @@ fn layers_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
         button.clicked().then_some(layer)
     };
     let mut chosen = (0..n_buttons).fold(None, |chosen, i| row(ui, i).or(chosen));
-    let in_menu = n_buttons..Layer::ALL.len();
+    let in_menu = n_buttons..Layer::VARIANTS.len();
     if !in_menu.is_empty() {
-        let shown = Layer::ALL[in_menu.clone()]
+        let shown = Layer::VARIANTS[in_menu.clone()]
             .iter()
             .find(|layer| **layer == state.layer);
         let title = shown.map_or(MORE, |layer| layer_name(*layer));
@@ -88,7 +89,8 @@ fn n_that_fit(ui: &Ui) -> usize {
         text.size().x + padding
     };
     let room = ui.available_width();
-    let widths = Layer::ALL.map(|layer| width(layer_name(layer)));
+    let layers = Layer::VARIANTS.iter();
+    let widths: Vec<f32> = layers.map(|layer| width(layer_name(*layer))).collect();
     if widths.iter().sum::<f32>() <= room {
         return widths.len();
     }

@@ -89,7 +89,7 @@ fn settings_ui(ui: &mut Ui, export: &ExportState, settings: &mut ExportSettings)
         } else {
             &mut settings.film_kind
         };
-        let kinds = FileKind::ALL.into_iter();
+        let kinds = FileKind::VARIANTS.iter().copied();
         for choice in kinds.filter(|kind| !(is_still && kind.is_film())) {
             ui.selectable_value(kind, choice, choice.extension().to_uppercase())
                 .on_hover_text(kind_hint(choice));

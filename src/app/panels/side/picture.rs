@@ -2,6 +2,7 @@
 
 use egui::{Button, Response, Ui};
 use glam::Vec3;
+use strum::VariantArray as _;
 
 use super::environment::axis_name;
 use crate::app::lighting::{LARGEST_DISPLAY_EV, LightingCommand};
@@ -33,7 +34,7 @@ pub fn picture_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     }
     ui.horizontal(|ui| {
         name_label(ui, "Bright light").on_hover_text("What becomes of light brighter than white");
-        let maps = ToneMap::ALL.map(tone_map);
+        let maps = ToneMap::VARIANTS.iter().copied().map(tone_map);
         if let Some(map) = choices_ui(ui, state.lighting.tone_map, maps) {
             commands.push(Command::Lighting(LightingCommand::SetToneMap(map)));
         }
@@ -59,7 +60,7 @@ pub fn picture_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
 fn background_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     ui.horizontal(|ui| {
         name_label(ui, "Background").on_hover_text("What stands behind the object (H)");
-        let backgrounds = Background::ALL.map(background);
+        let backgrounds = Background::VARIANTS.iter().copied().map(background);
         if let Some(chosen) = choices_ui(ui, state.lighting.background, backgrounds) {
             commands.push(Command::Lighting(LightingCommand::SetBackground(chosen)));
         }

@@ -9,7 +9,7 @@ use neif::app::viewport::camera_control::{CameraMove, Viewpoint};
 use neif::app::work::pace::Pace;
 use neif::app::work::preview_driver::{PreviewDriver, Situation};
 use neif::neif::{Environment, EnvironmentTransform, MaterialEdit};
-use neif::render::{Layer, Preview, PreviewFrame, PreviewScene};
+use neif::render::{GpuChoice, Layer, Preview, PreviewFrame, PreviewScene};
 use neif::train::Snapshot;
 
 use crate::cli::failure::Failure;
@@ -70,7 +70,8 @@ impl Desk {
     pub(super) fn new(size: (u32, u32)) -> Result<Self, Failure> {
         let (wake, news) = bounded(1);
         // A full queue means that the news is known already.
-        let preview = Preview::new(0, move || wake.try_send(()).unwrap_or_default())?;
+        let wake = move || wake.try_send(()).unwrap_or_default();
+        let preview = Preview::new(0, GpuChoice::Off, wake)?;
         Ok(Self {
             preview,
             driver: PreviewDriver::default(),
@@ -211,6 +212,6 @@ fn seen(frame: &PreviewFrame, at_secs: f64) -> Seen {
         request: frame.request,
         scale: frame.scale,
         is_last: frame.is_last,
-        cpu_secs: frame.cpu_secs,
+        cpu_secs: frame.output.cpu_secs,
     }
 }

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::neif::field::seen_grid::SeenGrid;
-use crate::render::test_scene::{camera, environment_seen, scene};
+use crate::render::test_scene::{NEVER, camera, environment_seen, scene};
 
 const AOVS: [Layer; 5] = [
     Layer::Final,
@@ -13,28 +13,27 @@ const AOVS: [Layer; 5] = [
 ];
 
 fn parts(layers: &[Layer], backdrop: Backdrop) -> Parts {
+    parts_of(&scene(), layers, backdrop)
+}
+
+fn parts_of(scene: &Scene, layers: &[Layer], backdrop: Backdrop) -> Parts {
     let options = PartsOptions {
         backdrop,
         ..PartsOptions::new(layers)
     };
-    let cancel = AtomicBool::new(false);
-    render_parts(&scene(), &camera(40, 30), &options, &cancel, &|_| {}).expect("not cancelled")
+    render_parts(scene, &camera(40, 30), &options, &NEVER, &|_| {}).expect("not cancelled")
 }
 
 #[test]
 fn a_photo_s_exposure_is_a_gain_of_all_light() {
     let gain = glam::Vec3::new(2.0, 1.0, 0.5);
     let layers = [Layer::Final, Layer::Roughness];
-    let options = PartsOptions::new(&layers);
-    let cancel = AtomicBool::new(false);
     for trained_in in [scene().trained_in, None] {
         let plain = Scene {
             trained_in,
             ..scene()
         };
-        let of = |scene: &Scene| {
-            render_parts(scene, &camera(40, 30), &options, &cancel, &|_| {}).expect("not cancelled")
-        };
+        let of = |scene: &Scene| parts_of(scene, &layers, Backdrop::Shown);
         let (before, after) = (of(&plain), of(&plain.exposed(gain)));
         assert_eq!(before.objects[1], after.objects[1], "roughness is no light");
         let check = |before: &[[f32; 3]], after: &[[f32; 3]]| {
@@ -108,10 +107,7 @@ fn light_that_no_photo_showed_is_marked_in_its_own_layer_alone() {
     let seen_by = |seen: Option<SeenGrid>| {
         let scene = Scene::new(scene().object, environment_seen(2, seen));
         let layers = [Layer::Final, Layer::Seen];
-        let options = PartsOptions::new(&layers);
-        let cancel = AtomicBool::new(false);
-        let parts = render_parts(&scene, &camera(40, 30), &options, &cancel, &|_| {});
-        let parts = parts.expect("not cancelled");
+        let parts = parts_of(&scene, &layers, Backdrop::Shown);
         layers.map(|layer| parts.composed(&scene, layer).collect::<Vec<_>>())
     };
     let [plain, unknown] = seen_by(None);

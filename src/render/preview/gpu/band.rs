@@ -2,10 +2,16 @@
 
 use std::ops::Range;
 
-use wgpu::{Buffer, BufferUsages, CommandEncoder, CommandEncoderDescriptor, ComputePassDescriptor};
+use wgpu::{
+    BindGroup, Buffer, BufferUsages, CommandEncoder, CommandEncoderDescriptor, ComputePass,
+    ComputePassDescriptor,
+};
 
 use super::device::{Gpu, GpuError};
-use super::programs::{N_BINDINGS, Program, Programs, binding};
+use super::programs::{
+    CENTERS, COUNTERS, FRAME, GROUPS, LIT, N_BINDINGS, PICTURE, PIXELS, Program, Programs,
+    RADIANCE, RAYS, STARTS,
+};
 use super::tables::{EnvironmentTables, ObjectTables, table};
 use crate::render::PathOptions;
 use crate::render::path::trace::MAX_VERTICES;
@@ -38,28 +44,17 @@ pub(super) struct BandSize {
     paths_per_pixel: u32,
 }
 
-/// The tables that a band writes.
+/// The tables that a band writes, by their binding places; those that others fill hold next to nothing.
 #[derive(Debug)]
 pub(super) struct BandTables {
     pub(super) size: BandSize,
-    pub(super) frame: Buffer,
-    pub(super) counters: Buffer,
-    pub(super) rays: Buffer,
-    pub(super) radiance: Buffer,
-    pub(super) picture: Buffer,
-    centers: Buffer,
-    starts: Buffer,
-    lit: Buffer,
-    pixels: Buffer,
-    groups: Buffer,
-    /// Stands for what there is not.
-    nothing: Buffer,
+    pub(super) tables: [Buffer; N_BINDINGS],
 }
 
 impl BandSize {
     /// For a picture: as many rows as tables of `most_bytes` hold.
     pub(super) fn of(width: u32, height: u32, options: PathOptions, most_bytes: u64) -> Self {
-        let paths_per_pixel = options.smooth.max(options.torn).max(2).pow(2) as u32;
+        let paths_per_pixel = options.smooth.max(options.discontinuous).max(2).pow(2) as u32;
         let largest = (MAX_VERTICES as u64 + 1) * RAY_BYTES;
         let most_paths = MOST_PATHS.min(most_bytes / largest);
         let paths_per_row = u64::from(paths_per_pixel) * u64::from(width.max(1));
@@ -105,27 +100,32 @@ impl BandTables {
     pub(super) fn new(gpu: &Gpu, size: BandSize) -> Result<Self, GpuError> {
         let storage = BufferUsages::STORAGE;
         let (to, from) = (BufferUsages::COPY_DST, BufferUsages::COPY_SRC);
-        let make = |what, n_bytes, usage| table(gpu, what, n_bytes, usage);
         let n_centers = u64::from(size.width) * u64::from(size.rows + 2);
         let n_picture = u64::from(size.width) * u64::from(size.height);
-        Ok(Self {
-            size,
-            frame: make("frame", FRAME_BYTES, BufferUsages::UNIFORM | to)?,
-            counters: make("counters", 8, storage | to)?,
-            rays: make("rays", size.n_rays() * RAY_BYTES, storage | to)?,
-            radiance: make("radiance", size.n_rays() * RADIANCE_BYTES, storage | from)?,
-            picture: make("picture", n_picture * 4, storage | from)?,
-            centers: make("centres", n_centers * CENTER_BYTES, storage)?,
-            starts: make("starts of paths", size.n_paths() * START_BYTES, storage)?,
-            lit: make(
-                "vertices",
-                size.n_paths() * MAX_VERTICES as u64 * VERTEX_BYTES,
-                storage,
-            )?,
-            pixels: make("pixels", size.n_pixels() * PIXEL_BYTES, storage)?,
-            groups: make("groups", 24, storage | BufferUsages::INDIRECT)?,
-            nothing: make("nothing", 64, storage)?,
-        })
+        let (n_paths, n_rays) = (size.n_paths(), size.n_rays());
+        let n_vertices = n_paths * MAX_VERTICES as u64;
+        let nothing = table(gpu, "nothing", 64, storage)?;
+        let mut tables = [(); N_BINDINGS].map(|()| nothing.clone());
+        for (place, what, n_bytes, usage) in [
+            (FRAME, "frame", FRAME_BYTES, BufferUsages::UNIFORM | to),
+            (COUNTERS, "counters", 8, storage | to),
+            (RAYS, "rays", n_rays * RAY_BYTES, storage | to),
+            (
+                RADIANCE,
+                "radiance",
+                n_rays * RADIANCE_BYTES,
+                storage | from,
+            ),
+            (PICTURE, "picture", n_picture * 4, storage | from),
+            (CENTERS, "centres", n_centers * CENTER_BYTES, storage),
+            (STARTS, "starts of paths", n_paths * START_BYTES, storage),
+            (LIT, "vertices", n_vertices * VERTEX_BYTES, storage),
+            (PIXELS, "pixels", size.n_pixels() * PIXEL_BYTES, storage),
+            (GROUPS, "groups", 24, storage | BufferUsages::INDIRECT),
+        ] {
+            tables[place] = table(gpu, what, n_bytes, usage)?;
+        }
+        Ok(Self { size, tables })
     }
 
     fn all<'a>(
@@ -133,27 +133,11 @@ impl BandTables {
         environment: &'a EnvironmentTables,
         object: Option<&'a ObjectTables>,
     ) -> [&'a Buffer; N_BINDINGS] {
-        let mut all = [&self.nothing; N_BINDINGS];
-        all[binding::FRAME] = &self.frame;
-        all[binding::DENSITY_WEIGHTS] = &environment.density_weights;
-        all[binding::COLOR_WEIGHTS] = &environment.color_weights;
-        all[binding::ENVIRONMENT_GRID] = &environment.grid;
-        all[binding::DENSITY_CELLS] = &environment.density;
-        if let Some(object) = object {
-            all[binding::MATERIAL_WEIGHTS] = &object.weights;
-            all[binding::MATERIAL_GRID] = &object.grid;
-            all[binding::NODES] = &object.nodes;
-            all[binding::TRIANGLES] = &object.triangles;
+        let mut all = self.tables.each_ref();
+        let of_object = object.into_iter().flat_map(|object| &object.tables);
+        for (place, table) in environment.tables.iter().chain(of_object) {
+            all[*place] = table;
         }
-        all[binding::CENTERS] = &self.centers;
-        all[binding::COUNTERS] = &self.counters;
-        all[binding::STARTS] = &self.starts;
-        all[binding::RAYS] = &self.rays;
-        all[binding::RADIANCE] = &self.radiance;
-        all[binding::LIT] = &self.lit;
-        all[binding::PIXELS] = &self.pixels;
-        all[binding::PICTURE] = &self.picture;
-        all[binding::GROUPS] = &self.groups;
         all
     }
 
@@ -167,29 +151,17 @@ impl BandTables {
     ) -> CommandEncoder {
         let tables = self.all(environment, object);
         let mut encoder = encoder(gpu, "band");
-        encoder.clear_buffer(&self.counters, 0, None);
+        encoder.clear_buffer(&self.tables[COUNTERS], 0, None);
         let size = self.size;
         let n_pixels = size.width * size.rows;
         let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor::default());
         let mut run = |program: &Program, groups: Groups<'_>| {
-            pass.set_pipeline(&program.pipeline);
-            pass.set_bind_group(0, &program.bind(gpu, &tables), &[]);
-            match groups {
-                Groups::For(n) => {
-                    let (x, y) = groups_for(n);
-                    pass.dispatch_workgroups(x, y, 1);
-                }
-                Groups::From(buffer, offset) => pass.dispatch_workgroups_indirect(buffer, offset),
-            }
+            groups.run(&mut pass, program, &program.bind(gpu, &tables));
         };
-        let (paths, rays) = (
-            Groups::From(&self.groups, 0),
-            Groups::From(&self.groups, 12),
-        );
-        run(
-            &programs.trace_centers,
-            Groups::For(n_pixels + 2 * size.width),
-        );
+        let wanted = &self.tables[GROUPS];
+        let (paths, rays) = (Groups::From(wanted, 0), Groups::From(wanted, 12));
+        let n_centers = n_pixels + 2 * size.width;
+        run(&programs.trace_centers, Groups::For(n_centers));
         run(&programs.start_paths, Groups::For(n_pixels));
         run(&programs.count, Groups::For(1));
         if object.is_some() {
@@ -213,10 +185,8 @@ impl BandTables {
         let tables = self.all(environment, None);
         let mut encoder = encoder(gpu, "rays");
         let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor::default());
-        pass.set_pipeline(&programs.light.pipeline);
-        pass.set_bind_group(0, &programs.light.bind(gpu, &tables), &[]);
-        let (x, y) = groups_for(n_rays);
-        pass.dispatch_workgroups(x, y, 1);
+        let light = &programs.light;
+        Groups::For(n_rays).run(&mut pass, light, &light.bind(gpu, &tables));
         drop(pass);
         encoder
     }
@@ -229,6 +199,20 @@ enum Groups<'a> {
     For(u32),
     /// What the card counted, at a place of a table.
     From(&'a Buffer, u64),
+}
+
+impl Groups<'_> {
+    fn run(self, pass: &mut ComputePass<'_>, program: &Program, tables: &BindGroup) {
+        pass.set_pipeline(&program.pipeline);
+        pass.set_bind_group(0, tables, &[]);
+        match self {
+            Self::For(n) => {
+                let (x, y) = groups_for(n);
+                pass.dispatch_workgroups(x, y, 1);
+            }
+            Self::From(buffer, offset) => pass.dispatch_workgroups_indirect(buffer, offset),
+        }
+    }
 }
 
 fn groups_for(n_threads: u32) -> (u32, u32) {

@@ -16,66 +16,9 @@ pub enum GpuError {
     /// There is none.
     #[error("no graphics card was found")]
     NoAdapter,
-    /// There is only one that runs on the processor.
-    #[error("`{adapter}` runs on the processor")]
-    Software {
-        /// Its name.
-        adapter: String,
-    },
-    /// It can do too little.
-    #[error("`{adapter}` can do too little: {limit} is {has}, and {needs} is needed")]
-    Limit {
-        /// Its name.
-        adapter: String,
-        /// Which limit, as WebGPU calls it.
-        limit: &'static str,
-        /// What it is.
-        has: u64,
-        /// What is needed.
-        needs: u64,
-    },
-    /// The scene does not fit.
-    #[error("{what} takes {needs_mib} MiB, and `{adapter}` holds {has_mib} MiB in one piece")]
-    TooLarge {
-        /// Its name.
-        adapter: String,
-        /// What.
-        what: &'static str,
-        /// Its size.
-        needs_mib: u64,
-        /// What fits.
-        has_mib: u64,
-    },
-    /// The driver gave no device.
-    #[error("`{adapter}` cannot be used: {reason}")]
-    NoDevice {
-        /// Its name.
-        adapter: String,
-        /// What the driver says.
-        reason: String,
-    },
-    /// It was there and is gone: removed, reset, or out of power.
-    #[error("`{adapter}` was lost: {reason}")]
-    Lost {
-        /// Its name.
-        adapter: String,
-        /// What the driver says.
-        reason: String,
-    },
-    /// Its memory is full.
-    #[error("`{adapter}` is out of memory")]
-    OutOfMemory {
-        /// Its name.
-        adapter: String,
-    },
-    /// The driver refused what it was asked.
-    #[error("`{adapter}` failed: {reason}")]
-    Failed {
-        /// Its name.
-        adapter: String,
-        /// What the driver says.
-        reason: String,
-    },
+    /// There is one that cannot be used, or not for this scene, or no longer: its name and what is wrong.
+    #[error("{0}")]
+    Unusable(String),
 }
 
 /// An open device, and the first thing that went wrong with it.
@@ -110,9 +53,10 @@ impl Gpu {
             best(&kinds, choice)
                 .map(|i| &adapters[i])
                 .ok_or_else(|| match adapters.first() {
-                    Some(adapter) => GpuError::Software {
-                        adapter: adapter.get_info().name,
-                    },
+                    Some(adapter) => {
+                        let name = adapter.get_info().name;
+                        GpuError::Unusable(format!("`{name}` runs on the processor"))
+                    }
                     None => GpuError::NoAdapter,
                 })?;
         Self::of(adapter)
@@ -126,30 +70,23 @@ impl Gpu {
             required_limits,
             ..Default::default()
         });
-        let (device, queue) = pollster::block_on(request).map_err(|error| GpuError::NoDevice {
-            adapter: name.clone(),
-            reason: error.to_string(),
-        })?;
+        let unusable = |error| GpuError::Unusable(format!("`{name}` cannot be used: {error}"));
+        let (device, queue) = pollster::block_on(request).map_err(unusable)?;
         let fault = Arc::new(Mutex::new(None));
         let (first, adapter) = (Arc::clone(&fault), name.clone());
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
-            let adapter = adapter.clone();
-            note(
-                &first,
-                match error {
-                    wgpu::Error::OutOfMemory { .. } => GpuError::OutOfMemory { adapter },
-                    wgpu::Error::Validation { description, .. }
-                    | wgpu::Error::Internal { description, .. } => GpuError::Failed {
-                        adapter,
-                        reason: description,
-                    },
-                },
-            );
+            let what = match error {
+                wgpu::Error::OutOfMemory { .. } => format!("`{adapter}` is out of memory"),
+                wgpu::Error::Validation { description, .. }
+                | wgpu::Error::Internal { description, .. } => {
+                    format!("`{adapter}` failed: {description}")
+                }
+            };
+            note(&first, GpuError::Unusable(what));
         }));
         let (first, adapter) = (Arc::clone(&fault), name.clone());
         device.set_device_lost_callback(move |_, reason| {
-            let adapter = adapter.clone();
-            note(&first, GpuError::Lost { adapter, reason });
+            note(&first, lost(&adapter, reason));
         });
         Ok(Self {
             device,
@@ -175,11 +112,13 @@ impl Gpu {
 
     /// An error of this device.
     pub(super) fn lost(&self, reason: impl fmt::Display) -> GpuError {
-        GpuError::Lost {
-            adapter: self.name.clone(),
-            reason: reason.to_string(),
-        }
+        lost(&self.name, reason)
     }
+}
+
+/// It was there and is gone: removed, reset, or out of power.
+fn lost(adapter: &str, reason: impl fmt::Display) -> GpuError {
+    GpuError::Unusable(format!("`{adapter}` was lost: {reason}"))
 }
 
 /// Keeps the first error: what follows from it explains less.
@@ -208,12 +147,9 @@ fn limits(adapter: &str, has: &Limits) -> Result<Limits, GpuError> {
     let needed = Limits::defaults();
     let mut lacking = None;
     needed.check_limits_with_fail_fn(has, true, |limit, needs, has| {
-        lacking = Some(GpuError::Limit {
-            adapter: adapter.to_owned(),
-            limit,
-            has,
-            needs,
-        });
+        lacking = Some(GpuError::Unusable(format!(
+            "`{adapter}` can do too little: {limit} is {has}, and {needs} is needed"
+        )));
     });
     lacking.map_or(
         Ok(Limits {

@@ -4,11 +4,11 @@ use std::ops::Range;
 
 use glam::{Vec3, Vec4};
 
-use super::tables::{LevelRow, ObjectTables};
+use super::tables::{EnvironmentTables, LevelRow, ObjectTables};
 use crate::geometry::Camera;
 use crate::neif::Environment;
 use crate::neif::surface::edit::EnvironmentFromWorld;
-use crate::render::{Background, Layer, PathOptions, Scene, ToneMap};
+use crate::render::{Background, Layer, PathOptions, PreviewScene, ToneMap};
 
 /// Levels that a grid may have.
 pub(super) const MAX_LEVELS: usize = 16;
@@ -18,39 +18,23 @@ pub(super) struct Frame {
     words: Vec<[u32; 4]>,
 }
 
-/// What a picture is made of, beside the band.
-#[derive(Clone, Copy)]
-pub(super) struct PictureOf<'a> {
-    pub(super) scene: &'a Scene,
-    pub(super) camera: &'a Camera,
-    pub(super) layer: Layer,
-    pub(super) options: PathOptions,
-}
-
-/// The tables whose places the frame records.
-#[derive(Clone, Copy)]
-pub(super) struct Tables<'a> {
-    pub(super) environment_levels: &'a [LevelRow],
-    pub(super) object: Option<&'a ObjectTables>,
-}
-
 impl Frame {
-    /// Of rows `rows` of a picture.
-    pub(super) fn of_band(picture: PictureOf<'_>, tables: Tables<'_>, rows: Range<u32>) -> Self {
-        let PictureOf {
-            scene,
-            camera,
-            layer,
-            options,
-        } = picture;
+    /// Of rows `rows` of a picture from these tables.
+    pub(super) fn of_band(
+        picture: &PreviewScene,
+        options: PathOptions,
+        (environment, object): (&EnvironmentTables, Option<&ObjectTables>),
+        rows: Range<u32>,
+    ) -> Self {
+        let (scene, camera, layer) = (&picture.scene, &picture.camera, picture.layer);
         let motion = scene.transform.environment_from_world();
         let mut frame = Self { words: Vec::new() };
         frame.camera(camera);
         frame.integers([camera.width, camera.height, rows.start, rows.len() as u32]);
         let n_samples = scene.environment.n_samples() as u32;
-        let [smooth, torn, most] =
-            [options.smooth, options.torn, options.max_vertices].map(|n| n as u32);
-        frame.integers([smooth, torn, most, n_samples]);
+        let [smooth, discontinuous, most] =
+            [options.smooth, options.discontinuous, options.max_vertices].map(|n| n as u32);
+        frame.integers([smooth, discontinuous, most, n_samples]);
         let behind = match (scene.shows_background(layer), scene.background) {
             (false, _) => 0,
             (true, Background::Blurred) => 2,
@@ -62,20 +46,20 @@ impl Frame {
             Layer::Environment => 3,
             _ => 0,
         };
-        let has_object = u32::from(tables.object.is_some());
+        let has_object = u32::from(object.is_some());
         let screen = scene.shown(layer);
         let is_neutral = u32::from(screen.tone_map == ToneMap::Neutral);
         frame.integers([has_object, behind, shown, is_neutral]);
-        frame.ball(tables.object);
+        frame.ball(object);
         frame.motion(&scene.environment, &motion);
-        frame.cube(tables.object);
+        frame.cube(object);
         // The light that the diffuse part follows; where it follows none, it stays as it was learned.
         let response = scene.trained_in.as_ref().map_or(Vec3::ONE, |_| motion.gain);
         frame.floats((scene.edit.diffuse_gain * response).extend(screen.gain));
         let gamma = scene.environment.gamma();
         frame.floats(scene.edit.specular_gain().extend(gamma));
-        frame.levels(tables.environment_levels);
-        frame.levels(tables.object.map_or(&[], |object| &object.levels));
+        frame.levels(&environment.levels);
+        frame.levels(object.map_or(&[], |object| &object.levels));
         frame
     }
 

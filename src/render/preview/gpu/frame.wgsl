@@ -12,7 +12,7 @@ struct Frame {
     lens: vec4<f32>,
     // Width and height of the picture, first row of the band, rows of the band.
     size: vec4<u32>,
-    // Paths per axis of a smooth and of a torn pixel, most vertices of a path, samples a ray.
+    // Paths per axis of a smooth and of a discontinuous pixel, most vertices of a path, samples a ray.
     options: vec4<u32>,
     // Whether there is an object, what is behind it (BEHIND_*), which layer (LAYER_*); samples of a ray where the caller
     // gives rays, else whether the tone map is neutral.

@@ -56,16 +56,16 @@ fn start_paths(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgr
         let beside = array<u32, 4>(at - width, at + width, at - select(0u, 1u, x > 0u), at + select(0u, 1u, x + 1u < width));
         let center = centers[at];
         var is_edge = false;
-        var is_torn = false;
+        var is_discontinuous = false;
         for (var k = 0u; k < 4u; k++) {
             let other = centers[beside[k]];
             is_edge |= other.is_seen != center.is_seen;
-            is_torn |= dot(reflected(center), reflected(other)) <= LEAST_COS;
+            is_discontinuous |= dot(reflected(center), reflected(other)) <= LEAST_COS;
         }
         if is_edge {
             pixel = edge_paths(place, max(frame.options.y, 2u));
         } else if center.is_seen > 0.0 {
-            let n = select(frame.options.x, frame.options.y, is_torn);
+            let n = select(frame.options.x, frame.options.y, is_discontinuous);
             pixel = inner_paths(place, n, center);
         }
     }

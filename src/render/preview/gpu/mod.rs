@@ -23,8 +23,8 @@ use wgpu::{Buffer, BufferUsages, CommandEncoderDescriptor, MapMode, PollType};
 
 use band::{BandSize, BandTables};
 use device::Gpu;
-use frame::{Frame, PictureOf, Tables};
-use programs::Programs;
+use frame::Frame;
+use programs::{COUNTERS, FRAME, PICTURE, Programs, RADIANCE, RAYS};
 use tables::{EnvironmentTables, ObjectTables, table};
 
 pub use device::GpuError;
@@ -88,22 +88,14 @@ impl GpuRenderer {
         self.take_band(size)?;
         let (gpu, programs, environment, band) = self.parts();
         let object = self.object.as_ref().map(|(_, tables)| tables);
-        let of = PictureOf {
-            scene,
-            camera,
-            layer: picture.layer,
-            options,
-        };
-        let tables = Tables {
-            environment_levels: &environment.levels,
-            object,
-        };
+        let tables = (environment, object);
         for rows in size.bands() {
             if cancel.load(Ordering::Relaxed) {
                 return Ok(None);
             }
-            let frame = Frame::of_band(of, tables, rows);
-            gpu.queue.write_buffer(&band.frame, 0, frame.bytes());
+            let frame = Frame::of_band(picture, options, tables, rows);
+            gpu.queue
+                .write_buffer(&band.tables[FRAME], 0, frame.bytes());
             let commands = band.encode(gpu, programs, environment, object);
             gpu.queue.submit([commands.finish()]);
             // Bands of a picture that stays are long, and something newer may come.
@@ -112,7 +104,7 @@ impl GpuRenderer {
             }
         }
         let n_bytes = u64::from(camera.width) * u64::from(camera.height) * 4;
-        let bytes = read_back(gpu, &band.picture, n_bytes)?;
+        let bytes = read_back(gpu, &band.tables[PICTURE], n_bytes)?;
         Ok(Some(bytes.as_chunks::<4>().0.to_vec()))
     }
 
@@ -133,15 +125,16 @@ impl GpuRenderer {
         let (gpu, programs, environment_tables, band) = self.parts();
         let frame = Frame::of_rays(environment, &environment_tables.levels);
         let rows: Vec<[f32; 4]> = rays.iter().flat_map(ray_rows).collect();
-        gpu.queue.write_buffer(&band.frame, 0, frame.bytes());
         gpu.queue
-            .write_buffer(&band.rays, 0, bytemuck::cast_slice(&rows));
+            .write_buffer(&band.tables[FRAME], 0, frame.bytes());
+        gpu.queue
+            .write_buffer(&band.tables[RAYS], 0, bytemuck::cast_slice(&rows));
         let counts = [0, n_rays];
         gpu.queue
-            .write_buffer(&band.counters, 0, bytemuck::cast_slice(&counts));
+            .write_buffer(&band.tables[COUNTERS], 0, bytemuck::cast_slice(&counts));
         let commands = band.encode_rays(gpu, programs, environment_tables, n_rays);
         gpu.queue.submit([commands.finish()]);
-        let bytes = read_back(gpu, &band.radiance, u64::from(n_rays) * 16)?;
+        let bytes = read_back(gpu, &band.tables[RADIANCE], u64::from(n_rays) * 16)?;
         let rows: &[[f32; 4]] = bytemuck::cast_slice(&bytes);
         Ok(rows.iter().map(|[r, g, b, _]| [*r, *g, *b]).collect())
     }
@@ -191,7 +184,7 @@ impl GpuRenderer {
             SurfaceField::Paper(_) => None,
         });
         let source = programs::source(field.config(), material);
-        if !self.programs.as_ref().is_some_and(|p| p.is_of(&source)) {
+        if self.programs.as_ref().is_none_or(|p| p.source != source) {
             self.programs = Some(Programs::new(&self.gpu, source));
         }
     }

@@ -3,122 +3,60 @@
 use std::fmt::Write as _;
 
 use wgpu::{
-    BindGroup, BindGroupDescriptor, BindGroupEntry, BindGroupLayout, BindGroupLayoutDescriptor,
-    BindGroupLayoutEntry, BindingType, Buffer, BufferBindingType, ComputePipeline,
-    ComputePipelineDescriptor, PipelineLayoutDescriptor, ShaderModule, ShaderModuleDescriptor,
-    ShaderSource, ShaderStages,
+    BindGroup, BindGroupDescriptor, BindGroupEntry, Buffer, ComputePipeline,
+    ComputePipelineDescriptor, ShaderModuleDescriptor, ShaderSource,
 };
 
 use super::device::Gpu;
 use crate::neif::field::radiance_field::FieldConfig;
 use crate::neif::surface::material::MaterialConfig;
 
+// What a binding holds: the numbers in the WGSL files.
+pub(super) const FRAME: usize = 0;
+pub(super) const DENSITY_WEIGHTS: usize = 1;
+pub(super) const ENVIRONMENT_GRID: usize = 2;
+pub(super) const DENSITY_CELLS: usize = 3;
+pub(super) const MATERIAL_WEIGHTS: usize = 4;
+pub(super) const MATERIAL_GRID: usize = 5;
+pub(super) const NODES: usize = 6;
+pub(super) const TRIANGLES: usize = 7;
+pub(super) const CENTERS: usize = 8;
+pub(super) const COUNTERS: usize = 9;
+pub(super) const STARTS: usize = 10;
+pub(super) const RAYS: usize = 11;
+pub(super) const RADIANCE: usize = 12;
+pub(super) const LIT: usize = 13;
+pub(super) const PIXELS: usize = 14;
+pub(super) const PICTURE: usize = 15;
+pub(super) const COLOR_WEIGHTS: usize = 16;
+pub(super) const GROUPS: usize = 17;
 /// Number of binding places.
 pub(super) const N_BINDINGS: usize = 18;
-
-/// What a binding holds: the numbers in the WGSL files.
-pub(super) mod binding {
-    pub(in crate::render::preview::gpu) const FRAME: usize = 0;
-    pub(in crate::render::preview::gpu) const DENSITY_WEIGHTS: usize = 1;
-    pub(in crate::render::preview::gpu) const ENVIRONMENT_GRID: usize = 2;
-    pub(in crate::render::preview::gpu) const DENSITY_CELLS: usize = 3;
-    pub(in crate::render::preview::gpu) const MATERIAL_WEIGHTS: usize = 4;
-    pub(in crate::render::preview::gpu) const MATERIAL_GRID: usize = 5;
-    pub(in crate::render::preview::gpu) const NODES: usize = 6;
-    pub(in crate::render::preview::gpu) const TRIANGLES: usize = 7;
-    pub(in crate::render::preview::gpu) const CENTERS: usize = 8;
-    pub(in crate::render::preview::gpu) const COUNTERS: usize = 9;
-    pub(in crate::render::preview::gpu) const STARTS: usize = 10;
-    pub(in crate::render::preview::gpu) const RAYS: usize = 11;
-    pub(in crate::render::preview::gpu) const RADIANCE: usize = 12;
-    pub(in crate::render::preview::gpu) const LIT: usize = 13;
-    pub(in crate::render::preview::gpu) const PIXELS: usize = 14;
-    pub(in crate::render::preview::gpu) const PICTURE: usize = 15;
-    pub(in crate::render::preview::gpu) const COLOR_WEIGHTS: usize = 16;
-    pub(in crate::render::preview::gpu) const GROUPS: usize = 17;
-}
-use binding::{
-    CENTERS, COLOR_WEIGHTS, COUNTERS, DENSITY_CELLS, DENSITY_WEIGHTS, ENVIRONMENT_GRID, FRAME,
-    GROUPS, LIT, MATERIAL_GRID, MATERIAL_WEIGHTS, NODES, PICTURE, PIXELS, RADIANCE, RAYS, STARTS,
-    TRIANGLES,
-};
-
-/// A pass of a band: its entry point and what it is bound to, at most eight tables.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct PassKind {
-    pub(super) name: &'static str,
-    bindings: &'static [usize],
-}
-
-/// Primary rays through the pixels' centres.
-pub(super) const TRACE_CENTERS: PassKind = PassKind {
-    name: "trace_centers",
-    bindings: &[FRAME, NODES, TRIANGLES, CENTERS],
-};
-/// Coverage, where paths start, and rays into the background.
-pub(super) const START_PATHS: PassKind = PassKind {
-    name: "start_paths",
-    bindings: &[
-        FRAME, NODES, TRIANGLES, CENTERS, COUNTERS, STARTS, RAYS, PIXELS,
-    ],
-};
-/// Sizes of the dispatches that follow.
-pub(super) const COUNT: PassKind = PassKind {
-    name: "count",
-    bindings: &[FRAME, COUNTERS, GROUPS],
-};
-/// Light paths and the rays of their lobes.
-pub(super) const AIM: PassKind = PassKind {
-    name: "aim",
-    bindings: &[
-        FRAME,
-        MATERIAL_WEIGHTS,
-        MATERIAL_GRID,
-        NODES,
-        TRIANGLES,
-        COUNTERS,
-        STARTS,
-        RAYS,
-        LIT,
-    ],
-};
-/// Radiance along all rays.
-pub(super) const LIGHT: PassKind = PassKind {
-    name: "light",
-    bindings: &[
-        FRAME,
-        DENSITY_WEIGHTS,
-        ENVIRONMENT_GRID,
-        DENSITY_CELLS,
-        COLOR_WEIGHTS,
-        COUNTERS,
-        RAYS,
-        RADIANCE,
-    ],
-};
-/// The picture.
-pub(super) const COMPOSE: PassKind = PassKind {
-    name: "compose",
-    bindings: &[FRAME, RADIANCE, LIT, PIXELS, PICTURE],
-};
 
 /// A pass ready to run.
 #[derive(Debug)]
 pub(super) struct Program {
-    kind: PassKind,
+    name: &'static str,
+    /// What it is bound to: all that it uses, at most eight tables beside the frame.
+    bindings: &'static [usize],
     pub(super) pipeline: ComputePipeline,
-    layout: BindGroupLayout,
 }
 
 /// All passes for fields of one shape.
 #[derive(Debug)]
 pub(super) struct Programs {
-    source: String,
+    pub(super) source: String,
+    /// Primary rays through the pixels' centres.
     pub(super) trace_centers: Program,
+    /// Coverage, where paths start, and rays into the background.
     pub(super) start_paths: Program,
+    /// Sizes of the dispatches that follow.
     pub(super) count: Program,
+    /// Light paths and the rays of their lobes.
     pub(super) aim: Program,
+    /// Radiance along all rays.
     pub(super) light: Program,
+    /// The picture.
     pub(super) compose: Program,
 }
 
@@ -164,22 +102,17 @@ pub(super) fn source(environment: &FieldConfig, material: Option<&MaterialConfig
         let pattern = include_str!("hash_grid.wgsl").replace("BINDING", &place.to_string());
         text.push_str(&pattern.replace("NAME", name));
     }
-    for (name, place, inputs, hidden, outputs) in [
-        ("density", DENSITY_WEIGHTS, levels, environment.n_hidden, 4),
-        ("color", COLOR_WEIGHTS, 8, environment.n_hidden, 4),
-        (
-            "material",
-            MATERIAL_WEIGHTS,
-            surface_levels,
-            surface_hidden,
-            4,
-        ),
+    let n_hidden = environment.n_hidden;
+    for (name, place, inputs, hidden) in [
+        ("density", DENSITY_WEIGHTS, levels, n_hidden),
+        ("color", COLOR_WEIGHTS, 8, n_hidden),
+        ("material", MATERIAL_WEIGHTS, surface_levels, surface_hidden),
     ] {
         let pattern = include_str!("mlp.wgsl")
             .replace("BINDING", &place.to_string())
             .replace("INPUTS", &inputs.to_string())
             .replace("HIDDEN", &hidden.to_string())
-            .replace("OUTPUTS", &outputs.to_string());
+            .replace("OUTPUTS", "4");
         text.push_str(&pattern.replace("NAME", name));
     }
     text
@@ -192,98 +125,74 @@ impl Programs {
             label: Some("neif preview"),
             source: ShaderSource::Wgsl(source.as_str().into()),
         });
-        let program = |kind| Program::new(gpu, &module, kind);
+        // The layout of its bindings is read from the source.
+        let program = |name: &'static str, bindings: &'static [usize]| Program {
+            name,
+            bindings,
+            pipeline: (gpu.device).create_compute_pipeline(&ComputePipelineDescriptor {
+                label: Some(name),
+                layout: None,
+                module: &module,
+                entry_point: Some(name),
+                compilation_options: wgpu::PipelineCompilationOptions::default(),
+                cache: None,
+            }),
+        };
         Self {
-            trace_centers: program(TRACE_CENTERS),
-            start_paths: program(START_PATHS),
-            count: program(COUNT),
-            aim: program(AIM),
-            light: program(LIGHT),
-            compose: program(COMPOSE),
+            trace_centers: program("trace_centers", &[FRAME, NODES, TRIANGLES, CENTERS]),
+            start_paths: program(
+                "start_paths",
+                &[
+                    FRAME, NODES, TRIANGLES, CENTERS, COUNTERS, STARTS, RAYS, PIXELS,
+                ],
+            ),
+            count: program("count", &[COUNTERS, GROUPS]),
+            aim: program(
+                "aim",
+                &[
+                    FRAME,
+                    MATERIAL_WEIGHTS,
+                    MATERIAL_GRID,
+                    NODES,
+                    TRIANGLES,
+                    COUNTERS,
+                    STARTS,
+                    RAYS,
+                    LIT,
+                ],
+            ),
+            light: program(
+                "light",
+                &[
+                    FRAME,
+                    DENSITY_WEIGHTS,
+                    ENVIRONMENT_GRID,
+                    DENSITY_CELLS,
+                    COLOR_WEIGHTS,
+                    COUNTERS,
+                    RAYS,
+                    RADIANCE,
+                ],
+            ),
+            compose: program("compose", &[FRAME, RADIANCE, LIT, PIXELS, PICTURE]),
             source,
         }
-    }
-
-    /// Whether they were made of this source.
-    pub(super) fn is_of(&self, source: &str) -> bool {
-        self.source == source
     }
 }
 
 impl Program {
-    fn new(gpu: &Gpu, module: &ShaderModule, kind: PassKind) -> Self {
-        let entries: Vec<BindGroupLayoutEntry> = kind
-            .bindings
-            .iter()
-            .map(|place| layout_entry(*place))
-            .collect();
-        let label = Some(kind.name);
-        let device = &gpu.device;
-        let layout = device.create_bind_group_layout(&BindGroupLayoutDescriptor {
-            label,
-            entries: &entries,
-        });
-        let pipeline_layout = device.create_pipeline_layout(&PipelineLayoutDescriptor {
-            label,
-            bind_group_layouts: &[Some(&layout)],
-            immediate_size: 0,
-        });
-        let pipeline = device.create_compute_pipeline(&ComputePipelineDescriptor {
-            label,
-            layout: Some(&pipeline_layout),
-            module,
-            entry_point: Some(kind.name),
-            compilation_options: wgpu::PipelineCompilationOptions::default(),
-            cache: None,
-        });
-        Self {
-            kind,
-            pipeline,
-            layout,
-        }
-    }
-
     /// Binds the pass to its tables among all of them.
     pub(super) fn bind(&self, gpu: &Gpu, tables: &[&Buffer; N_BINDINGS]) -> BindGroup {
-        let entries: Vec<BindGroupEntry<'_>> = (self.kind.bindings.iter())
+        let entries: Vec<BindGroupEntry<'_>> = (self.bindings.iter())
             .map(|&place| BindGroupEntry {
                 binding: place as u32,
                 resource: tables[place].as_entire_binding(),
             })
             .collect();
         gpu.device.create_bind_group(&BindGroupDescriptor {
-            label: Some(self.kind.name),
-            layout: &self.layout,
+            label: Some(self.name),
+            layout: &self.pipeline.get_bind_group_layout(0),
             entries: &entries,
         })
-    }
-}
-
-fn layout_entry(place: usize) -> BindGroupLayoutEntry {
-    let read_only = matches!(
-        place,
-        DENSITY_WEIGHTS
-            | ENVIRONMENT_GRID
-            | DENSITY_CELLS
-            | MATERIAL_WEIGHTS
-            | MATERIAL_GRID
-            | NODES
-            | TRIANGLES
-            | COLOR_WEIGHTS
-    );
-    let ty = if place == FRAME {
-        BufferBindingType::Uniform
-    } else {
-        BufferBindingType::Storage { read_only }
-    };
-    BindGroupLayoutEntry {
-        binding: place as u32,
-        visibility: ShaderStages::COMPUTE,
-        ty: BindingType::Buffer {
-            ty,
-            has_dynamic_offset: false,
-            min_binding_size: None,
-        },
-        count: None,
     }
 }

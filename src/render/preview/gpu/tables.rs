@@ -6,6 +6,10 @@ use half::slice::HalfFloatSliceExt as _;
 use wgpu::{Buffer, BufferDescriptor, BufferUsages};
 
 use super::device::{Gpu, GpuError};
+use super::programs::{
+    COLOR_WEIGHTS, DENSITY_CELLS, DENSITY_WEIGHTS, ENVIRONMENT_GRID, MATERIAL_GRID,
+    MATERIAL_WEIGHTS, NODES, TRIANGLES,
+};
 use crate::geometry::SurfaceTracer;
 use crate::neif::field::density_grid::DensityGrid;
 use crate::neif::field::radiance_field::RadianceField;
@@ -20,20 +24,16 @@ pub(super) type LevelRow = [u32; 4];
 #[derive(Debug)]
 pub(super) struct EnvironmentTables {
     pub(super) levels: Vec<LevelRow>,
-    pub(super) density_weights: Buffer,
-    pub(super) color_weights: Buffer,
-    pub(super) grid: Buffer,
-    pub(super) density: Buffer,
+    /// With their binding places.
+    pub(super) tables: [(usize, Buffer); 4],
 }
 
 /// Mesh and surface field.
 #[derive(Debug)]
 pub(super) struct ObjectTables {
     pub(super) levels: Vec<LevelRow>,
-    pub(super) weights: Buffer,
-    pub(super) grid: Buffer,
-    pub(super) nodes: Buffer,
-    pub(super) triangles: Buffer,
+    /// With their binding places.
+    pub(super) tables: [(usize, Buffer); 4],
     pub(super) n_leaves: usize,
     /// Centre and radius of the ball that the mesh is scaled to.
     pub(super) ball: (Vec3, f32),
@@ -49,15 +49,22 @@ impl EnvironmentTables {
         density: &DensityGrid,
     ) -> Result<Self, GpuError> {
         let [(density_net, density_params), (color_net, color_params)] = field.networks();
-        let density_weights = network_rows(&density_net, density_params);
-        let color_weights = network_rows(&color_net, color_params);
+        let density_rows = network_rows(&density_net, density_params);
+        let color_rows = network_rows(&color_net, color_params);
         let grid = half_precision(&field.params[field.n_network_params()..]);
+        let cells = density_words(density);
+        let density_weights = upload(gpu, "density network", &density_rows)?;
+        let color_weights = upload(gpu, "colour network", &color_rows)?;
+        let grid = upload(gpu, "grid of the environment", &grid)?;
+        let cells = upload(gpu, "density of the environment", &cells)?;
         Ok(Self {
             levels: level_rows(field.levels()),
-            density_weights: upload(gpu, "density network", &density_weights)?,
-            color_weights: upload(gpu, "colour network", &color_weights)?,
-            grid: upload(gpu, "grid of the environment", &grid)?,
-            density: upload(gpu, "density of the environment", &density_words(density))?,
+            tables: [
+                (DENSITY_WEIGHTS, density_weights),
+                (COLOR_WEIGHTS, color_weights),
+                (ENVIRONMENT_GRID, grid),
+                (DENSITY_CELLS, cells),
+            ],
         })
     }
 }
@@ -71,12 +78,18 @@ impl ObjectTables {
         let rows = tracer.rows();
         let (network, params) = material.network();
         let grid = half_precision(&material.params[material.n_network_params()..]);
+        let weights = upload(gpu, "surface network", &network_rows(&network, params))?;
+        let grid = upload(gpu, "grid of the surface", &grid)?;
+        let nodes = upload(gpu, "hierarchy of the mesh", &rows.nodes)?;
+        let triangles = upload(gpu, "triangles of the mesh", &rows.triangles)?;
         Ok(Self {
             levels: level_rows(material.levels()),
-            weights: upload(gpu, "surface network", &network_rows(&network, params))?,
-            grid: upload(gpu, "grid of the surface", &grid)?,
-            nodes: upload(gpu, "hierarchy of the mesh", &rows.nodes)?,
-            triangles: upload(gpu, "triangles of the mesh", &rows.triangles)?,
+            tables: [
+                (MATERIAL_WEIGHTS, weights),
+                (MATERIAL_GRID, grid),
+                (NODES, nodes),
+                (TRIANGLES, triangles),
+            ],
             n_leaves: rows.n_leaves,
             ball: tracer.bounding_ball(),
             self_distance: tracer.self_distance(),
@@ -115,12 +128,10 @@ pub(super) fn table(
     const MIB: u64 = 1 << 20;
     let most = gpu.most_bytes();
     if n_bytes > most {
-        return Err(GpuError::TooLarge {
-            adapter: gpu.name.clone(),
-            what,
-            needs_mib: n_bytes.div_ceil(MIB),
-            has_mib: most / MIB,
-        });
+        let (adapter, needs, has) = (&gpu.name, n_bytes.div_ceil(MIB), most / MIB);
+        return Err(GpuError::Unusable(format!(
+            "{what} takes {needs} MiB, and `{adapter}` holds {has} MiB in one piece"
+        )));
     }
     Ok(gpu.device.create_buffer(&BufferDescriptor {
         label: Some(what),

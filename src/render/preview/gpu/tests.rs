@@ -6,13 +6,16 @@ use glam::Vec3;
 
 use super::*;
 use crate::geometry::{Camera, fibonacci_sphere};
+use crate::neif::RoughnessEdit;
 use crate::neif::field::proposal::ConeRay;
 use crate::neif::field::radiance_field::FieldBatch;
 use crate::neif::light::environment::LightScratch;
 use crate::neif::light::lobe::Lobe;
 use crate::render::output::picture::render_with;
 use crate::render::output::raster::Picture;
-use crate::render::test_scene::{camera, environment, environment_over_a_floor, object_of, scene};
+use crate::render::test_scene::{
+    NEVER, camera, environment, environment_over_a_floor, object_of, request, scene,
+};
 use crate::render::{Background, Layer, Scene, ToneMap};
 
 /// A renderer; none on a machine without any adapter, where there is nothing to test.
@@ -46,12 +49,11 @@ fn compared(
         highlight: None,
     };
     assert_eq!(carries(&picture), Ok(()), "the scene is carried");
-    let never = AtomicBool::new(false);
     let drawn = renderer
-        .picture(&picture, options, &never)
+        .picture(&picture, options, &NEVER)
         .expect("the adapter works")
         .expect("not cancelled");
-    let expected = render_with(scene, &camera, layer, options, &never, &|_| ());
+    let expected = render_with(scene, &camera, layer, options, &NEVER, &|_| ());
     psnr(&drawn, &expected.expect("not cancelled"))
 }
 
@@ -118,11 +120,13 @@ fn pictures_are_those_of_the_processor() {
     let Some(mut renderer) = renderer() else {
         return;
     };
-    let small = camera(64, 48);
+    let mut check = |what: &str, scene: &Scene, layer: Layer, options: PathOptions| {
+        let db = compared(&mut renderer, scene, camera(64, 48), layer, options);
+        assert!(db > 40.0, "{what}, {layer}, {options:?}: {db:.1} dB");
+    };
     for (name, scene) in [("tetrahedron", scene()), ("balls", balls())] {
         for options in [PathOptions::PLAIN, PathOptions::FINE] {
-            let db = compared(&mut renderer, &scene, small, Layer::Final, options);
-            assert!(db > 40.0, "{name}, {options:?}: {db:.1} dB");
+            check(name, &scene, Layer::Final, options);
         }
     }
     let mut edited = balls();
@@ -131,53 +135,34 @@ fn pictures_are_those_of_the_processor() {
     edited.transform.exposure_ev = 0.5;
     edited.display_ev = -0.3;
     for layer in [Layer::Final, Layer::Diffuse, Layer::Specular] {
-        let db = compared(&mut renderer, &edited, small, layer, PathOptions::PLAIN);
-        assert!(db > 40.0, "{layer}, edited: {db:.1} dB");
+        check("edited", &edited, layer, PathOptions::PLAIN);
     }
     for background in [Background::Blurred, Background::Hidden] {
         edited.background = background;
-        let layer = Layer::Final;
-        let db = compared(&mut renderer, &edited, small, layer, PathOptions::PLAIN);
-        assert!(db > 40.0, "{background}: {db:.1} dB");
+        let what = background.to_string();
+        check(&what, &edited, Layer::Final, PathOptions::PLAIN);
     }
     edited.background = Background::Shown;
     (edited.tone_map, edited.display_ev) = (ToneMap::Neutral, 1.5);
-    let layer = Layer::Final;
-    let db = compared(&mut renderer, &edited, small, layer, PathOptions::PLAIN);
-    assert!(db > 40.0, "neutral: {db:.1} dB");
+    check("neutral", &edited, Layer::Final, PathOptions::PLAIN);
     edited.object = None;
-    let layer = Layer::Environment;
-    let db = compared(&mut renderer, &edited, small, layer, PathOptions::PLAIN);
-    assert!(db > 40.0, "environment alone: {db:.1} dB");
+    check("alone", &edited, Layer::Environment, PathOptions::PLAIN);
 }
 
 #[test]
 fn what_is_not_carried_is_named() {
-    let picture = |change: &dyn Fn(&mut PreviewScene)| {
-        let mut picture = small_picture();
+    let check = |change: fn(&mut PreviewScene), expected| {
+        let mut picture = request(16, 16);
         change(&mut picture);
-        carries(&picture)
+        assert_eq!(carries(&picture), expected);
     };
-    assert_eq!(picture(&|_| ()), Ok(()));
-    let turned = picture(&|p| p.scene.transform.rotate_deg.z = 20.0);
-    assert_eq!(turned, Err(NotCarried::Light));
-    let other = picture(&|p| p.scene.swap_environment(environment(9)));
-    assert_eq!(other, Err(NotCarried::Light));
-    let layer = picture(&|p| p.layer = Layer::Normal);
-    assert_eq!(layer, Err(NotCarried::Layer));
-    let rough = crate::neif::RoughnessEdit::Constant(0.4);
-    let edited = picture(&|p| p.scene.edit.roughness = rough);
-    assert_eq!(edited, Err(NotCarried::Roughness));
-}
-
-/// The object in its environment, 16 x 16.
-fn small_picture() -> PreviewScene {
-    PreviewScene {
-        scene: scene(),
-        camera: camera(16, 16),
-        layer: Layer::Final,
-        highlight: None,
-    }
+    let (light, layer, roughness) = (NotCarried::Light, NotCarried::Layer, NotCarried::Roughness);
+    check(|_| (), Ok(()));
+    check(|p| p.scene.transform.rotate_deg.z = 20.0, Err(light));
+    check(|p| p.scene.swap_environment(environment(9)), Err(light));
+    check(|p| p.layer = Layer::Normal, Err(layer));
+    let rough = |p: &mut PreviewScene| p.scene.edit.roughness = RoughnessEdit::Constant(0.4);
+    check(rough, Err(roughness));
 }
 
 #[test]
@@ -185,9 +170,8 @@ fn a_picture_that_is_not_wanted_any_more_is_given_up() {
     let Some(mut renderer) = renderer() else {
         return;
     };
-    let picture = small_picture();
     let cancelled = AtomicBool::new(true);
-    let drawn = renderer.picture(&picture, PathOptions::PLAIN, &cancelled);
+    let drawn = renderer.picture(&request(16, 16), PathOptions::PLAIN, &cancelled);
     assert_eq!(drawn, Ok(None));
 }
 
@@ -196,14 +180,13 @@ fn a_lost_card_is_an_error_and_no_panic() {
     let Some(mut renderer) = renderer() else {
         return;
     };
-    let picture = small_picture();
-    let never = AtomicBool::new(false);
+    let picture = request(16, 16);
     renderer
-        .picture(&picture, PathOptions::PLAIN, &never)
+        .picture(&picture, PathOptions::PLAIN, &NEVER)
         .expect("the adapter works");
     renderer.gpu.device.destroy();
     let error = renderer
-        .picture(&picture, PathOptions::PLAIN, &never)
+        .picture(&picture, PathOptions::PLAIN, &NEVER)
         .expect_err("a lost card draws nothing");
     assert!(error.to_string().contains(renderer.adapter()), "{error}");
 }
@@ -216,13 +199,8 @@ fn a_preview_says_who_draws() {
     }
     let (sender, news) = crossbeam::channel::bounded(100);
     let wake = move || sender.send(()).expect("the test listens");
-    let preview = Preview::with_card(1, GpuChoice::On, wake).expect("threads");
-    let mut picture = PreviewScene {
-        scene: scene(),
-        camera: camera(24, 16),
-        layer: Layer::Final,
-        highlight: None,
-    };
+    let preview = Preview::new(1, GpuChoice::On, wake).expect("threads");
+    let mut picture = request(24, 16);
     let patience = Duration::from_mins(5);
     let last_of = |picture: &PreviewScene| {
         let number = preview.request(picture.clone(), Passes::Refine);

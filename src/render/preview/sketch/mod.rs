@@ -15,7 +15,8 @@ use rayon::prelude::*;
 use self::points::PointCloud;
 use self::surface::{Cover, Surface, SurfaceKey};
 use self::tone::Tone;
-use super::progressive::{PassOutput, Recomputed, scaled};
+use super::band::opaque_bytes;
+use super::progressive::{PassOutput, Recomputed};
 use super::request::PreviewScene;
 use super::thread_clock::thread_cpu;
 use crate::geometry::Camera;
@@ -175,7 +176,7 @@ impl Sketch {
             return None;
         }
         let pixels = self.compose(&job, &surface, &values);
-        let n_traced = surface.n_traced();
+        let n_traced = surface.n_traced;
         self.surfaces[usize::from(purpose == Purpose::Motion)] = Some((key, surface));
         self.learn(&job, scale);
         let Camera { width, height, .. } = job.camera;
@@ -198,7 +199,10 @@ impl Sketch {
         let key = SurfaceKey::of(job);
         let kept = self.surfaces[usize::from(job.purpose == Purpose::Motion)].take();
         let surface = match kept {
-            Some((old, surface)) if old.is_same(&key) => surface.seen_again(),
+            Some((old, mut surface)) if old.is_same(&key) => {
+                surface.n_traced = 0;
+                surface
+            }
             _ => Surface::trace(job, &key),
         };
         (key, surface)
@@ -212,7 +216,7 @@ impl Sketch {
         }
         self.points.project(job);
         // With the object hidden, the environment behind it is wanted as well.
-        let is_open = |i: usize| !layer.shows_object() || surface.cover(i) == Cover::Open;
+        let is_open = |i: usize| !layer.shows_object() || surface.covers[i] == Cover::Open;
         let missing = self.points.missing(&job.camera, is_open);
         let light = job.follow(&missing);
         self.points.add(&missing, &light);
@@ -227,10 +231,10 @@ impl Sketch {
         }
         let spare = match job.purpose {
             Purpose::Refresh => Vec::new(),
-            Purpose::SharpRefresh => self.points.torn(&job.camera, is_open),
+            Purpose::SharpRefresh => self.points.uneven(&job.camera, is_open),
             Purpose::Rest => {
-                let torn = self.points.torn(&job.camera, is_open);
-                every_nth(&torn, self.n_rays_in(REST_SECS), 0)
+                let uneven = self.points.uneven(&job.camera, is_open);
+                every_nth(&uneven, self.n_rays_in(REST_SECS), 0)
             }
             Purpose::Motion => match self.n_spare(missing.len()) {
                 0 => Vec::new(),
@@ -296,8 +300,7 @@ impl Sketch {
                         let object = surface.value(at, values).filter(|_| layer.shows_object());
                         let (coverage, first) = object.map_or((0.0, 0.0), |value| (1.0, value[0]));
                         if let Some(color) = diagnostic_color(scene, layer, coverage, first) {
-                            let [r, g, b] = color.map(|v| (v * 255.0 + 0.5) as u8);
-                            *out = [r, g, b, 255];
+                            *out = opaque_bytes(color);
                             continue;
                         }
                         let value = match object {
@@ -315,6 +318,17 @@ impl Sketch {
             });
         pixels
     }
+}
+
+/// The camera of a picture at a resolution divisor.
+fn scaled(camera: &Camera, scale: u32) -> Camera {
+    if scale == 1 {
+        return *camera;
+    }
+    camera.resized(
+        camera.width.div_ceil(scale).max(1),
+        camera.height.div_ceil(scale).max(1),
+    )
 }
 
 /// At most `n` of a list, spread evenly over it; `turn` says which.

@@ -31,7 +31,7 @@ const MOST_NEARER: usize = 1;
 /// would stand far apart, and what lies behind it would shine through.
 const LEAST_TURN_COS: f32 = 0.94;
 /// Pixels around one that has just been seen in which farther points are suspected of being hidden.
-const DOUBT: usize = 2;
+const SUSPECT_REACH: usize = 2;
 /// Rays just followed nearby that must meet something nearer to prove a suspected point hidden.
 const PROOF: u8 = 2;
 /// Difference of two neighbours' values from which a ray is followed between them, as square roots of radiance: about
@@ -221,9 +221,13 @@ impl PointCloud {
     }
 
     /// Pixels without a point between neighbours that differ.
-    pub(super) fn torn(&self, camera: &Camera, is_open: impl Fn(usize) -> bool + Sync) -> Vec<u32> {
+    pub(super) fn uneven(
+        &self,
+        camera: &Camera,
+        is_open: impl Fn(usize) -> bool + Sync,
+    ) -> Vec<u32> {
         let width = camera.width as usize;
-        let is_torn = |i: &usize| {
+        let is_uneven = |i: &usize| {
             let (mut low, mut high) = ([f32::INFINITY; 3], [0.0_f32; 3]);
             for (point, _) in self.around(*i, width) {
                 for c in 0..3 {
@@ -236,7 +240,7 @@ impl PointCloud {
         };
         (0..self.shown.len())
             .into_par_iter()
-            .filter(|i| self.shown[*i] == NONE && is_open(*i) && is_torn(i))
+            .filter(|i| self.shown[*i] == NONE && is_open(*i) && is_uneven(i))
             .map(|i| i as u32)
             .collect()
     }
@@ -278,7 +282,7 @@ impl PointCloud {
             Some(to_world.transform_point3(point.position).distance(eye))
         };
         let proofs: Vec<AtomicU8> = (0..self.shown.len()).map(|_| AtomicU8::new(0)).collect();
-        let steps = steps_around(width, DOUBT);
+        let steps = steps_around(width, SUSPECT_REACH);
         seen.par_iter().with_min_len(256).for_each(|&pixel| {
             let pixel = pixel as usize;
             let Some(near) = distance(pixel) else { return };

@@ -37,13 +37,15 @@ pub(super) enum Cover {
 #[derive(Debug, Default)]
 pub(super) struct Surface {
     width: u32,
-    covers: Vec<Cover>,
+    /// What each pixel shows.
+    pub(super) covers: Vec<Cover>,
     /// Those of the lattice first, row by row, then what the lattice misses.
     samples: Vec<Seen>,
     lattice: Lattice,
     /// The light paths of each [`TILE`] samples.
     paths: Vec<PathStore>,
-    n_traced: usize,
+    /// Rays against the mesh that it took.
+    pub(super) n_traced: usize,
 }
 
 /// What a surface depends on.
@@ -136,11 +138,8 @@ impl Surface {
             .map(|y| {
                 let at = |x: u32| {
                     let (x, y) = (x * STEP, y * STEP);
-                    if reach.holds(x, y) {
-                        trace_at(tracer, &job.camera, x, y, STEP)
-                    } else {
-                        None
-                    }
+                    let trace = || trace_at(tracer, &job.camera, x, y, STEP);
+                    reach.holds(x, y).then(trace).flatten()
                 };
                 job.meter.time(|| (0..width).map(at).collect())
             })
@@ -270,11 +269,6 @@ impl Surface {
         values
     }
 
-    /// What a pixel shows.
-    pub(super) fn cover(&self, pixel: usize) -> Cover {
-        self.covers[pixel]
-    }
-
     /// A pixel's value from those of the samples; none where the object is not seen.
     pub(super) fn value(&self, pixel: usize, values: &[[f32; 3]]) -> Option<[f32; 3]> {
         match self.covers[pixel] {
@@ -292,19 +286,6 @@ impl Surface {
                 Some(sum)
             }
         }
-    }
-
-    /// The same, for which no ray was traced.
-    pub(super) fn seen_again(self) -> Self {
-        Self {
-            n_traced: 0,
-            ..self
-        }
-    }
-
-    /// Rays against the mesh that it took.
-    pub(super) fn n_traced(&self) -> usize {
-        self.n_traced
     }
 }
 

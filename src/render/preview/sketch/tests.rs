@@ -1,6 +1,7 @@
 //! Sketches against full pictures.
 
 use glam::Vec3;
+use strum::VariantArray as _;
 
 use super::*;
 use crate::geometry::Mesh;
@@ -8,19 +9,13 @@ use crate::render::Scene;
 use crate::render::output::picture::render_with;
 use crate::render::output::raster::Picture;
 use crate::render::scene::Layer;
-use crate::render::test_scene::{camera, environment, fog, fog_above, object_of, scene};
-
-static NEVER: AtomicBool = AtomicBool::new(false);
+use crate::render::test_scene::{self, NEVER, environment, fog, fog_above, object_of};
 
 fn request(width: u32, height: u32) -> PreviewScene {
     // A fog that grows brighter to one side: smooth, as seen from anywhere.
-    let object = scene().object;
-    PreviewScene {
-        scene: Scene::new(object, fog(-1.0, 0.8)),
-        camera: camera(width, height),
-        layer: Layer::Final,
-        highlight: None,
-    }
+    let mut request = test_scene::request(width, height);
+    request.scene = Scene::new(request.scene.object, fog(-1.0, 0.8));
+    request
 }
 
 /// A floor under empty space, seen from within the inner box.
@@ -29,8 +24,7 @@ fn floor() -> PreviewScene {
     PreviewScene {
         scene: Scene::new(None, fog_above(-1.3)),
         camera: Camera::look_at(eye, Vec3::ZERO, Vec3::Z, 0.9, 160, 120),
-        layer: Layer::Final,
-        highlight: None,
+        ..test_scene::request(1, 1)
     }
 }
 
@@ -40,15 +34,16 @@ fn sketch(sketch: &mut Sketch, request: &PreviewScene, scale: u32, purpose: Purp
         .expect("not cancelled")
 }
 
-/// Mean error against a full picture, in codes.
-fn error(output: &PassOutput, request: &PreviewScene) -> f32 {
+/// Checks the mean error against a full picture, in codes.
+fn assert_like_full(output: &PassOutput, request: &PreviewScene, limit: f32, what: &str) {
     let camera = request.camera.resized(output.width, output.height);
     let (scene, layer) = (&request.scene, request.layer);
     let full: Picture = render_with(scene, &camera, layer, PathOptions::PLAIN, &NEVER, &|_| ())
         .expect("not cancelled");
     let pairs = output.pixels.iter().zip(&full.pixels);
     let errors = pairs.flat_map(|(a, b)| (0..3).map(|c| (f32::from(a[c]) - 255.0 * b[c]).abs()));
-    errors.sum::<f32>() / (3 * full.pixels.len()) as f32
+    let error = errors.sum::<f32>() / (3 * full.pixels.len()) as f32;
+    assert!(error < limit, "{what}: off by {error} codes");
 }
 
 #[test]
@@ -61,8 +56,7 @@ fn a_first_sketch_is_like_the_full_picture() {
         let request = request(121, 87);
         let output = sketch(&mut Sketch::default(), &request, 1, purpose);
         assert_eq!((output.width, output.height), (121, 87));
-        let error = error(&output, &request);
-        assert!(error < limit, "{purpose:?}: off by {error} codes");
+        assert_like_full(&output, &request, limit, &format!("{purpose:?}"));
     }
 }
 
@@ -82,8 +76,7 @@ fn what_was_seen_is_used_again_after_a_step_to_the_side() {
         5 * again.background < first.background,
         "{again:?} after {first:?}"
     );
-    let error = error(&output, &request);
-    assert!(error < 4.0, "off by {error} codes");
+    assert_like_full(&output, &request, 4.0, "after a step");
 }
 
 #[test]
@@ -96,12 +89,11 @@ fn what_the_camera_sees_of_the_object_is_kept_while_it_stays() {
         first.traced > 0 && output.recomputed.traced == 0,
         "{first:?}"
     );
-    let error = error(&output, &request);
-    assert!(error < 4.0, "off by {error} codes");
+    assert_like_full(&output, &request, 4.0, "after an edit");
 }
 
 #[test]
-fn turned_surroundings_take_their_points_along() {
+fn a_turned_environment_takes_its_points_along() {
     let (mut kept, mut request) = (Sketch::default(), floor());
     let first = sketch(&mut kept, &request, 1, Purpose::Motion).recomputed;
     request.scene.transform.rotate_deg = Vec3::new(0.0, 0.0, 2.0);
@@ -114,15 +106,14 @@ fn turned_surroundings_take_their_points_along() {
 }
 
 #[test]
-fn other_surroundings_leave_nothing_of_the_old_ones() {
+fn another_environment_leaves_nothing_of_the_old_one() {
     let (mut kept, mut request) = (Sketch::default(), request(96, 80));
     sketch(&mut kept, &request, 1, Purpose::Rest);
     let bright = (*fog(1.0, 0.0)).clone().renamed("elsewhere");
     request.scene.swap_environment(std::sync::Arc::new(bright));
     request.scene.trained_in = None;
     let output = sketch(&mut kept, &request, 1, Purpose::Motion);
-    let error = error(&output, &request);
-    assert!(error < 4.0, "off by {error} codes");
+    assert_like_full(&output, &request, 4.0, "elsewhere");
 }
 
 #[test]
@@ -134,21 +125,20 @@ fn a_refresh_shows_nothing_of_an_earlier_state() {
     request.scene.trained_in = None;
     for purpose in [Purpose::Refresh, Purpose::SharpRefresh, Purpose::Rest] {
         let output = sketch(&mut kept, &request, 1, purpose);
-        let error = error(&output, &request);
-        assert!(error < 4.0, "{purpose:?}: off by {error} codes");
+        assert_like_full(&output, &request, 4.0, &format!("{purpose:?}"));
     }
 }
 
 #[test]
 fn every_layer_is_like_its_full_picture() {
     // What a pixel costs is another thing in a sketch.
-    for layer in Layer::ALL.into_iter().filter(|l| *l != Layer::Samples) {
+    let layers = Layer::VARIANTS.iter().copied();
+    for layer in layers.filter(|layer| *layer != Layer::Samples) {
         let mut request = request(80, 64);
         request.layer = layer;
         request.scene = request.scene.lit_for(&[layer], &NEVER).expect("lit");
         let output = sketch(&mut Sketch::default(), &request, 1, Purpose::Rest);
-        let error = error(&output, &request);
-        assert!(error < 4.0, "{layer}: off by {error} codes");
+        assert_like_full(&output, &request, 4.0, &layer.to_string());
     }
 }
 
@@ -161,8 +151,15 @@ fn a_cancelled_sketch_gives_nothing_and_hurts_nothing() {
             .is_none()
     );
     let output = sketch(&mut kept, &request, 1, Purpose::Rest);
-    let error = error(&output, &request);
-    assert!(error < 2.5, "off by {error} codes");
+    assert_like_full(&output, &request, 2.5, "after a cancelled one");
+}
+
+#[test]
+fn a_coarse_picture_is_small() {
+    for (scale, size) in [(4, (15, 11)), (2, (30, 22)), (1, (60, 44))] {
+        let camera = scaled(&request(60, 44).camera, scale);
+        assert_eq!((camera.width, camera.height), size);
+    }
 }
 
 #[test]
@@ -191,6 +188,5 @@ fn a_thin_sheet_keeps_its_outline() {
     request.scene.object = Some(object_of(mesh, 4));
     request.layer = Layer::Normal;
     let output = sketch(&mut Sketch::default(), &request, 1, Purpose::Motion);
-    let error = error(&output, &request);
-    assert!(error < 1.5, "off by {error} codes");
+    assert_like_full(&output, &request, 1.5, "a sheet");
 }

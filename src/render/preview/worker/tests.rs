@@ -3,18 +3,11 @@
 use std::time::{Duration, Instant};
 
 use super::*;
-use crate::render::output::picture::render;
-use crate::render::output::raster::Picture;
-use crate::render::scene::Layer;
-use crate::render::test_scene::{camera, fog, scene};
+use crate::render::Scene;
+use crate::render::test_scene::{self, fog, picture, worst};
 
 fn request(width: u32) -> PreviewScene {
-    PreviewScene {
-        scene: scene(),
-        camera: camera(width, width),
-        layer: Layer::Final,
-        highlight: None,
-    }
+    test_scene::request(width, width)
 }
 
 /// All pictures until the last one of a request.
@@ -39,7 +32,8 @@ fn frames_until_last(
 fn preview() -> (Preview, crossbeam::channel::Receiver<()>) {
     let (sender, news) = crossbeam::channel::bounded(1000);
     let wake = move || sender.send(()).expect("the test listens");
-    (Preview::new(2, wake).expect("threads"), news)
+    let preview = Preview::new(2, GpuChoice::Off, wake);
+    (preview.expect("threads"), news)
 }
 
 #[test]
@@ -48,7 +42,8 @@ fn pictures_come_coarse_to_fine() {
     let number = preview.request(request(200), Passes::Refine);
     let frames = frames_until_last(&preview, &news, number);
     let last = frames.last().unwrap();
-    assert_eq!((last.scale, last.width, last.height), (1, 200, 200));
+    let size = (last.output.width, last.output.height);
+    assert_eq!((last.scale, size), (1, (200, 200)));
     assert!(last.is_fine, "the last picture is the offline one");
     assert_eq!(
         frames[0].scale, 2,
@@ -61,34 +56,22 @@ fn pictures_come_coarse_to_fine() {
 }
 
 #[test]
-fn in_moved_surroundings_the_settled_picture_is_the_offline_one() {
+fn in_a_moved_environment_the_settled_picture_is_the_offline_one() {
     let (preview, news) = preview();
     let mut request = request(60);
-    request.scene = crate::render::Scene::new(request.scene.object, fog(-1.0, 1.5));
+    request.scene = Scene::new(request.scene.object, fog(-1.0, 1.5));
     request.scene.transform.rotate_deg = glam::Vec3::new(0.0, 20.0, 130.0);
     for _ in 0..2 {
         let number = preview.request(request.clone(), Passes::Refine);
         let frames = frames_until_last(&preview, &news, number);
-        let settled = &frames.last().expect("a picture").pixels;
-        let PreviewScene {
-            scene,
-            camera,
-            layer,
-            ..
-        } = &request;
-        let never = AtomicBool::new(false);
-        let offline = |scene| render(scene, camera, *layer, &never, &|_| {}).expect("done");
-        let worst = |offline: &Picture| {
-            let pairs = settled.iter().zip(&offline.pixels);
-            let channels = pairs.flat_map(|(a, b)| (0..3).map(|c| (f32::from(a[c]), b[c])));
-            channels.fold(0.0_f32, |worst, (a, b)| worst.max((a / 255.0 - b).abs()))
-        };
-        assert!(worst(&offline(scene)) < 0.02, "{}", worst(&offline(scene)));
-        let baked = crate::render::Scene {
+        let settled = &frames.last().expect("a picture").output.pixels;
+        let off = |scene| worst(settled, &picture(scene, &request.camera, request.layer));
+        assert!(off(&request.scene) < 0.02, "{}", off(&request.scene));
+        let baked = Scene {
             trained_in: None,
-            ..scene.clone()
+            ..request.scene.clone()
         };
-        assert!(worst(&offline(&baked)) > 0.02, "the diffuse part follows");
+        assert!(off(&baked) > 0.02, "the diffuse part follows");
         // The second time after another light in between.
         request.scene.transform.rotate_deg.z = -80.0;
     }
@@ -110,7 +93,7 @@ fn the_newest_request_wins_and_none_is_coarser_than_a_half() {
         frames.len()
     );
     assert!(
-        frames.iter().all(|frame| frame.width >= 80),
+        frames.iter().all(|frame| frame.output.width >= 80),
         "coarser than a half"
     );
     assert!(
