@@ -82,17 +82,14 @@ impl Run<'_> {
         let first = self.dataset.train.first();
         let (width, height) = first.map_or((0, 0), |view| (view.camera.width, view.camera.height));
         let problems = self.dataset.problems.iter().map(ToString::to_string);
-        self.tell(TrainEvent::Loaded {
+        self.emit(TrainEvent::Loaded {
             n_train: self.dataset.train.len(),
             n_val: self.dataset.val.len(),
             width,
             height,
             has_object: self.trainer.snapshot().object.is_some(),
             problems: problems.collect(),
-            found: [self.outlines_told(), self.depths_told(), self.chroma_told()]
-                .into_iter()
-                .flatten()
-                .collect(),
+            found: self.findings(),
         });
         let begun = Instant::now();
         self.publish();
@@ -114,35 +111,28 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// What is done about masks whose outlines are uncertain.
-    fn outlines_told(&self) -> Option<String> {
-        let error_px = self.trainer.outline_error_px();
-        (error_px > 0.0).then(|| {
+    /// What was found out about the photos and is done about it, for people.
+    fn findings(&self) -> Vec<String> {
+        let trainer = &self.trainer;
+        let (error_px, share) = (trainer.outline_error_px(), trainer.share_of_depths());
+        let n_coarse = trainer.n_sharing_chroma();
+        let outlines = (error_px > 0.0).then(|| {
             format!(
                 "the masks' outlines are uncertain by {error_px:.1} pixels: beside them the mesh decides what is object"
             )
-        })
-    }
-
-    /// What neighbouring photos have shown of each other's depths.
-    fn depths_told(&self) -> Option<String> {
-        let share = self.trainer.share_of_depths();
-        (share > 0.0).then(|| {
+        });
+        let depths = (share > 0.0).then(|| {
             format!(
                 "how far away the background is was found before training in {:.0} % of the photos' pixels",
                 100.0 * share
             )
-        })
-    }
-
-    /// What is done about photos whose colour is coarser than their brightness.
-    fn chroma_told(&self) -> Option<String> {
-        let n = self.trainer.n_sharing_chroma();
-        (n > 0).then(|| {
+        });
+        let chroma = (n_coarse > 0).then(|| {
             format!(
-                "{n} photos store colour more coarsely than brightness (JPEG): of the object, its mean over blocks of pixels is compared"
+                "{n_coarse} photos store colour more coarsely than brightness (JPEG): of the object, its mean over blocks of pixels is compared"
             )
-        })
+        });
+        [outlines, depths, chroma].into_iter().flatten().collect()
     }
 
     /// Takes what is spent already, and what the end will take, from a budget in seconds.
@@ -169,8 +159,7 @@ impl Run<'_> {
         if now >= self.due.report {
             self.publish();
             self.report();
-            let is_early = now < EARLY_SECS;
-            let interval = if is_early {
+            let interval = if now < EARLY_SECS {
                 EARLY_REPORT_SECS
             } else {
                 REPORT_SECS
@@ -240,7 +229,7 @@ impl Run<'_> {
     /// Reports how training goes.
     pub(in crate::train) fn report(&mut self) {
         let progress = self.meter.report(&self.plan, &self.clock, &self.trainer);
-        self.tell(TrainEvent::Progress(progress));
+        self.emit(TrainEvent::Progress(progress));
     }
 
     /// Measures the fields on held-out pixels.
@@ -259,8 +248,8 @@ impl Run<'_> {
             && let Some(validation) = measured.total.at(step, now)
         {
             self.settling.add(validation);
-            self.tell(TrainEvent::Validated(validation));
-            self.tell(measured.of_views());
+            self.emit(TrainEvent::Validated(validation));
+            self.emit(measured.of_views());
         }
         if let Some(poses) = self.poses_found() {
             // The log has those of the end.
@@ -282,10 +271,8 @@ impl Run<'_> {
 
     /// Saves into the run's own folder, if it has one.
     pub(in crate::train) fn save(&mut self) -> Result<(), SessionError> {
-        if let Some(folder) = self.folder.clone() {
-            self.save_into(&folder)?;
-        }
-        Ok(())
+        let folder = self.folder.clone();
+        folder.map_or(Ok(()), |folder| self.save_into(&folder))
     }
 
     /// Saves where the person wants it, unless another run lies there.
@@ -328,7 +315,7 @@ impl Run<'_> {
                 .poses()
                 .map(|poses| self.named(poses.cameras())),
         })?;
-        self.tell(TrainEvent::Saved(folder.path().to_owned()));
+        self.emit(TrainEvent::Saved(folder.path().to_owned()));
         Ok(())
     }
 
@@ -346,11 +333,11 @@ impl Run<'_> {
 
     /// Says what should be known but does not end the run.
     fn warn(&mut self, message: String) {
-        self.tell(TrainEvent::Warning(message));
+        self.emit(TrainEvent::Warning(message));
     }
 
     /// Notes an event in the run's log and sends it out.
-    pub(in crate::train) fn tell(&mut self, event: TrainEvent) {
+    pub(in crate::train) fn emit(&mut self, event: TrainEvent) {
         self.log.note(&event);
         self.worker.events.send(event);
     }

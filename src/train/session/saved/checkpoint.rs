@@ -24,15 +24,9 @@ impl Trainer {
             insert(&mut file, "material.first", &material.adam.first);
             insert(&mut file, "material.second", &material.adam.second);
         }
-        insert(
-            &mut file,
-            "gamma",
-            &[
-                self.display.gamma,
-                self.display.adam.first[0],
-                self.display.adam.second[0],
-            ],
-        );
+        let display = &self.display;
+        let [first, second] = [&display.adam.first, &display.adam.second].map(|moment| moment[0]);
+        insert(&mut file, "gamma", &[display.gamma, first, second]);
         if let Some(exposures) = &self.photos.exposures {
             let [log_gains, sums] = exposures.state();
             insert(&mut file, "exposures.log_gains", &log_gains);
@@ -74,10 +68,7 @@ impl Trainer {
     /// When the file is no checkpoint or belongs to another shape of model; the trainer is then unchanged.
     pub fn restore(&mut self, file: &TensorFile) -> Result<(), TrainError> {
         if file.text("format")? != FORMAT {
-            return Err(TrainError::Checkpoint {
-                file: file.origin().to_owned(),
-                what: "is no checkpoint",
-            });
+            return Err(damaged(file, "is no checkpoint"));
         }
         let vector = |name: &str, n: usize| -> Result<Vec<f32>, TensorFileError> {
             Ok(file.f32(name, &[n])?.to_vec())
@@ -113,10 +104,7 @@ impl Trainer {
         let optional = optional.chain(&log_gains).chain(&gain_sums).chain(&poses);
         let all = field.iter().chain(optional).flatten();
         if !all.chain(&gamma).all(|v| v.is_finite()) {
-            return Err(TrainError::Checkpoint {
-                file: file.origin().to_owned(),
-                what: "holds values that are not finite",
-            });
+            return Err(damaged(file, "holds values that are not finite"));
         }
         [
             self.field.value.params,
@@ -170,13 +158,18 @@ fn where_stored(
 /// The density cache of a checkpoint with `n` cells.
 fn stored_density(file: &TensorFile, n: usize) -> Result<DensityGrid, TrainError> {
     let cells = file.u16("density.cells", &[n])?.to_vec();
-    let mut density = DensityGrid::from_cells(cells).ok_or_else(|| TrainError::Checkpoint {
-        file: file.origin().to_owned(),
-        what: "has another density grid",
-    })?;
+    let density = DensityGrid::from_cells(cells);
+    let mut density = density.ok_or_else(|| damaged(file, "has another density grid"))?;
     density.floor = Floor::stored(file)?;
     density.seen = Some(SeenGrid::stored(file)?.unwrap_or_default());
     Ok(density)
+}
+
+fn damaged(file: &TensorFile, what: &'static str) -> TrainError {
+    TrainError::Checkpoint {
+        file: file.origin().to_owned(),
+        what,
+    }
 }
 
 fn insert(file: &mut TensorFile, name: &str, values: &[f32]) {
