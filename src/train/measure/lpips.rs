@@ -6,7 +6,7 @@
 //! safetensors file with the names that torchvision gives the network (`features.N.weight`,
 //! `features.N.bias`) and `linK.model.1.weight` for the weights of the K-th layer's features.
 
-use std::{fmt, path::Path};
+use std::path::Path;
 
 use super::convolution::{
     Convolution, ConvolutionShape, FeatureMap, LastWindow, max_pool, pooled_side,
@@ -21,21 +21,12 @@ const SCALE: [f32; 3] = [0.458, 0.448, 0.450];
 const NORM_EPSILON: f64 = 1e-10;
 
 /// The network that makes the features.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, strum::Display)]
 pub enum Backbone {
     /// `AlexNet`, five layers of features: what most papers print.
     AlexNet,
     /// `SqueezeNet` 1.1, seven layers of features.
     SqueezeNet,
-}
-
-impl fmt::Display for Backbone {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::AlexNet => "AlexNet",
-            Self::SqueezeNet => "SqueezeNet",
-        })
-    }
 }
 
 /// The trained measure.
@@ -312,17 +303,7 @@ fn stage(
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// A picture of 8-bit codes given by a formula.
-    fn picture(k: usize, width: usize, height: usize) -> Vec<[f32; 3]> {
-        let code = |x: usize, y: usize, c: usize| {
-            let pattern = x * (7 + c) + y * (13 - 2 * c) + (x * y * (c + 1)) % 11;
-            (pattern + k * ((x * 3 + y * 5 + c) % 9)) % 256
-        };
-        (0..width * height)
-            .map(|i| std::array::from_fn(|c| code(i % width, i / width, c) as f32 / 255.0))
-            .collect()
-    }
+    use crate::train::measure::test_picture::picture;
 
     /// Made-up weights: hashes of the element's index and the tensor's place among the names.
     fn made_up(backbone: Backbone) -> TensorFile {

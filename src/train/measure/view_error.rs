@@ -1,7 +1,7 @@
 //! How a rendered view differs from its photo, pixel by pixel and in figures.
 
 use super::flip;
-use super::metrics::{MASK_THRESHOLD, SquaredError};
+use super::metrics::{MASK_THRESHOLD, squared_error};
 use crate::data::View;
 use crate::render::Picture;
 
@@ -72,13 +72,7 @@ fn figures(picture: &Picture, truth: &[[f32; 3]], flip: &[f32], view: &View) -> 
     let share = |i: usize| view.mask.as_ref().map(|mask| mask.share(i));
     let is_object = |i: usize| share(i).is_some_and(|share| share > MASK_THRESHOLD);
     let is_background = |i: usize| share(i).is_some_and(|share| share < MASK_THRESHOLD);
-    let psnr = |keep: &dyn Fn(usize) -> bool| {
-        let mut error = SquaredError::default();
-        for i in (0..truth.len()).filter(|&i| keep(i)) {
-            error.add(picture.pixels[i], truth[i]);
-        }
-        error.psnr()
-    };
+    let psnr = |keep: &dyn Fn(usize) -> bool| squared_error(&picture.pixels, truth, keep).psnr();
     let mean_flip = |keep: &dyn Fn(usize) -> bool| {
         let kept = || (0..flip.len()).filter(|&i| keep(i));
         let mean = kept().map(|i| f64::from(flip[i])).sum::<f64>() / kept().count() as f64;
