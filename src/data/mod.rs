@@ -145,7 +145,7 @@ pub struct Origin {
 }
 
 /// Which part of a capture a view belongs to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, clap::ValueEnum)]
 pub enum Split {
     /// Learned from.
     Train,

@@ -105,7 +105,7 @@ pub(in crate::train) struct Counts {
 }
 
 /// The parts of a step, in order.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, strum::VariantArray)]
 pub enum Stage {
     /// Pixels drawn, surfaces evaluated, lobes aimed, samples placed.
     Prepare,
