@@ -106,21 +106,18 @@ impl Gallery {
     /// Test views beside their photos, with their figures.
     fn compare_test_views(&mut self, outcome: &Outcome, test: &[View]) -> Result<(), Failure> {
         let scene = outcome.snapshot.scene();
-        let exposures = outcome.snapshot.exposures.as_deref();
+        let measures = Measures {
+            exposures: outcome.snapshot.exposures.as_deref(),
+            ..Measures::default()
+        };
         let views = &test[..test.len().min(MAX_VIEWS)];
         let mut rows = Vec::new();
-        let results = evaluate_views(
-            &scene,
-            views,
-            exposures,
-            Measures::default(),
-            self.cancel,
-            &mut |_, view, picture| {
-                let photo = sheet::photo(view);
-                let difference = sheet::difference(&photo, picture, 4.0);
-                rows.push(sheet::beside(&[&photo, picture, &difference]));
-            },
-        );
+        let mut on_view = |_, view: &View, picture: &Picture| {
+            let photo = sheet::photo(view);
+            let difference = sheet::difference(&photo, picture, 4.0);
+            rows.push(sheet::beside(&[&photo, picture, &difference]));
+        };
+        let results = evaluate_views(&scene, views, measures, self.cancel, &mut on_view);
         let results = results.ok_or(Failure::Interrupted)?;
         let about = "held-out photos, the same views rendered, and four times their difference";
         self.save("test_views.png", about, &sheet::grid(&rows, 1))?;

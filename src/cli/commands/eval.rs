@@ -14,10 +14,9 @@ use neif::train::measure::eval::{
     AlbedoError, EvalReport, Measures, NormalError, RoughnessError, ViewMetrics, evaluate_views,
     mean_fitted, mean_of_views, panorama_psnr, relit,
 };
-use neif::train::measure::held_out::{PoseFit, after_one_gain};
+use neif::train::measure::held_out::after_one_gain;
 use neif::train::measure::lpips::{Backbone, Lpips};
 use neif::train::measure::metrics::ImageMetrics;
-use neif::train::photos::photo_exposures::PhotoExposures;
 
 use crate::cli::capture::PhotoArgs;
 use crate::cli::failure::{Failure, OrUnusable as _};
@@ -85,13 +84,13 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
         out: args.out.as_deref(),
         lpips: lpips.as_ref(),
     };
-    let exposures = run.exposures.as_deref();
-    let photos = PhotoSet {
-        name: args.split.name(),
-        exposures,
+    let split = args.split.name();
+    let measures = Measures {
+        exposures: run.exposures.as_deref(),
+        lpips: lpips.as_ref(),
         fitted: Some(run.folder.pose_fit()),
     };
-    let results = bench.measure(&run.scene, &views, photos, None)?;
+    let results = bench.measure(&run.scene, &views, split, measures, None)?;
     let [relight, relight_gained] = if args.relight {
         bench.relight(&run.scene, &root, &args.env, args.env_match)?
     } else {
@@ -104,7 +103,7 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
         SurfaceErrors::default()
     };
     let report = EvalReport {
-        split: args.split.name().to_owned(),
+        split: split.to_owned(),
         train_seconds: trained.map(|trained| trained.train_secs),
         steps: trained.map(|trained| trained.steps),
         mean: mean_of_views(&results),
@@ -138,16 +137,6 @@ pub(crate) fn lpips_weights(file: Option<&Path>) -> Result<Option<Lpips>, Failur
         .or_unusable()
 }
 
-/// Photos that are measured together.
-#[derive(Clone, Copy, Debug, Default)]
-struct PhotoSet<'a> {
-    name: &'a str,
-    /// How the training photos are exposed, where each in its own way.
-    exposures: Option<&'a PhotoExposures>,
-    /// What is fitted to each photo for its measures as fitted.
-    fitted: Option<PoseFit>,
-}
-
 /// Renders and measures sets of views.
 struct Bench<'a> {
     cancel: &'static AtomicBool,
@@ -157,16 +146,17 @@ struct Bench<'a> {
 }
 
 impl Bench<'_> {
-    /// Measures the views; writes their pictures into the folder of the set's name below the output folder, and into `pictures`
-    /// where they are asked for.
+    /// Measures the views; writes their pictures into the folder `name` below the output folder, and into `pictures` where
+    /// they are asked for.
     fn measure(
         &mut self,
         scene: &Scene,
         views: &[View],
-        set: PhotoSet<'_>,
+        name: &str,
+        measures: Measures<'_>,
         mut pictures: Option<&mut Vec<Picture>>,
     ) -> Result<Vec<ViewMetrics>, Failure> {
-        let folder = self.out.map(|out| out.join(set.name));
+        let folder = self.out.map(|out| out.join(name));
         if let Some(folder) = &folder {
             scenes::make_folder(folder)?;
         }
@@ -174,7 +164,7 @@ impl Bench<'_> {
         let mut saved: Result<(), Failure> = Ok(());
         let display = &mut self.display;
         let mut on_view = |i: usize, view: &View, picture: &Picture| {
-            display.set((i + 1) as f32 / views.len() as f32, "Measuring", set.name);
+            display.set((i + 1) as f32 / views.len() as f32, "Measuring", name);
             if let (Some(folder), Ok(())) = (&folder, &saved) {
                 saved = save_pictures(folder, view, picture, &mut rows);
             }
@@ -182,20 +172,10 @@ impl Bench<'_> {
                 pictures.push(picture.clone());
             }
         };
-        let results = evaluate_views(
-            scene,
-            views,
-            set.exposures,
-            Measures {
-                lpips: self.lpips,
-                fitted: set.fitted,
-            },
-            self.cancel,
-            &mut on_view,
-        );
+        let results = evaluate_views(scene, views, measures, self.cancel, &mut on_view);
         saved?;
         if let Some(lpips) = self.lpips {
-            note_small_views(lpips, views, set.name);
+            note_small_views(lpips, views, name);
         }
         let results = results.ok_or(Failure::Interrupted)?;
         if let Some(folder) = &folder {
@@ -233,12 +213,13 @@ impl Bench<'_> {
             if is_matched && case.apply.environment_of.is_some() {
                 edited.transform = scenes::matched(&edited, &scene.environment)?;
             }
-            let set = PhotoSet {
-                name: &name,
-                ..PhotoSet::default()
+            let measures = Measures {
+                lpips: self.lpips,
+                ..Measures::default()
             };
             let mut pictures = Vec::new();
-            let results = self.measure(&edited, &case.views, set, Some(&mut pictures))?;
+            let (views, kept) = (&case.views, Some(&mut pictures));
+            let results = self.measure(&edited, views, &name, measures, kept)?;
             gained.insert(case.name.clone(), after_one_gain(&case.views, &pictures));
             as_is.insert(case.name, mean_of_views(&results));
         }

@@ -68,20 +68,22 @@ pub struct EvalReport {
     pub pano_psnr: Option<f64>,
 }
 
-/// What is measured of views besides what always is.
+/// What is measured of views besides what always is, and how.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Measures<'a> {
+    /// How the training photos are exposed, where each in its own way.
+    pub exposures: Option<&'a PhotoExposures>,
     /// The weights for LPIPS.
     pub lpips: Option<&'a Lpips>,
     /// What is fitted to each photo for [`ViewMetrics::fitted`].
     pub fitted: Option<PoseFit>,
 }
 
-/// Renders each view, with its photo's exposure where it was trained on and had its own, and measures it against its photo; `on_view` gets each picture. `None` when cancelled.
+/// Renders each view, with its photo's exposure where it was trained on and had its own, and measures it against its
+/// photo; `on_view` gets each picture. `None` when cancelled.
 pub fn evaluate_views(
     scene: &Scene,
     views: &[View],
-    exposures: Option<&PhotoExposures>,
     measures: Measures<'_>,
     cancel: &AtomicBool,
     on_view: &mut dyn FnMut(usize, &View, &Picture),
@@ -89,7 +91,7 @@ pub fn evaluate_views(
     let scene = &scene.lit(cancel)?;
     let mut results = Vec::with_capacity(views.len());
     for (index, view) in views.iter().enumerate() {
-        let own = exposures.and_then(|exposures| exposures.trained(view));
+        let own = measures.exposures.and_then(|photos| photos.trained(view));
         let exposed = own.map(|gain| scene.exposed(gain));
         let scene = exposed.as_ref().unwrap_or(scene);
         let picture = render(scene, &view.camera, Layer::Final, cancel, &|_| {})?;

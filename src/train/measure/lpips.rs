@@ -202,18 +202,12 @@ fn alexnet(file: &TensorFile) -> Result<Vec<Stage>, TensorFileError> {
     ];
     let mut stages = Vec::with_capacity(layers.len());
     for (number, n_in, n_out, side, stride, padding) in layers {
-        let shape = ConvolutionShape {
-            n_in,
-            n_out,
-            side,
-            stride,
-            padding,
-        };
         let mut steps = Vec::new();
         if matches!(number, 3 | 6) {
             steps.push(Step::Pool(LastWindow::Dropped));
         }
-        let layer = convolution(file, &format!("features.{number}"), shape)?;
+        let (name, window) = (format!("features.{number}"), [side, stride, padding]);
+        let layer = convolution(file, &name, [n_in, n_out], window)?;
         steps.push(Step::Convolve(layer));
         stages.push(stage(file, stages.len(), steps, n_out)?);
     }
@@ -223,15 +217,8 @@ fn alexnet(file: &TensorFile) -> Result<Vec<Stage>, TensorFileError> {
 /// torchvision's `squeezenet1_1().features`, cut as LPIPS does: before each pooling, then behind
 /// each of the last modules.
 fn squeezenet(file: &TensorFile) -> Result<Vec<Stage>, TensorFileError> {
-    let shape = ConvolutionShape {
-        n_in: 3,
-        n_out: 64,
-        side: 3,
-        stride: 2,
-        padding: 0,
-    };
-    let first = Step::Convolve(convolution(file, "features.0", shape)?);
-    let mut stages = vec![stage(file, 0, vec![first], 64)?];
+    let first = convolution(file, "features.0", [3, 64], [3, 2, 0])?;
+    let mut stages = vec![stage(file, 0, vec![Step::Convolve(first)], 64)?];
     // Modules of a stage: number, channels in, in between, and of each of both outputs.
     let modules: [&[(usize, usize, usize, usize)]; 6] = [
         &[(3, 64, 16, 64), (4, 128, 16, 64)],
@@ -262,14 +249,8 @@ fn fire(
     [n_in, n_between, n_each]: [usize; 3],
 ) -> Result<Step, TensorFileError> {
     let part = |name: &str, n_in, n_out, side| {
-        let shape = ConvolutionShape {
-            n_in,
-            n_out,
-            side,
-            stride: 1,
-            padding: side / 2,
-        };
-        convolution(file, &format!("features.{number}.{name}"), shape)
+        let name = format!("features.{number}.{name}");
+        convolution(file, &name, [n_in, n_out], [side, 1, side / 2])
     };
     Ok(Step::Fire {
         squeeze: part("squeeze", n_in, n_between, 1)?,
@@ -281,11 +262,18 @@ fn fire(
 fn convolution(
     file: &TensorFile,
     name: &str,
-    shape: ConvolutionShape,
+    [n_in, n_out]: [usize; 2],
+    [side, stride, padding]: [usize; 3],
 ) -> Result<Convolution, TensorFileError> {
-    let extents = [shape.n_out, shape.n_in, shape.side, shape.side];
-    let weights = file.f32(&format!("{name}.weight"), &extents)?;
-    let bias = file.f32(&format!("{name}.bias"), &[shape.n_out])?;
+    let shape = ConvolutionShape {
+        n_in,
+        n_out,
+        side,
+        stride,
+        padding,
+    };
+    let weights = file.f32(&format!("{name}.weight"), &[n_out, n_in, side, side])?;
+    let bias = file.f32(&format!("{name}.bias"), &[n_out])?;
     Ok(Convolution::new(shape, weights, bias))
 }
 

@@ -52,7 +52,7 @@ impl EventQueue {
         self.wake();
     }
 
-    /// Tells the reader that there is something to look at.
+    /// Wakes the reader to look at something.
     pub(in crate::train) fn wake(&self) {
         (self.wake)();
     }

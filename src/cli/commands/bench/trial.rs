@@ -4,7 +4,6 @@ use std::time::Instant;
 
 use neif::data::{Dataset, View};
 use neif::neif::neilf::NeilfModel;
-use neif::render::Picture;
 use neif::train::config::TrainConfig;
 use neif::train::measure::eval::{Measures, evaluate_object, evaluate_views, mean_of_views};
 use neif::train::measure::lpips::Lpips;
@@ -136,13 +135,13 @@ pub(super) fn measure(
     lpips: Option<&Lpips>,
 ) -> Result<ImageMetrics, Failure> {
     let cancel = interrupt::install()?;
-    let (scene, exposures) = (snapshot.scene(), snapshot.exposures.as_deref());
     let measures = Measures {
+        exposures: snapshot.exposures.as_deref(),
         lpips,
         fitted: None,
     };
-    let ignore = &mut |_: usize, _: &View, _: &Picture| ();
-    let results = evaluate_views(&scene, views, exposures, measures, cancel, ignore);
+    let scene = snapshot.scene();
+    let results = evaluate_views(&scene, views, measures, cancel, &mut |_, _, _| ());
     let mean = results.map(|results| mean_of_views(&results));
     mean.ok_or(Failure::Interrupted)
 }
