@@ -44,26 +44,6 @@ pub fn linear_from_srgb(srgb: f32) -> f32 {
     }
 }
 
-/// [`srgb_from_linear`] of each channel.
-#[inline]
-pub fn srgb_from_linear3(linear: Vec3) -> Vec3 {
-    Vec3::new(
-        srgb_from_linear(linear.x),
-        srgb_from_linear(linear.y),
-        srgb_from_linear(linear.z),
-    )
-}
-
-/// [`linear_from_srgb`] of each channel.
-#[inline]
-pub fn linear_from_srgb3(srgb: Vec3) -> Vec3 {
-    Vec3::new(
-        linear_from_srgb(srgb.x),
-        linear_from_srgb(srgb.y),
-        linear_from_srgb(srgb.z),
-    )
-}
-
 /// The derivative of [`srgb_from_linear`] at `linear`.
 #[inline]
 pub fn srgb_slope(linear: f32) -> f32 {

@@ -6,7 +6,6 @@ use anyhow::Context as _;
 use glam::Vec3;
 use neif::neif::surface::region::ObjectEdit;
 use neif::neif::{EnvironmentTransform, MaterialEdit, Regions, RoughnessEdit};
-use neif::render::Scene;
 
 use super::failure::Failure;
 use super::values;
@@ -110,21 +109,6 @@ fn read(file: &Path) -> anyhow::Result<ObjectEdit> {
         file.display()
     );
     Ok(edit)
-}
-
-/// The scene with edits and a moved environment.
-pub(crate) fn apply(
-    scene: Scene,
-    material: &MaterialFlags,
-    environment: &EnvironmentFlags,
-) -> Result<Scene, Failure> {
-    let ObjectEdit { whole, regions } = material.edit()?;
-    Ok(Scene {
-        transform: environment.transform(),
-        edit: whole,
-        regions,
-        ..scene
-    })
 }
 
 #[cfg(test)]

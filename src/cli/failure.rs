@@ -1,6 +1,6 @@
 //! How a command ends: what went wrong, and the exit code that says so to scripts.
 
-use std::process::ExitCode;
+use std::{fmt, path::Path, process::ExitCode};
 
 /// Why a command did not do its work.
 #[derive(Debug)]
@@ -17,6 +17,11 @@ impl Failure {
     /// Wraps an error about arguments or data that were given.
     pub(crate) fn unusable(error: impl Into<anyhow::Error>) -> Self {
         Self::Unusable(error.into())
+    }
+
+    /// Says what is wrong with a file or folder that was given.
+    pub(crate) fn at(path: &Path, what: impl fmt::Display) -> Self {
+        Self::Unusable(anyhow::anyhow!("{}: {what}", path.display()))
     }
 
     /// The exit code of the process.

@@ -2,6 +2,8 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use super::failure::Failure;
+
 /// Set by the first Ctrl-C; long work polls it.
 static INTERRUPTED: AtomicBool = AtomicBool::new(false);
 
@@ -27,4 +29,12 @@ pub(crate) fn install() -> anyhow::Result<&'static AtomicBool> {
 /// True once Ctrl-C was pressed.
 pub(crate) fn requested() -> bool {
     INTERRUPTED.load(Ordering::SeqCst)
+}
+
+/// [`Failure::Interrupted`] once Ctrl-C was pressed.
+pub(crate) fn check() -> Result<(), Failure> {
+    if requested() {
+        return Err(Failure::Interrupted);
+    }
+    Ok(())
 }

@@ -2,10 +2,12 @@
 
 use std::{
     io::{self, IsTerminal as _, Write as _},
+    path::Path,
     time::{Duration, Instant},
 };
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use neif::data::write_atomically;
 use serde_json::Value;
 
 /// Time between two lines of progress where there is no terminal.
@@ -24,6 +26,21 @@ pub(crate) fn line(text: &str) -> io::Result<()> {
 /// Writes a JSON value on one line.
 pub(crate) fn json_line(value: &Value) -> io::Result<()> {
     line(&value.to_string())
+}
+
+/// Writes a Markdown table: its header, as `| a | b |`, and its rows.
+pub(crate) fn table(header: &str, rows: impl IntoIterator<Item = String>) -> io::Result<()> {
+    line(header)?;
+    line(&format!(
+        "|{}",
+        "---|".repeat(header.matches('|').count() - 1)
+    ))?;
+    rows.into_iter().try_for_each(|row| line(&row))
+}
+
+/// Writes a text file whole or not at all.
+pub(crate) fn file(path: &Path, text: &str) -> io::Result<()> {
+    write_atomically(path, |file| file.write_all(text.as_bytes()))
 }
 
 /// Writes a line for people on the standard error.

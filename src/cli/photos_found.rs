@@ -1,10 +1,11 @@
 //! What a run found out about its photos, in words and for scripts.
 
 use neif::train::session::saved::run_log::RunLog;
-use serde_json::{Value, json};
+use serde::de::DeserializeOwned;
+use serde_json::Value;
 
 /// How the photos' exposures, a gain a colour each, lie about their mean.
-pub(crate) fn exposures_told(gains: impl Iterator<Item = [f32; 3]>) -> String {
+pub(crate) fn describe_exposures(gains: impl Iterator<Item = [f32; 3]>) -> String {
     let stops = gains.flat_map(|gain| gain.map(f32::log2));
     let (least, most) = stops.fold((0.0_f32, 0.0_f32), |(least, most), ev| {
         (least.min(ev), most.max(ev))
@@ -13,7 +14,7 @@ pub(crate) fn exposures_told(gains: impl Iterator<Item = [f32; 3]>) -> String {
 }
 
 /// By how many pixels the photos' cameras are corrected; none where they are left as given.
-pub(crate) fn poses_told(moved_px: &[f32]) -> Option<String> {
+pub(crate) fn describe_poses(moved_px: &[f32]) -> Option<String> {
     let mut moved = moved_px.to_vec();
     moved.sort_by(f32::total_cmp);
     let (median, most) = (moved.get(moved.len() / 2)?, moved.last()?);
@@ -26,7 +27,7 @@ pub(crate) fn poses_told(moved_px: &[f32]) -> Option<String> {
 #[derive(Debug, Default)]
 pub(crate) struct PhotosFound {
     /// Lines for people.
-    pub(crate) told: Vec<String>,
+    pub(crate) lines: Vec<String>,
     /// `{name, gain, moved_px}` each; what was not found is missing.
     pub(crate) photos: Vec<Value>,
 }
@@ -38,66 +39,44 @@ impl PhotosFound {
             Some(Value::Array(list)) => list,
             _ => Vec::new(),
         };
-        let exposures = listed("exposures", "photos");
-        let poses = listed("poses", "photos");
-        let told = listed("loaded", "found");
-        let mut told: Vec<String> = told
+        let (exposures, poses) = (listed("exposures", "photos"), listed("poses", "photos"));
+        let found = listed("loaded", "found");
+        let mut lines: Vec<String> = found
             .iter()
             .filter_map(|line| Some(line.as_str()?.to_owned()))
             .collect();
-        let gains: Vec<[f32; 3]> = exposures.iter().filter_map(gain_of).collect();
+        let gains: Vec<[f32; 3]> = numbers(&exposures, "gain");
         if !gains.is_empty() {
-            told.push(exposures_told(gains.into_iter()));
+            lines.push(describe_exposures(gains.into_iter()));
         }
-        let moved: Vec<f32> = poses.iter().filter_map(moved_of).collect();
-        told.extend(poses_told(&moved));
-        let names = if exposures.is_empty() {
-            &poses
+        lines.extend(describe_poses(&numbers(&poses, "moved_px")));
+        let mut photos = if exposures.is_empty() {
+            poses.clone()
         } else {
-            &exposures
+            exposures
         };
-        let photo = |(i, named): (usize, &Value)| {
-            let mut photo = json!({"name": named["name"]});
-            if let Some(gain) = exposures.get(i) {
-                photo["gain"] = gain["gain"].clone();
-            }
-            if let Some(pose) = poses.get(i) {
-                photo["moved_px"] = pose["moved_px"].clone();
-            }
-            photo
-        };
-        Self {
-            photos: names.iter().enumerate().map(photo).collect(),
-            told,
+        for (photo, pose) in photos.iter_mut().zip(&poses) {
+            photo["moved_px"] = pose["moved_px"].clone();
         }
+        Self { lines, photos }
     }
 }
 
-fn gain_of(photo: &Value) -> Option<[f32; 3]> {
-    let gain: Vec<f32> = photo["gain"]
-        .as_array()?
-        .iter()
-        .filter_map(number)
-        .collect();
-    gain.try_into().ok()
-}
-
-fn moved_of(photo: &Value) -> Option<f32> {
-    number(&photo["moved_px"])
-}
-
-fn number(value: &Value) -> Option<f32> {
-    Some(value.as_f64()? as f32)
+/// What each photo has under `key`, where it can be read.
+fn numbers<T: DeserializeOwned>(photos: &[Value], key: &str) -> Vec<T> {
+    let values = photos.iter().map(|photo| T::deserialize(&photo[key]));
+    values.flatten().collect()
 }
 
 #[cfg(test)]
 mod tests {
     use neif::train::session::events::TrainEvent;
+    use serde_json::json;
 
     use super::*;
 
     #[test]
-    fn a_log_tells_of_each_photo_what_the_end_of_the_run_found() {
+    fn a_log_has_of_each_photo_what_the_end_of_the_run_found() {
         let mut log = RunLog::default();
         assert!(PhotosFound::of(&log).photos.is_empty());
         log.note(&TrainEvent::Loaded {
@@ -129,7 +108,7 @@ mod tests {
             ]
         );
         assert_eq!(
-            found.told,
+            found.lines,
             [
                 "outlines are uncertain",
                 "exposures of the photos: +0.00 to +1.00 stops from their mean",

@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use neif::data::{CaptureChoices, Dataset, Frame, LoadOptions, Splits, View, read_frames};
+use neif::data::{CaptureChoices, Dataset, Frame, LoadOptions, Split, Splits, View, read_frames};
 use neif::geometry::Camera;
-use neif::neif::{Environment, EnvironmentTransform};
+use neif::neif::{Environment, EnvironmentTransform, Storage};
 use neif::render::Scene;
 use neif::train::photos::photo_exposures::PhotoExposures;
 use neif::train::session::saved::run_folder::{ENVIRONMENT, RunFolder};
@@ -17,7 +17,6 @@ use super::failure::{Failure, OrUnusable as _};
 /// A trained run with where its capture lies.
 #[derive(Debug)]
 pub(crate) struct OpenRun {
-    /// The folder.
     pub(crate) folder: RunFolder,
     /// The trained scene, unedited.
     pub(crate) scene: Scene,
@@ -69,35 +68,10 @@ impl OpenRun {
             Split::Train => dataset.train,
         };
         if views.is_empty() {
-            return Err(Failure::unusable(anyhow::anyhow!(
-                "{}: no {} views",
-                self.dataset.display(),
-                split.as_str()
-            )));
+            let what = format!("no {} views", split.name());
+            return Err(Failure::at(&self.dataset, what));
         }
         Ok((views, dataset.root))
-    }
-}
-
-/// Which photos of a capture.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub(crate) enum Split {
-    /// Held out for the final measure
-    Test,
-    /// Held out for decisions during training
-    Val,
-    /// Trained on
-    Train,
-}
-
-impl Split {
-    /// Its name in files and messages.
-    pub(crate) fn as_str(self) -> &'static str {
-        match self {
-            Self::Test => "test",
-            Self::Val => "val",
-            Self::Train => "train",
-        }
     }
 }
 
@@ -108,8 +82,8 @@ pub(crate) fn open_environment(path: &Path) -> Result<Arc<Environment>, Failure>
     Ok(Arc::new(Environment::open(file).or_unusable()?))
 }
 
-/// Opens an environment with the object whose traces are in it, where it is a run's.
-pub(crate) fn open_surroundings(path: &Path) -> Result<Scene, Failure> {
+/// Opens an environment as a scene: with the object whose traces are in it, where it is a run's.
+pub(crate) fn open_environment_scene(path: &Path) -> Result<Scene, Failure> {
     if path.is_dir()
         && let Ok(scene) = RunFolder::open(path).and_then(|folder| folder.scene())
     {
@@ -132,40 +106,46 @@ pub(crate) fn matched(scene: &Scene, own: &Environment) -> Result<EnvironmentTra
     })
 }
 
-/// The cameras of a `transforms.json` whose photos need not exist; the file must then say `w, h`.
-pub(crate) fn read_cameras(json: &Path) -> Result<Vec<NamedCamera>, Failure> {
+/// The cameras of a `transforms.json`, each with its photo's name; the photos need not exist, `w, h` must then be there.
+pub(crate) fn read_cameras(json: &Path) -> Result<Vec<(String, Camera)>, Failure> {
     let frames = read_frames(json).or_unusable()?;
     let camera = |frame: &Frame| {
-        let (width, height) = frame.intrinsics.size.ok_or_else(|| {
-            Failure::unusable(anyhow::anyhow!("{}: w and h are missing", json.display()))
-        })?;
+        let missing = || Failure::at(json, "w and h are missing");
+        let (width, height) = frame.intrinsics.size.ok_or_else(missing)?;
         let (camera, _) = frame.camera(width, height).or_unusable()?;
-        let name = frame.name.clone();
-        Ok(NamedCamera { name, camera })
+        Ok((frame.name.clone(), camera))
     };
     frames.iter().map(camera).collect()
 }
 
-/// Where an environment is written for `--out ENV`: the file itself, or inside a folder.
-fn environment_target(out: &Path) -> PathBuf {
-    if out.extension().is_some() && !out.is_dir() {
+/// Where an environment is written for `--out ENV`, the file itself or inside a folder: it must not exist yet, and its
+/// folder is made.
+pub(crate) fn new_environment(out: &Path) -> Result<PathBuf, Failure> {
+    let is_file = out.extension().is_some() && !out.is_dir();
+    let target = if is_file {
         out.to_owned()
     } else {
         out.join(ENVIRONMENT)
-    }
-}
-
-/// The same for one that must not exist yet, in a folder that is made.
-pub(crate) fn new_environment(out: &Path) -> Result<PathBuf, Failure> {
-    let target = environment_target(out);
+    };
     if target.exists() {
-        return Err(Failure::unusable(anyhow::anyhow!(
-            "{}: exists already; remove it or choose another --out",
-            target.display()
-        )));
+        let what = "exists already; remove it or choose another --out";
+        return Err(Failure::at(&target, what));
     }
     make_folder_of(&target)?;
     Ok(target)
+}
+
+/// The precision of stored grid values: of 16 bits where `half` is asked for.
+pub(crate) fn storage(half: bool) -> Storage {
+    if half { Storage::F16 } else { Storage::F32 }
+}
+
+/// Refuses a file whose name does not end in `.glb`.
+pub(crate) fn check_is_glb(file: &Path) -> Result<(), Failure> {
+    if file.extension().is_none_or(|e| e != "glb") {
+        return Err(Failure::at(file, "the name must end in .glb"));
+    }
+    Ok(())
 }
 
 /// Makes the folder that a file goes into.
@@ -180,13 +160,4 @@ pub(crate) fn make_folder_of(file: &Path) -> Result<(), Failure> {
 pub(crate) fn make_folder(path: &Path) -> Result<(), Failure> {
     std::fs::create_dir_all(path).with_context(|| path.display().to_string())?;
     Ok(())
-}
-
-/// A camera and what its pictures are called.
-#[derive(Clone, Debug)]
-pub(crate) struct NamedCamera {
-    /// File name without ending.
-    pub(crate) name: String,
-    /// Where it stands.
-    pub(crate) camera: Camera,
 }

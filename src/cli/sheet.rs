@@ -12,12 +12,11 @@ const PAPER: [f32; 3] = [0.12; 3];
 
 /// The photo of a view as a picture.
 pub(crate) fn photo(view: &View) -> Picture {
-    let (width, height) = (view.photo.width(), view.photo.height());
-    let n_pixels = width as usize * height as usize;
+    let photo = &view.photo;
     Picture {
-        width,
-        height,
-        pixels: (0..n_pixels).map(|i| view.photo.srgb(i)).collect(),
+        width: photo.width(),
+        height: photo.height(),
+        pixels: (0..photo.n_pixels()).map(|i| photo.srgb(i)).collect(),
     }
 }
 

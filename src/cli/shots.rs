@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::anyhow;
 use glam::Vec3;
-use neif::data::read_key_views;
+use neif::data::{Split, read_key_views};
 use neif::geometry::Camera;
 use neif::neif::EnvironmentTransform;
 use neif::render::output::turntable;
@@ -12,8 +12,8 @@ use neif::render::{CameraPath, Shot, Spin};
 
 use super::capture::PhotoArgs;
 use super::failure::{Failure, OrUnusable as _};
-use super::scenes::{self, NamedCamera, OpenRun, Split};
-use super::values::{self, Size};
+use super::scenes::{self, OpenRun};
+use super::values;
 
 /// Where the pictures are taken from.
 #[derive(Debug, clap::Args)]
@@ -29,14 +29,14 @@ pub(crate) struct CameraFlags {
     turntable: Option<u32>,
     /// What turns on a turntable
     #[arg(long, value_enum, requires = "turntable", default_value = "camera")]
-    spin: SpinFlag,
+    spin: Spin,
     /// N pictures along a smooth path through --cameras, by their times (`time` of a frame, in seconds) if they have any
     #[arg(long, value_name = "N", requires = "cameras", conflicts_with = "turntable",
           value_parser = clap::value_parser!(u32).range(2..=100_000))]
     frames: Option<u32>,
     /// Size of the pictures [default: that of the cameras; 512x512 on a turntable without]
     #[arg(long, value_name = "WxH", value_parser = values::size)]
-    size: Option<Size>,
+    size: Option<(u32, u32)>,
     /// Where the run's capture lies now
     #[arg(long, value_name = "DATASET")]
     pub(crate) dataset: Option<PathBuf>,
@@ -45,15 +45,6 @@ pub(crate) struct CameraFlags {
     up: Option<Vec3>,
     #[command(flatten)]
     photos: PhotoArgs,
-}
-
-/// What turns on a turntable.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum SpinFlag {
-    /// The camera, around the object
-    Camera,
-    /// The environment, around the object and the camera
-    Environment,
 }
 
 impl CameraFlags {
@@ -73,19 +64,14 @@ impl CameraFlags {
             scenes::read_cameras(file)?
         } else {
             let (views, _) = run.load_views(self.split.unwrap_or(Split::Test), &self.photos)?;
-            let named = views.into_iter().map(|view| NamedCamera {
-                name: view.name,
-                camera: view.camera,
-            });
+            let named = views.into_iter().map(|view| (view.name, view.camera));
             named.collect()
         };
-        let shots = cameras
-            .into_iter()
-            .map(|NamedCamera { name, camera }| Shot {
-                name,
-                camera: self.fitted(camera),
-                transform,
-            });
+        let shots = cameras.into_iter().map(|(name, camera)| Shot {
+            name,
+            camera: self.fitted(camera),
+            transform,
+        });
         Ok((shots.collect(), "film"))
     }
 
@@ -98,16 +84,13 @@ impl CameraFlags {
         let scene = &run.scene;
         let up = self.up.unwrap_or(scene.environment.up());
         let first = match &self.cameras {
-            Some(file) => scenes::read_cameras(file)?.swap_remove(0).camera,
+            Some(file) => scenes::read_cameras(file)?.swap_remove(0).1,
             None => turntable::first_camera(scene, up),
         };
         let first = self.fitted(first);
         let center = turntable::turning_point(scene);
-        let spin = match self.spin {
-            SpinFlag::Camera => Spin::Camera,
-            SpinFlag::Environment => Spin::Environment,
-        };
-        Ok(turntable::shots(spin, &first, transform, (center, up), n))
+        let axis = (center, up);
+        Ok(turntable::shots(self.spin, &first, transform, axis, n))
     }
 
     fn path(&self, transform: EnvironmentTransform, n: u32) -> Result<Vec<Shot>, Failure> {
@@ -117,13 +100,13 @@ impl CameraFlags {
         let keys = read_key_views(file).or_unusable()?;
         let first = self.fitted(keys[0].camera);
         let path = CameraPath::new(&keys, first.width, first.height)
-            .map_err(|error| Failure::unusable(anyhow!("{}: {error}", file.display())))?;
+            .map_err(|error| Failure::at(file, error))?;
         Ok(path.shots(&transform, n))
     }
 
     fn fitted(&self, camera: Camera) -> Camera {
         match self.size {
-            Some(Size { width, height }) => camera.fitted(width, height),
+            Some((width, height)) => camera.fitted(width, height),
             None => camera,
         }
     }

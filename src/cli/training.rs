@@ -1,5 +1,6 @@
 //! Drives a training session from the command line: shows its events, ends it on Ctrl-C.
 
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -15,7 +16,7 @@ use neif::train::session::options::{SessionError, SessionOptions};
 use super::failure::Failure;
 use super::interrupt;
 use super::output::{self, Display};
-use super::photos_found::{exposures_told, poses_told};
+use super::photos_found::{describe_exposures, describe_poses};
 
 /// How often Ctrl-C is looked for.
 const POLL: Duration = Duration::from_millis(50);
@@ -23,13 +24,11 @@ const POLL: Duration = Duration::from_millis(50);
 /// What a session leaves in memory.
 #[derive(Debug)]
 pub(crate) struct Outcome {
-    /// How it ended.
     pub(crate) finish: Finish,
     /// The last measurement on validation views.
     pub(crate) validation: Option<Validation>,
     /// The trained fields.
     pub(crate) snapshot: Arc<Snapshot>,
-    /// The capture.
     pub(crate) dataset: Arc<Dataset>,
     /// True when Ctrl-C ended it before its time; it has then saved itself as usual.
     pub(crate) interrupted: bool,
@@ -43,6 +42,22 @@ impl Outcome {
         } else {
             Ok(())
         }
+    }
+
+    /// Prints what was trained into `path` and how good it is.
+    pub(crate) fn report(&self, path: &Path) -> std::io::Result<()> {
+        let quality = self.validation.map(|v| {
+            let object = v.psnr_object.map(|db| format!(" (object {db:.2} dB)"));
+            let object = object.unwrap_or_default();
+            format!(", validation PSNR {:.2} dB{object}", v.psnr)
+        });
+        output::line(&format!(
+            "{}: {} steps in {:.1} s of training{}",
+            path.display(),
+            self.finish.step,
+            self.finish.train_secs,
+            quality.unwrap_or_default()
+        ))
     }
 }
 
@@ -146,14 +161,14 @@ impl Watcher {
             TrainEvent::Validated(validation) => self.validation = Some(*validation),
             TrainEvent::Exposures(photos) => {
                 let gains = photos.iter().map(|(_, gain)| *gain);
-                self.display.say(&exposures_told(gains));
+                self.display.say(&describe_exposures(gains));
             }
             TrainEvent::Poses(photos) => {
                 self.moved_px = photos.iter().map(|(_, moved_px)| *moved_px).collect();
             }
             TrainEvent::Warning(message) => self.display.say(&format!("warning: {message}")),
             TrainEvent::Finished(finish) => {
-                if let Some(poses) = poses_told(&self.moved_px) {
+                if let Some(poses) = describe_poses(&self.moved_px) {
                     self.display.say(&poses);
                 }
                 self.finish = Some(*finish);

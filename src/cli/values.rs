@@ -115,20 +115,11 @@ pub(crate) fn gain(text: &str) -> Result<Vec3, String> {
     }
 }
 
-/// Width and height of a picture in pixels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Size {
-    /// Columns.
-    pub(crate) width: u32,
-    /// Rows.
-    pub(crate) height: u32,
-}
-
 /// The largest side that is rendered: beyond it a typing error is likelier than a wish.
 const MAX_SIDE_PX: u32 = 16384;
 
-/// Reads `WxH`, e.g. `1280x720`.
-pub(crate) fn size(text: &str) -> Result<Size, String> {
+/// Reads `WxH`, e.g. `1280x720`: width and height of a picture in pixels.
+pub(crate) fn size(text: &str) -> Result<(u32, u32), String> {
     let sides = text
         .split_once(['x', 'X'])
         .ok_or("expected WxH, e.g. 1280x720")?;
@@ -137,26 +128,15 @@ pub(crate) fn size(text: &str) -> Result<Size, String> {
         Ok(_) => Err(format!("sides must be from 1 to {MAX_SIDE_PX}")),
         Err(error) => Err(format!("`{text}`: {error}")),
     };
-    let (width, height) = (side(sides.0)?, side(sides.1)?);
-    Ok(Size { width, height })
-}
-
-/// A file under a name of its own.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct NamedPath {
-    /// What the file is called in the data.
-    pub(crate) name: String,
-    /// Where it is.
-    pub(crate) path: PathBuf,
+    Ok((side(sides.0)?, side(sides.1)?))
 }
 
 /// Reads `NAME=FILE`.
-pub(crate) fn named_path(text: &str) -> Result<NamedPath, String> {
+pub(crate) fn named_path(text: &str) -> Result<(String, PathBuf), String> {
     match text.split_once('=') {
-        Some((name, path)) if !name.is_empty() && !path.is_empty() => Ok(NamedPath {
-            name: name.to_owned(),
-            path: PathBuf::from(path),
-        }),
+        Some((name, path)) if !name.is_empty() && !path.is_empty() => {
+            Ok((name.to_owned(), PathBuf::from(path)))
+        }
         _ => Err("expected NAME=FILE".to_owned()),
     }
 }
@@ -198,10 +178,7 @@ mod tests {
 
     #[test]
     fn sizes_are_bounded() {
-        assert_eq!(
-            size("1280x720").map(|s| (s.width, s.height)),
-            Ok((1280, 720))
-        );
+        assert_eq!(size("1280x720"), Ok((1280, 720)));
         for bad in ["0x5", "5", "99999999x2", "x", "-1x4"] {
             assert!(size(bad).is_err(), "`{bad}` must be refused");
         }
@@ -209,10 +186,8 @@ mod tests {
 
     #[test]
     fn named_paths_need_both_parts() {
-        assert_eq!(
-            named_path("a=b=c").map(|n| n.path),
-            Ok(PathBuf::from("b=c"))
-        );
+        let named = named_path("a=b=c");
+        assert_eq!(named, Ok(("a".to_owned(), PathBuf::from("b=c"))));
         assert!(named_path("gallery").is_err());
     }
 }

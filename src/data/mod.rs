@@ -148,7 +148,7 @@ pub struct Origin {
 }
 
 /// Which part of a capture a view belongs to; named as in the files' names.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, strum::Display)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, clap::ValueEnum, strum::Display)]
 #[strum(serialize_all = "lowercase")]
 pub enum Split {
     /// Learned from.

@@ -29,11 +29,12 @@ pub enum Normals {
 }
 
 /// Whether something of the photos, their exposures, poses or backgrounds, is looked at while training.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase", try_from = "NotedFit")]
 pub enum PhotoFit {
     /// Where the photos ask for it: exposures and poses are used once what is found is more than the fields are wrong.
     #[default]
+    #[value(skip)]
     Auto,
     /// Always.
     On,

@@ -19,11 +19,14 @@ mod trial;
 use std::path::PathBuf;
 
 use clap::Subcommand;
+use neif::data::{Dataset, LoadOptions, Splits};
+use neif::train::config::TrainConfig;
 
 use super::demo::find_assets;
+use super::train::config;
 use crate::cli::capture::CaptureArgs;
-use crate::cli::failure::Failure;
-use crate::cli::values;
+use crate::cli::failure::{Failure, OrUnusable as _};
+use crate::cli::output::Display;
 
 /// What to measure.
 #[derive(Debug, Subcommand)]
@@ -45,7 +48,6 @@ pub(crate) enum BenchCommand {
     Table1(table1::Table1Args),
 }
 
-/// Runs the benchmark.
 pub(crate) fn run(command: &BenchCommand) -> Result<(), Failure> {
     match command {
         BenchCommand::Train(args) => train::run(args),
@@ -81,15 +83,32 @@ struct Common {
     capture: CaptureArgs,
 }
 
+impl Common {
+    /// What shows how far the work is.
+    fn display(&self) -> Display {
+        Display::new(self.json)
+    }
+
+    /// The settings of a preset, or the default ones, with the seed that was asked for.
+    fn config(&self, preset: Option<&str>) -> Result<TrainConfig, Failure> {
+        config(preset, Some(self.seed))
+    }
+
+    /// Reads splits of the given capture, or of the bundled one.
+    fn load(&self, dataset: Option<&PathBuf>, splits: Splits) -> Result<Dataset, Failure> {
+        let options = LoadOptions {
+            splits,
+            choices: self.capture.choices(),
+            ..LoadOptions::default()
+        };
+        Dataset::load(&dataset_or_demo(dataset)?, &options).or_unusable()
+    }
+}
+
 /// The given capture, or the bundled one.
 fn dataset_or_demo(given: Option<&PathBuf>) -> Result<PathBuf, Failure> {
     match given {
         Some(path) => Ok(path.clone()),
         None => Ok(find_assets()?.join("demo")),
     }
-}
-
-/// A list of times, as in `10s,30s,1m`.
-fn marks(text: &str) -> Result<f64, String> {
-    values::duration_secs(text)
 }

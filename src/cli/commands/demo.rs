@@ -2,14 +2,14 @@
 //! what the program can do.
 
 use std::fmt::Write as _;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use glam::Vec3;
-use neif::data::{Dataset, LoadOptions, Splits, View, bundled_assets, write_atomically};
-use neif::neif::{EnvironmentTransform, MaterialEdit, RoughnessEdit};
+use neif::data::{Dataset, LoadOptions, Splits, View, bundled_assets};
+use neif::neif::RoughnessEdit;
+use neif::render::output::turntable::turning_point;
 use neif::render::{Layer, Picture, Scene, panorama, render};
 use neif::train::config::TrainConfig;
 use neif::train::measure::eval::{Measures, evaluate_views, mean_of_views};
@@ -106,21 +106,18 @@ impl Gallery {
     /// Test views beside their photos, with their figures.
     fn compare_test_views(&mut self, outcome: &Outcome, test: &[View]) -> Result<(), Failure> {
         let scene = outcome.snapshot.scene();
-        let exposures = outcome.snapshot.exposures.as_deref();
+        let measures = Measures {
+            exposures: outcome.snapshot.exposures.as_deref(),
+            ..Measures::default()
+        };
         let views = &test[..test.len().min(MAX_VIEWS)];
         let mut rows = Vec::new();
-        let results = evaluate_views(
-            &scene,
-            views,
-            exposures,
-            Measures::default(),
-            self.cancel,
-            &mut |_, view, picture| {
-                let photo = sheet::photo(view);
-                let difference = sheet::difference(&photo, picture, 4.0);
-                rows.push(sheet::beside(&[&photo, picture, &difference]));
-            },
-        );
+        let mut on_view = |_, view: &View, picture: &Picture| {
+            let photo = sheet::photo(view);
+            let difference = sheet::difference(&photo, picture, 4.0);
+            rows.push(sheet::beside(&[&photo, picture, &difference]));
+        };
+        let results = evaluate_views(&scene, views, measures, self.cancel, &mut on_view);
         let results = results.ok_or(Failure::Interrupted)?;
         let about = "held-out photos, the same views rendered, and four times their difference";
         self.save("test_views.png", about, &sheet::grid(&rows, 1))?;
@@ -152,40 +149,28 @@ impl Gallery {
         assets: &Path,
     ) -> Result<(), Failure> {
         let own = outcome.snapshot.scene();
-        let rough = Scene {
-            edit: MaterialEdit {
-                roughness: RoughnessEdit::Constant(0.5),
-                ..MaterialEdit::default()
-            },
-            ..own.clone()
-        };
-        let picture = self.render(&rough, view, Layer::Final)?;
-        self.save("edited_roughness.png", "roughness 0.5 everywhere", &picture)?;
-        let turned = Scene {
-            transform: EnvironmentTransform {
-                rotate_deg: Vec3::new(0.0, 0.0, 90.0),
-                ..EnvironmentTransform::default()
-            },
-            ..own.clone()
-        };
-        let picture = self.render(&turned, view, Layer::Final)?;
-        self.save(
-            "relit_rotated.png",
-            "environment turned by 90 degrees",
-            &picture,
-        )?;
+        let mut rough = own.clone();
+        rough.edit.roughness = RoughnessEdit::Constant(0.5);
+        let mut turned = own.clone();
+        turned.transform.rotate_deg = Vec3::new(0.0, 0.0, 90.0);
+        let mut changed = vec![
+            ("edited_roughness.png", "roughness 0.5 everywhere", rough),
+            (
+                "relit_rotated.png",
+                "environment turned by 90 degrees",
+                turned,
+            ),
+        ];
         let other = assets.join("environments/gallery.safetensors");
         if other.exists() {
-            let relit = Scene {
-                environment: scenes::open_environment(&other)?,
-                ..own.clone()
-            };
-            let picture = self.render(&relit, view, Layer::Final)?;
-            self.save(
-                "relit_gallery.png",
-                "in another environment, trained elsewhere",
-                &picture,
-            )?;
+            let mut relit = own.clone();
+            relit.environment = scenes::open_environment(&other)?;
+            let about = "in another environment, trained elsewhere";
+            changed.push(("relit_gallery.png", about, relit));
+        }
+        for (name, about, scene) in changed {
+            let picture = self.render(&scene, view, Layer::Final)?;
+            self.save(name, about, &picture)?;
         }
         let layers = [
             Layer::Diffuse,
@@ -203,14 +188,10 @@ impl Gallery {
     }
 
     fn panorama(&mut self, scene: &Scene) -> Result<(), Failure> {
-        let bounds = scene
-            .object
-            .as_ref()
-            .map(|object| object.tracer.mesh().bounds());
-        let bounds = bounds.unwrap_or_else(|| scene.environment.inner_box());
         let empty = scene.emptied(self.cancel).ok_or(Failure::Interrupted)?;
-        let picture = panorama(&empty, bounds.center(), 0.0, PANORAMA_WIDTH, self.cancel)
-            .ok_or(Failure::Interrupted)?;
+        let at = turning_point(scene);
+        let picture = panorama(&empty, at, 0.0, PANORAMA_WIDTH, self.cancel);
+        let picture = picture.ok_or(Failure::Interrupted)?;
         let about = "the environment as the object's middle sees it, without the object's shadow";
         for (name, kind) in [
             ("panorama.png", PanoramaFile::Png),
@@ -247,9 +228,7 @@ impl Gallery {
             "\nEverything took {:.1} s.",
             started.elapsed().as_secs_f64()
         )?;
-        let path = self.out.join("report.txt");
-        write_atomically(&path, |file| file.write_all(text.as_bytes()))?;
-        output::line(&text)?;
-        Ok(())
+        output::file(&self.out.join("report.txt"), &text)?;
+        Ok(output::line(&text)?)
     }
 }

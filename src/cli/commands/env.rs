@@ -6,7 +6,6 @@ use std::time::Instant;
 use glam::Vec3;
 use neif::color::srgb_from_linear;
 use neif::data::{ExrSample, write_exr, write_png_srgb};
-use neif::neif::Storage;
 use neif::render::{Picture, panorama as render_panorama};
 use neif::train::session::options::SessionOptions;
 
@@ -27,7 +26,6 @@ pub(crate) enum EnvCommand {
     Panorama(PanoramaArgs),
 }
 
-/// Arguments of `neif env train`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct EnvTrainArgs {
     /// A folder or file of posed photos
@@ -57,7 +55,6 @@ pub(crate) struct EnvTrainArgs {
     json: bool,
 }
 
-/// `neif env train`.
 pub(crate) fn train(args: &EnvTrainArgs, started: Instant) -> Result<(), Failure> {
     // Before the training, so that a wrong place shows at once.
     let target = scenes::new_environment(&args.out)?;
@@ -71,28 +68,16 @@ pub(crate) fn train(args: &EnvTrainArgs, started: Instant) -> Result<(), Failure
         ..SessionOptions::new(&args.images, config, args.budget.or_default())
     };
     let outcome = training::train(options, args.json)?;
-    let storage = if args.half {
-        Storage::F16
-    } else {
-        Storage::F32
-    };
-    outcome.snapshot.environment.save(&target, storage)?;
+    outcome
+        .snapshot
+        .environment
+        .save(&target, scenes::storage(args.half))?;
     if !args.json {
-        let psnr = outcome
-            .validation
-            .map(|v| format!(", validation PSNR {:.2} dB", v.psnr));
-        output::line(&format!(
-            "{}: {} steps in {:.1} s of training{}",
-            target.display(),
-            outcome.finish.step,
-            outcome.finish.train_secs,
-            psnr.unwrap_or_default()
-        ))?;
+        outcome.report(&target)?;
     }
     outcome.verdict()
 }
 
-/// Arguments of `neif env panorama`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct PanoramaArgs {
     /// An environment file or a run folder
@@ -113,15 +98,10 @@ pub(crate) struct PanoramaArgs {
     out: PathBuf,
 }
 
-/// `neif env panorama`.
 pub(crate) fn panorama(args: &PanoramaArgs) -> Result<(), Failure> {
-    let kind = PanoramaFile::of(&args.out).ok_or_else(|| {
-        Failure::unusable(anyhow::anyhow!(
-            "{}: the name must end in .exr or .png",
-            args.out.display()
-        ))
-    })?;
-    let scene = scenes::open_surroundings(&args.environment)?;
+    let unknown = || Failure::at(&args.out, "the name must end in .exr or .png");
+    let kind = PanoramaFile::of(&args.out).ok_or_else(unknown)?;
+    let scene = scenes::open_environment_scene(&args.environment)?;
     let cancel = interrupt::install()?;
     let scene = scene.emptied(cancel).ok_or(Failure::Interrupted)?;
     let picture = render_panorama(&scene, args.at, args.roughness, args.width, cancel);

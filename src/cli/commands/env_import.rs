@@ -2,13 +2,11 @@
 
 use std::path::PathBuf;
 
-use neif::neif::Storage;
 use neif::neif::distant::{ImportOptions, Imported, UpAxis, import_environment};
 
 use crate::cli::failure::{Failure, OrUnusable as _};
 use crate::cli::{output, scenes, values};
 
-/// Arguments of `neif env import`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct EnvImportArgs {
     /// The panorama: .hdr or .exr (linear), or .png or .jpg (lamps no brighter than white)
@@ -22,7 +20,7 @@ pub(crate) struct EnvImportArgs {
     rotate: f32,
     /// The world's axis that the panorama's top becomes; its centre is at +x
     #[arg(long, value_name = "AXIS", default_value = "z")]
-    up: Up,
+    up: UpAxis,
     /// Brighten it, in photographic stops
     #[arg(long, value_name = "EV", default_value = "0", value_parser = values::finite, allow_hyphen_values = true)]
     exposure: f32,
@@ -34,22 +32,9 @@ pub(crate) struct EnvImportArgs {
     half: bool,
 }
 
-/// An axis of the world.
-#[derive(Clone, Copy, Debug, clap::ValueEnum)]
-enum Up {
-    /// +y
-    Y,
-    /// +z
-    Z,
-}
-
-/// `neif env import`.
 pub(crate) fn run(args: &EnvImportArgs) -> Result<(), Failure> {
     let options = ImportOptions {
-        up: match args.up {
-            Up::Y => UpAxis::Y,
-            Up::Z => UpAxis::Z,
-        },
+        up: args.up,
         rotate_deg: args.rotate,
         exposure_ev: args.exposure,
         name: args.name.clone(),
@@ -59,12 +44,7 @@ pub(crate) fn run(args: &EnvImportArgs) -> Result<(), Failure> {
         notices,
     } = import_environment(&args.file, &options).or_unusable()?;
     let target = scenes::new_environment(&args.out)?;
-    let storage = if args.half {
-        Storage::F16
-    } else {
-        Storage::F32
-    };
-    environment.save(&target, storage)?;
+    environment.save(&target, scenes::storage(args.half))?;
     for notice in notices {
         output::note(&format!("{}: {notice}", args.file.display()));
     }

@@ -2,30 +2,26 @@
 
 use std::{
     collections::BTreeMap,
-    io::Write as _,
     path::{Path, PathBuf},
     sync::{Arc, atomic::AtomicBool},
 };
 
 use anyhow::Context as _;
-use neif::data::{Dataset, View, read_exr_linear, write_atomically};
+use neif::data::{Dataset, Split, View, read_exr_linear};
 use neif::neif::Environment;
 use neif::render::{Layer, Picture, Scene};
 use neif::train::measure::eval::{
     AlbedoError, EvalReport, Measures, NormalError, RoughnessError, ViewMetrics, evaluate_views,
     mean_fitted, mean_of_views, panorama_psnr, relit,
 };
-use neif::train::measure::held_out::{PoseFit, after_one_gain};
+use neif::train::measure::held_out::after_one_gain;
 use neif::train::measure::lpips::{Backbone, Lpips};
 use neif::train::measure::metrics::ImageMetrics;
-use neif::train::photos::photo_exposures::PhotoExposures;
 
 use crate::cli::capture::PhotoArgs;
 use crate::cli::failure::{Failure, OrUnusable as _};
 use crate::cli::output::{self, Display};
-use crate::cli::scenes::{self, Split};
-use crate::cli::values::{self, NamedPath};
-use crate::cli::{interrupt, sheet};
+use crate::cli::{interrupt, scenes, sheet, values};
 
 /// Environment variable that names the LPIPS weights where `--lpips` does not.
 const LPIPS_VARIABLE: &str = "NEIF_LPIPS";
@@ -36,7 +32,6 @@ const SHEET_WIDTH: u32 = 200;
 /// Views (of photo, picture and difference) in a row of the contact sheet.
 const SHEET_COLUMNS: usize = 2;
 
-/// Arguments of `neif eval`.
 #[derive(Debug, clap::Args)]
 #[expect(clippy::struct_excessive_bools, reason = "one a flag")]
 pub(crate) struct EvalArgs {
@@ -54,7 +49,7 @@ pub(crate) struct EvalArgs {
     baked_diffuse: bool,
     /// An environment trained on another capture, under that capture's name, for relightings that use it
     #[arg(long, value_name = "NAME=FILE", value_parser = values::named_path)]
-    env: Vec<NamedPath>,
+    env: Vec<(String, PathBuf)>,
     /// Make another environment as bright, and of the same white, as the object's own; not so in the ground truth of
     /// captures that share one exposure
     #[arg(long)]
@@ -75,7 +70,6 @@ pub(crate) struct EvalArgs {
     json: bool,
 }
 
-/// `neif eval`.
 pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
     let mut run = scenes::open_run(&args.run, args.dataset.as_deref())?;
     if args.baked_diffuse {
@@ -90,17 +84,17 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
         out: args.out.as_deref(),
         lpips: lpips.as_ref(),
     };
-    let exposures = run.exposures.as_deref();
-    let photos = PhotoSet {
-        name: args.split.as_str(),
-        exposures,
+    let split = args.split.name();
+    let measures = Measures {
+        exposures: run.exposures.as_deref(),
+        lpips: lpips.as_ref(),
         fitted: Some(run.folder.pose_fit()),
     };
-    let results = bench.measure(&run.scene, &views, photos, None)?;
-    let Relit { relight, gained } = if args.relight {
+    let results = bench.measure(&run.scene, &views, split, measures, None)?;
+    let [relight, relight_gained] = if args.relight {
         bench.relight(&run.scene, &root, &args.env, args.env_match)?
     } else {
-        Relit::default()
+        [BTreeMap::new(), BTreeMap::new()]
     };
     // The true normals and materials are those of the test views.
     let truth = if args.split == Split::Test {
@@ -109,37 +103,29 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
         SurfaceErrors::default()
     };
     let report = EvalReport {
-        split: args.split.as_str().to_owned(),
+        split: split.to_owned(),
         train_seconds: trained.map(|trained| trained.train_secs),
         steps: trained.map(|trained| trained.steps),
         mean: mean_of_views(&results),
         mean_fitted: mean_fitted(&results),
         views: results,
         relight,
-        relight_gained: gained,
+        relight_gained,
         normal_mae_deg: truth.normals.mean_deg(),
         normal_median_deg: truth.normals.median_deg(),
         roughness_mae: truth.roughness.mean(),
         albedo_psnr: truth.albedo.psnr(),
         pano_psnr: panorama_psnr(&run.scene, &root, bench.cancel).or_unusable()?,
     };
-    if interrupt::requested() {
-        return Err(Failure::Interrupted);
-    }
+    interrupt::check()?;
     bench.display.finish();
     let json = serde_json::to_string(&report)?;
     if let Some(out) = &args.out {
-        write_atomically(&out.join("report.json"), |file| {
-            file.write_all(json.as_bytes())
-        })?;
+        output::file(&out.join("report.json"), &json)?;
     }
     let backbone = lpips.as_ref().map(Lpips::backbone);
-    output::line(&if args.json {
-        json
-    } else {
-        table(&report, backbone)
-    })?;
-    Ok(())
+    let table = || table(&report, backbone);
+    Ok(output::line(&if args.json { json } else { table() })?)
 }
 
 /// Reads the weights of LPIPS from the given file, or from the one that the environment names.
@@ -151,16 +137,6 @@ pub(crate) fn lpips_weights(file: Option<&Path>) -> Result<Option<Lpips>, Failur
         .or_unusable()
 }
 
-/// Photos that are measured together.
-#[derive(Clone, Copy, Debug)]
-struct PhotoSet<'a> {
-    name: &'a str,
-    /// How the training photos are exposed, where each in its own way.
-    exposures: Option<&'a PhotoExposures>,
-    /// What is fitted to each photo for its measures as fitted.
-    fitted: Option<PoseFit>,
-}
-
 /// Renders and measures sets of views.
 struct Bench<'a> {
     cancel: &'static AtomicBool,
@@ -170,16 +146,17 @@ struct Bench<'a> {
 }
 
 impl Bench<'_> {
-    /// Measures the views; writes their pictures into the folder of the set's name below the output folder, and into `pictures`
-    /// where they are asked for.
+    /// Measures the views; writes their pictures into the folder `name` below the output folder, and into `pictures` where
+    /// they are asked for.
     fn measure(
         &mut self,
         scene: &Scene,
         views: &[View],
-        set: PhotoSet<'_>,
+        name: &str,
+        measures: Measures<'_>,
         mut pictures: Option<&mut Vec<Picture>>,
     ) -> Result<Vec<ViewMetrics>, Failure> {
-        let folder = self.out.map(|out| out.join(set.name));
+        let folder = self.out.map(|out| out.join(name));
         if let Some(folder) = &folder {
             scenes::make_folder(folder)?;
         }
@@ -187,7 +164,7 @@ impl Bench<'_> {
         let mut saved: Result<(), Failure> = Ok(());
         let display = &mut self.display;
         let mut on_view = |i: usize, view: &View, picture: &Picture| {
-            display.set((i + 1) as f32 / views.len() as f32, "Measuring", set.name);
+            display.set((i + 1) as f32 / views.len() as f32, "Measuring", name);
             if let (Some(folder), Ok(())) = (&folder, &saved) {
                 saved = save_pictures(folder, view, picture, &mut rows);
             }
@@ -195,20 +172,10 @@ impl Bench<'_> {
                 pictures.push(picture.clone());
             }
         };
-        let results = evaluate_views(
-            scene,
-            views,
-            set.exposures,
-            Measures {
-                lpips: self.lpips,
-                fitted: set.fitted,
-            },
-            self.cancel,
-            &mut on_view,
-        );
+        let results = evaluate_views(scene, views, measures, self.cancel, &mut on_view);
         saved?;
         if let Some(lpips) = self.lpips {
-            note_small_views(lpips, views, set.name);
+            note_small_views(lpips, views, name);
         }
         let results = results.ok_or(Failure::Interrupted)?;
         if let Some(folder) = &folder {
@@ -218,54 +185,46 @@ impl Bench<'_> {
         Ok(results)
     }
 
-    /// Measures every edit that has ground truth.
+    /// Measures every edit that has ground truth: by the edits' names, as they are and after one gain a colour.
     fn relight(
         &mut self,
         scene: &Scene,
         root: &Path,
-        environments: &[NamedPath],
+        environments: &[(String, PathBuf)],
         is_matched: bool,
-    ) -> Result<Relit, Failure> {
+    ) -> Result<[BTreeMap<String, ImageMetrics>; 2], Failure> {
         let mut known: BTreeMap<String, Arc<Environment>> = BTreeMap::new();
-        for NamedPath { name, path } in environments {
+        for (name, path) in environments {
             known.insert(name.clone(), scenes::open_environment(path)?);
         }
-        let mut relit_all = Relit::default();
+        let [mut as_is, mut gained] = [BTreeMap::new(), BTreeMap::new()];
         for case in Dataset::relight_cases(root).or_unusable()? {
             for problem in &case.problems {
                 output::note(&format!("{}: {problem}", case.name));
             }
-            match relit(scene, &case.apply, &known) {
-                Ok(mut edited) => {
-                    if is_matched && case.apply.environment_of.is_some() {
-                        edited.transform = scenes::matched(&edited, &scene.environment)?;
-                    }
-                    let name = format!("relight/{}", case.name);
-                    let set = PhotoSet {
-                        name: &name,
-                        exposures: None,
-                        fitted: None,
-                    };
-                    let mut pictures = Vec::new();
-                    let kept = Some(&mut pictures);
-                    let results = self.measure(&edited, &case.views, set, kept)?;
-                    let gained = after_one_gain(&case.views, &pictures);
-                    relit_all.gained.insert(case.name.clone(), gained);
-                    relit_all.relight.insert(case.name, mean_of_views(&results));
+            let name = format!("relight/{}", case.name);
+            let mut edited = match relit(scene, &case.apply, &known) {
+                Ok(edited) => edited,
+                Err(reason) => {
+                    output::note(&format!("{name}: left out: {reason}"));
+                    continue;
                 }
-                Err(reason) => output::note(&format!("relight/{}: left out: {reason}", case.name)),
+            };
+            if is_matched && case.apply.environment_of.is_some() {
+                edited.transform = scenes::matched(&edited, &scene.environment)?;
             }
+            let measures = Measures {
+                lpips: self.lpips,
+                ..Measures::default()
+            };
+            let mut pictures = Vec::new();
+            let (views, kept) = (&case.views, Some(&mut pictures));
+            let results = self.measure(&edited, views, &name, measures, kept)?;
+            gained.insert(case.name.clone(), after_one_gain(&case.views, &pictures));
+            as_is.insert(case.name, mean_of_views(&results));
         }
-        Ok(relit_all)
+        Ok([as_is, gained])
     }
-}
-
-/// Measures of edits with ground truth, by their names.
-#[derive(Debug, Default)]
-struct Relit {
-    relight: BTreeMap<String, ImageMetrics>,
-    /// After one gain a colour.
-    gained: BTreeMap<String, ImageMetrics>,
 }
 
 /// How far mesh and material are from the truth.
@@ -347,18 +306,14 @@ fn surface_errors(
 /// The figures for people.
 fn table(report: &EvalReport, lpips: Option<Backbone>) -> String {
     let row = |name: &str, m: &ImageMetrics| {
-        let cell = |value: Option<f64>| value.map_or("-".to_owned(), |v| format!("{v:.2}"));
-        let share = |value: Option<f64>| value.map_or("-".to_owned(), |v| format!("{v:.4}"));
+        let cell = |digits: usize, value: Option<f64>| {
+            value.map_or("-".to_owned(), |v| format!("{v:.digits$}"))
+        };
+        let [object, background] = [m.psnr_object, m.psnr_background].map(|v| cell(2, v));
+        let [psnr, masked, near] = [m.psnr, m.psnr_masked, m.psnr_near].map(|v| cell(2, v));
+        let [ssim, lpips, flip] = [m.ssim, m.lpips, m.flip].map(|v| cell(4, v));
         format!(
-            "{name:<24} {:>7} {:>8} {:>11} {:>8} {:>8} {:>8} {:>8} {:>8}",
-            cell(m.psnr),
-            cell(m.psnr_object),
-            cell(m.psnr_background),
-            cell(m.psnr_masked),
-            cell(m.psnr_near),
-            share(m.ssim),
-            share(m.lpips),
-            share(m.flip),
+            "{name:<24} {psnr:>7} {object:>8} {background:>11} {masked:>8} {near:>8} {ssim:>8} {lpips:>8} {flip:>8}"
         )
     };
     let network = lpips.map_or("LPIPS needs --lpips".to_owned(), |network| {
@@ -368,20 +323,12 @@ fn table(report: &EvalReport, lpips: Option<Backbone>) -> String {
         "{:<24} {:>7} {:>8} {:>11} {:>8} {:>8} {:>8} {:>8} {:>8}   (PSNR in dB; {network})",
         report.split, "PSNR", "object", "background", "masked", "near", "SSIM", "LPIPS", "FLIP"
     )];
-    lines.extend(
-        report
-            .views
-            .iter()
-            .map(|view| row(&view.name, &view.metrics)),
-    );
+    let views = report.views.iter();
+    lines.extend(views.map(|view| row(&view.name, &view.metrics)));
     lines.push(row("mean", &report.mean));
     lines.push(row("mean, photo's own fit", &report.mean_fitted));
-    lines.extend(
-        report
-            .relight
-            .iter()
-            .map(|(name, metrics)| row(name, metrics)),
-    );
+    let relight = report.relight.iter();
+    lines.extend(relight.map(|(name, metrics)| row(name, metrics)));
     let gained = report.relight_gained.iter();
     lines.extend(gained.map(|(name, metrics)| row(&format!("{name}, gain matched"), metrics)));
     let normals = report.normal_mae_deg.zip(report.normal_median_deg);
@@ -392,10 +339,7 @@ fn table(report: &EvalReport, lpips: Option<Backbone>) -> String {
     lines.extend(roughness.map(|error| format!("roughness: mean error {error:.3}")));
     let albedo = report.albedo_psnr;
     lines.extend(albedo.map(|psnr| format!("albedo: PSNR {psnr:.2} dB after one gain a colour")));
-    lines.extend(
-        report
-            .pano_psnr
-            .map(|psnr| format!("panoramas: PSNR {psnr:.2} dB")),
-    );
+    let panoramas = report.pano_psnr;
+    lines.extend(panoramas.map(|psnr| format!("panoramas: PSNR {psnr:.2} dB")));
     lines.join("\n")
 }

@@ -4,15 +4,17 @@ use std::path::{Path, PathBuf};
 
 use glam::{EulerRot, Quat, Vec3};
 use neif::color::srgb_from_linear;
-use neif::data::{ExrSample, Texture, TexturedMesh, write_exr, write_textured_glb};
+use neif::data::{Texture, TexturedMesh, write_textured_glb};
 use neif::geometry::{Atlas, Texel};
 use neif::neif::surface::region::ObjectEdit;
 use neif::neif::{EnvironmentTransform, ObjectModel};
 use neif::render::output::metallic_roughness::{DIELECTRIC, MetallicRoughness};
+use neif::render::output::turntable::turning_point;
 use neif::render::{
     BakedSurface, Scene, Unwrapped, bake, panorama, radiance_as_albedo, trained_light,
 };
 
+use super::env::PanoramaFile;
 use crate::cli::edits::MaterialFlags;
 use crate::cli::failure::Failure;
 use crate::cli::{interrupt, output, scenes};
@@ -22,7 +24,6 @@ const PADDING_PX: u32 = 3;
 /// Error of the reflectance (root mean square) from which `KHR_materials_specular` is worth a texture.
 const SPECULAR_ERROR: f32 = 0.01;
 
-/// Arguments of `neif export`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct ExportArgs {
     /// The run folder
@@ -46,28 +47,19 @@ pub(crate) struct ExportArgs {
     out: PathBuf,
 }
 
-/// `neif export`.
 pub(crate) fn run(args: &ExportArgs) -> Result<(), Failure> {
-    if args.out.extension().is_none_or(|e| e != "glb") {
-        return Err(Failure::unusable(anyhow::anyhow!(
-            "{}: the name must end in .glb",
-            args.out.display()
-        )));
-    }
+    scenes::check_is_glb(&args.out)?;
     let run = scenes::open_run(&args.run, None)?;
     let object = run.scene.object.as_ref().ok_or_else(|| {
-        Failure::unusable(anyhow::anyhow!(
-            "{}: a run of an environment alone has no object to export",
-            args.run.display()
-        ))
+        let what = "a run of an environment alone has no object to export";
+        Failure::at(&args.run, what)
     })?;
     scenes::make_folder_of(&args.out)?;
     let mesh = object.tracer.mesh();
     let unwrapped = Unwrapped::new(mesh, args.texture_size, PADDING_PX).ok_or_else(|| {
+        let (size, n) = (args.texture_size, mesh.triangles.len());
         Failure::unusable(anyhow::anyhow!(
-            "--texture-size {}: too small for this mesh of {} triangles",
-            args.texture_size,
-            mesh.triangles.len()
+            "--texture-size {size}: too small for this mesh of {n} triangles"
         ))
     })?;
     let baked = baked(
@@ -97,36 +89,18 @@ fn baked(
 ) -> Result<BakedSurface, Failure> {
     let cancel = interrupt::install()?;
     let light = trained_light(scene, cancel);
-    if interrupt::requested() {
-        return Err(Failure::Interrupted);
-    }
-    Ok(match light {
+    interrupt::check()?;
+    let albedo = |texels: &[Texel], diffuse: &[Vec3]| match &light {
         Some(light) => {
-            let albedo = |texels: &[Texel], diffuse: &[Vec3]| -> Vec<Vec3> {
-                let pairs = texels.iter().zip(diffuse);
-                pairs
-                    .map(|(texel, diffuse)| {
-                        light.surface.albedo(texel.position, texel.normal, *diffuse)
-                    })
-                    .collect()
-            };
-            bake(
-                object,
-                (&edit.whole, &edit.regions),
-                atlas,
-                PADDING_PX,
-                &albedo,
-            )
+            let pairs = texels.iter().zip(diffuse);
+            let albedo = pairs.map(|(at, diffuse)| light.albedo(at.position, at.normal, *diffuse));
+            albedo.collect()
         }
         // The paper's own model keeps its diffuse part whatever the light.
-        None => bake(
-            object,
-            (&edit.whole, &edit.regions),
-            atlas,
-            PADDING_PX,
-            &radiance_as_albedo,
-        ),
-    })
+        None => radiance_as_albedo(texels, diffuse),
+    };
+    let edits = (&edit.whole, &edit.regions);
+    Ok(bake(object, edits, atlas, PADDING_PX, &albedo))
 }
 
 /// `a/b.glb` becomes `a/b_environment.exr`.
@@ -207,18 +181,11 @@ fn write_environment(
         rotate_deg: Vec3::new(x, y, z).map(f32::to_degrees),
         ..EnvironmentTransform::default()
     };
-    let object = scene.object.as_ref();
-    let bounds = object.map_or_else(
-        || scene.environment.inner_box(),
-        |o| o.tracer.mesh().bounds(),
-    );
-    let at = z_up_from_world * bounds.center();
+    let at = z_up_from_world * turning_point(scene);
     let empty = scene.emptied(cancel).ok_or(Failure::Interrupted)?;
     let empty = Scene { transform, ..empty };
     let picture = panorama(&empty, at, 0.0, width, cancel).ok_or(Failure::Interrupted)?;
-    let (width, height) = (picture.width, picture.height);
-    write_exr(file, width, height, &picture.pixels, ExrSample::Float)?;
-    Ok(())
+    PanoramaFile::Exr.write(file, &picture)
 }
 
 #[cfg(test)]

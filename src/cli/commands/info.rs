@@ -13,7 +13,6 @@ use crate::cli::failure::{Failure, OrUnusable as _};
 use crate::cli::output;
 use crate::cli::photos_found::PhotosFound;
 
-/// Arguments of `neif info`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct InfoArgs {
     /// A capture, a run folder, the file of an environment or of a trained object, or a panorama (.hdr, .exr)
@@ -26,36 +25,28 @@ pub(crate) struct InfoArgs {
     json: bool,
 }
 
-/// `neif info`.
 pub(crate) fn run(args: &InfoArgs) -> Result<(), Failure> {
     let path = &args.path;
-    let is_environment = is_environment_file(path);
-    let found = if RunFolder::is_run(path) {
-        Found::listed(about_run(path)?)
-    } else if is_environment {
-        Found::listed(about_tensors(path)?)
+    let (facts, page) = if RunFolder::is_run(path) {
+        listed(about_run(path)?)
+    } else if is_environment_file(path) {
+        listed(about_tensors(path)?)
     } else {
         about_capture(path, &args.capture)?
     };
     if args.json {
-        output::json_line(&found.facts)?;
+        output::json_line(&facts)?;
     } else {
-        output::line(&found.page)?;
+        output::line(&page)?;
     }
     Ok(())
 }
 
-/// What was found out, for scripts and for people.
-struct Found {
-    facts: Value,
-    page: String,
-}
-
-impl Found {
-    fn listed(facts: Value) -> Self {
-        let page = for_people(&facts);
-        Self { facts, page }
-    }
+/// The facts, and a page for people with one line a fact.
+fn listed(facts: Value) -> (Value, String) {
+    let mut lines = Vec::new();
+    append(&mut lines, &facts, 0);
+    (facts, lines.join("\n"))
 }
 
 fn about_run(path: &Path) -> Result<Value, Failure> {
@@ -81,7 +72,7 @@ fn about_run(path: &Path) -> Result<Value, Failure> {
         "dataset": dataset.to_string_lossy(),
         "dataset_found": dataset.exists(),
         "environment": about_environment(&scene.environment),
-        "found": found.told,
+        "found": found.lines,
         "photos": found.photos,
     }))
 }
@@ -113,8 +104,8 @@ fn about_environment(environment: &Environment) -> Value {
     })
 }
 
-/// What is in a capture and what is wrong with it, as JSON or as a page for people.
-fn about_capture(path: &Path, args: &CaptureArgs) -> Result<Found, Failure> {
+/// What is in a capture and what is wrong with it, as JSON and as a page for people.
+fn about_capture(path: &Path, args: &CaptureArgs) -> Result<(Value, String), Failure> {
     let options = LoadOptions {
         choices: args.choices(),
         ..LoadOptions::default()
@@ -123,17 +114,10 @@ fn about_capture(path: &Path, args: &CaptureArgs) -> Result<Found, Failure> {
     let report = check(&dataset);
     let mut facts = serde_json::to_value(&report)?;
     facts["kind"] = json!("capture");
-    let page = report.to_string().trim_end().to_owned();
-    Ok(Found { facts, page })
+    Ok((facts, report.to_string().trim_end().to_owned()))
 }
 
-/// One line a fact, nested facts indented.
-fn for_people(found: &Value) -> String {
-    let mut lines = Vec::new();
-    append(&mut lines, found, 0);
-    lines.join("\n")
-}
-
+/// Adds one line a fact, nested facts indented.
 fn append(lines: &mut Vec<String>, value: &Value, indent: usize) {
     let margin = "  ".repeat(indent);
     let Value::Object(facts) = value else {

@@ -7,8 +7,7 @@ use std::time::{Duration, Instant};
 use neif::data::{CaptureChoices, Dataset, LoadOptions, read_mesh, write_glb};
 use neif::geometry::Mesh;
 use neif::train::shape::stage_one::{
-    Making, MeshDifference, StageOneError, StageOneOptions, compare, make_mesh,
-    silhouette_agreement,
+    Making, StageOneError, StageOneOptions, compare, make_mesh, silhouette_agreement,
 };
 use serde_json::json;
 
@@ -17,7 +16,6 @@ use crate::cli::failure::{Failure, OrUnusable as _};
 use crate::cli::output::Display;
 use crate::cli::{interrupt, output, scenes, values};
 
-/// Arguments of `neif mesh`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct MeshArgs {
     /// The capture: a folder or file of posed photos with masks, depth maps, or the points that they were posed by
@@ -43,21 +41,11 @@ pub(crate) struct MeshArgs {
     json: bool,
 }
 
-/// `neif mesh`.
 pub(crate) fn run(args: &MeshArgs, started: Instant) -> Result<(), Failure> {
-    if args.out.extension().is_none_or(|e| e != "glb") {
-        return Err(Failure::unusable(anyhow::anyhow!(
-            "{}: the name must end in .glb",
-            args.out.display()
-        )));
-    }
+    scenes::check_is_glb(&args.out)?;
     let cancel = interrupt::install()?;
-    let reference = args
-        .compare
-        .as_deref()
-        .map(read_mesh)
-        .transpose()
-        .or_unusable()?;
+    let reference = args.compare.as_deref().map(read_mesh);
+    let reference = reference.transpose().or_unusable()?;
     let load_options = LoadOptions {
         choices: args.photos.over(CaptureChoices::default()),
         ..LoadOptions::default()
@@ -118,16 +106,12 @@ fn report(
         output::json_line(&json!({
             "event": "finished", "mesh": args.out.to_string_lossy(), "triangles": n_triangles,
             "seconds": seconds, "silhouette_iou": agreement,
-            "difference": difference.map(|d| as_json(&d)),
+            "difference": difference,
         }))?;
         return Ok(());
     }
-    let iou = agreement.map(|iou| {
-        format!(
-            ", {:.1} % of the held-out silhouettes in common",
-            100.0 * iou
-        )
-    });
+    let iou = agreement.map(|iou| 100.0 * iou);
+    let iou = iou.map(|iou| format!(", {iou:.1} % of the held-out silhouettes in common"));
     output::line(&format!(
         "{}: {n_triangles} triangles in {seconds:.1} s{}",
         args.out.display(),
@@ -144,14 +128,4 @@ fn report(
         ))?;
     }
     Ok(())
-}
-
-fn as_json(difference: &MeshDifference) -> serde_json::Value {
-    json!({
-        "diameter": difference.diameter,
-        "chamfer": difference.chamfer,
-        "chamfer_visible": difference.chamfer_visible,
-        "normal_median_deg": difference.normal_median_deg,
-        "normal_mean_deg": difference.normal_mean_deg,
-    })
 }

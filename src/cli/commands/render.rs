@@ -11,13 +11,12 @@ use neif::render::{
 };
 use strum::VariantArray as _;
 
-use crate::cli::edits::{EnvironmentFlags, MaterialFlags, apply};
+use crate::cli::edits::{EnvironmentFlags, MaterialFlags};
 use crate::cli::failure::Failure;
 use crate::cli::output::{self, Display};
 use crate::cli::shots::CameraFlags;
 use crate::cli::{interrupt, scenes, values};
 
-/// Arguments of `neif render`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct RenderArgs {
     /// The run folder
@@ -73,7 +72,6 @@ pub(crate) struct RenderArgs {
     out: PathBuf,
 }
 
-/// `neif render`.
 pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let run = scenes::open_run(&args.run, args.cameras.dataset.as_deref())?;
     let mut scene = run.scene.clone();
@@ -83,7 +81,9 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
     if args.baked_diffuse {
         scene.trained_in = None;
     }
-    let mut scene = apply(scene, &args.material, &args.environment)?;
+    let edit = args.material.edit()?;
+    (scene.edit, scene.regions) = (edit.whole, edit.regions);
+    scene.transform = args.environment.transform();
     scene.background = args.background;
     scene.display_ev = args.exposure;
     scene.tone_map = args.tone_map;

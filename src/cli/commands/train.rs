@@ -43,7 +43,6 @@ impl BudgetArgs {
     }
 }
 
-/// Arguments of `neif train`.
 #[derive(Debug, clap::Args)]
 #[expect(clippy::struct_excessive_bools, reason = "flags as they are typed")]
 pub(crate) struct TrainArgs {
@@ -79,16 +78,16 @@ pub(crate) struct TrainArgs {
     /// Whether each photo has an exposure and a white balance of its own [default: where the photos say so]
     #[arg(long, value_name = "on|off", conflicts_with = "resume")]
     #[arg(num_args = 0..=1, require_equals = true, default_missing_value = "on")]
-    photo_exposures: Option<Fit>,
+    photo_exposures: Option<PhotoFit>,
     /// Whether the poses of the photos are refined [default: where the photos say that they are off]
     #[arg(long, value_name = "on|off", conflicts_with = "resume")]
     #[arg(num_args = 0..=1, require_equals = true, default_missing_value = "on")]
-    refine_poses: Option<Fit>,
+    refine_poses: Option<PhotoFit>,
     /// Whether the environment is learned from the background of the photos [default: unless that stands still in the
     /// picture, as on a turntable; light is then learned from reflections alone]
     #[arg(long, value_name = "on|off", conflicts_with = "resume")]
     #[arg(num_args = 0..=1, require_equals = true, default_missing_value = "on")]
-    background: Option<Fit>,
+    background: Option<PhotoFit>,
     /// Refine the mesh's normals while training: for meshes that are good to a degree or two. It is done anyway where the
     /// mesh was made from masks or depth maps
     #[arg(long, conflicts_with = "resume")]
@@ -104,7 +103,6 @@ pub(crate) struct TrainArgs {
     json: bool,
 }
 
-/// `neif train`.
 pub(crate) fn run(args: &TrainArgs, started: Instant) -> Result<(), Failure> {
     let options = options(args, started)?;
     let before = RunFolder::open(&args.out)
@@ -115,21 +113,7 @@ pub(crate) fn run(args: &TrainArgs, started: Instant) -> Result<(), Failure> {
         output::note("the run had finished already: --budget or --steps trains it further");
     }
     if !args.json {
-        let quality = outcome.validation.map(|v| {
-            let object = v.psnr_object.map(|db| format!(" (object {db:.2} dB)"));
-            format!(
-                ", validation PSNR {:.2} dB{}",
-                v.psnr,
-                object.unwrap_or_default()
-            )
-        });
-        output::line(&format!(
-            "{}: {} steps in {:.1} s of training{}",
-            args.out.display(),
-            outcome.finish.step,
-            outcome.finish.train_secs,
-            quality.unwrap_or_default()
-        ))?;
+        outcome.report(&args.out)?;
     }
     outcome.verdict()
 }
@@ -187,34 +171,16 @@ fn options(args: &TrainArgs, started: Instant) -> Result<SessionOptions, Failure
         options.storage = Storage::F16;
     }
     let config = &mut options.config;
-    config.photo_exposures = args
-        .photo_exposures
-        .map_or(config.photo_exposures, Fit::of_photo);
-    config.refine_poses = args.refine_poses.map_or(config.refine_poses, Fit::of_photo);
-    config.background = args.background.map_or(config.background, Fit::of_photo);
+    config.photo_exposures = args.photo_exposures.unwrap_or(config.photo_exposures);
+    config.refine_poses = args.refine_poses.unwrap_or(config.refine_poses);
+    config.background = args.background.unwrap_or(config.background);
     if args.refine_normals {
-        options.config.normals = Normals::Refined;
+        config.normals = Normals::Refined;
     }
-    options.config.threads = args.threads.unwrap_or(options.config.threads);
-    options.config.early_stop &= !args.no_early_stop;
-    options.config.validate().or_unusable()?;
+    config.threads = args.threads.unwrap_or(config.threads);
+    config.early_stop &= !args.no_early_stop;
+    config.validate().or_unusable()?;
     Ok(options)
-}
-
-/// What the person wants of something that the program decides otherwise.
-#[derive(Clone, Copy, Debug, clap::ValueEnum)]
-enum Fit {
-    On,
-    Off,
-}
-
-impl Fit {
-    fn of_photo(self) -> PhotoFit {
-        match self {
-            Self::On => PhotoFit::On,
-            Self::Off => PhotoFit::Off,
-        }
-    }
 }
 
 /// The settings of a preset by name or file, with another seed where one is given.

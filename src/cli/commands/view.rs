@@ -8,7 +8,6 @@ use super::demo;
 use crate::cli::capture::CaptureArgs;
 use crate::cli::failure::Failure;
 
-/// Arguments of `neif view`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct ViewArgs {
     /// Captures, run folders or environment files to open
@@ -18,13 +17,9 @@ pub(crate) struct ViewArgs {
     capture: CaptureArgs,
 }
 
-/// `neif view`.
 pub(crate) fn run(args: ViewArgs) -> Result<(), Failure> {
     if let Some(missing) = args.paths.iter().find(|path| !path.exists()) {
-        return Err(Failure::unusable(anyhow::anyhow!(
-            "{}: no such file or folder",
-            missing.display()
-        )));
+        return Err(Failure::at(missing, "no such file or folder"));
     }
     match no_window_reason() {
         Some(reason) => Err(Failure::Failed(anyhow::anyhow!("{reason}"))),

@@ -17,7 +17,7 @@ const MIN_WIDTH: usize = 8;
 const RATIO_TOLERANCE: f32 = 0.01;
 
 /// Which world axis is up.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum UpAxis {
     /// The picture's top is +z and its centre +x: the convention of panoramas here and in Blender.
     #[default]

@@ -19,12 +19,12 @@ const ELEVATION: f32 = 20.0 * TAU / 360.0;
 const MARGIN: f32 = 1.15;
 
 /// What turns.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum Spin {
-    /// The camera.
+    /// The camera, around the object.
     #[default]
     Camera,
-    /// The environment; camera and object stay.
+    /// The environment, around the object and the camera.
     Environment,
 }
 

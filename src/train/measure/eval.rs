@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use super::held_out::{PoseFit, fitted, truth_and_mask};
 use super::lpips::Lpips;
-use super::metrics::{ImageMetrics, SquaredError, compare, compare_object, mean};
+use super::metrics::{ImageMetrics, SquaredError, compare, compare_object, mean, mean_of};
 use crate::color::srgb_from_linear;
 use crate::data::{DataError, RelightApply, View, read_exr_linear};
 use crate::geometry::Camera;
@@ -68,20 +68,22 @@ pub struct EvalReport {
     pub pano_psnr: Option<f64>,
 }
 
-/// What is measured of views besides what always is.
+/// What is measured of views besides what always is, and how.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Measures<'a> {
+    /// How the training photos are exposed, where each in its own way.
+    pub exposures: Option<&'a PhotoExposures>,
     /// The weights for LPIPS.
     pub lpips: Option<&'a Lpips>,
     /// What is fitted to each photo for [`ViewMetrics::fitted`].
     pub fitted: Option<PoseFit>,
 }
 
-/// Renders each view, with its photo's exposure where it was trained on and had its own, and measures it against its photo; `on_view` gets each picture. `None` when cancelled.
+/// Renders each view, with its photo's exposure where it was trained on and had its own, and measures it against its
+/// photo; `on_view` gets each picture. `None` when cancelled.
 pub fn evaluate_views(
     scene: &Scene,
     views: &[View],
-    exposures: Option<&PhotoExposures>,
     measures: Measures<'_>,
     cancel: &AtomicBool,
     on_view: &mut dyn FnMut(usize, &View, &Picture),
@@ -89,7 +91,7 @@ pub fn evaluate_views(
     let scene = &scene.lit(cancel)?;
     let mut results = Vec::with_capacity(views.len());
     for (index, view) in views.iter().enumerate() {
-        let own = exposures.and_then(|exposures| exposures.trained(view));
+        let own = measures.exposures.and_then(|photos| photos.trained(view));
         let exposed = own.map(|gain| scene.exposed(gain));
         let scene = exposed.as_ref().unwrap_or(scene);
         let picture = render(scene, &view.camera, Layer::Final, cancel, &|_| {})?;
@@ -119,21 +121,14 @@ pub fn evaluate_object(
     model: &NeilfModel,
     views: &[View],
     cancel: &AtomicBool,
-) -> Option<Vec<ViewMetrics>> {
-    let mut results = Vec::with_capacity(views.len());
-    for view in views {
+) -> Option<Vec<ImageMetrics>> {
+    let measure = |view: &View| {
         let picture = render_neilf(model, &view.camera, cancel)?;
         let (truth, mask) = truth_and_mask(view, picture.pixels.len());
-        let metrics = mask
-            .map(|mask| compare_object(&picture.pixels, &truth, &mask))
-            .unwrap_or_default();
-        results.push(ViewMetrics {
-            name: view.name.clone(),
-            metrics,
-            fitted: ImageMetrics::default(),
-        });
-    }
-    Some(results)
+        let metrics = mask.map(|mask| compare_object(&picture.pixels, &truth, &mask));
+        Some(metrics.unwrap_or_default())
+    };
+    views.iter().map(measure).collect()
 }
 
 /// The mean of the measures over views.
@@ -210,11 +205,7 @@ pub fn panorama_psnr(
     if !json.is_file() {
         return Ok(None);
     }
-    let io = |source| DataError::Io {
-        path: json.clone(),
-        source,
-    };
-    let text = std::fs::read_to_string(&json).map_err(io)?;
+    let text = std::fs::read_to_string(&json).map_err(|source| DataError::io(&json, source))?;
     let list: PanoramaList = serde_json::from_str(&text).map_err(|source| DataError::Json {
         path: json.clone(),
         source,
@@ -222,36 +213,26 @@ pub fn panorama_psnr(
     let Some(scene) = scene.emptied(cancel) else {
         return Ok(None);
     };
-    let mut sum = 0.0;
-    let mut count = 0;
+    let mut found = Vec::new();
     for truth in &list.panos {
         let (width, _, pixels) = read_exr_linear(&root.join(&truth.file))?;
-        let seen = panorama(&scene, truth.position, 0.0, width, cancel);
-        let Some(seen) = seen else {
+        let Some(seen) = panorama(&scene, truth.position, 0.0, width, cancel) else {
             return Ok(None);
         };
         let mut error = SquaredError::default();
         for (truth, seen) in pixels.iter().zip(&seen.pixels) {
             let truth = truth.map(|v| srgb_from_linear(v.clamp(0.0, 1.0)));
-            error.add(
-                compose(&scene, Layer::Environment, 0.0, [0.0; 3], *seen),
-                truth,
-            );
+            let seen = compose(&scene, Layer::Environment, 0.0, [0.0; 3], *seen);
+            error.add(seen, truth);
         }
-        if let Some(psnr) = error.psnr() {
-            sum += psnr;
-            count += 1;
-        }
+        found.extend(error.psnr());
     }
-    Ok((count > 0).then(|| sum / f64::from(count)))
+    Ok(mean_of(&found))
 }
 
-/// A sum of differences between roughnesses.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct RoughnessError {
-    sum: f64,
-    count: usize,
-}
+/// Differences between roughnesses, of every pixel.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RoughnessError(Vec<f64>);
 
 impl RoughnessError {
     /// Adds the pixels of a view whose true roughness is given, `[height * width]`, where the true reflectance at normal
@@ -274,15 +255,14 @@ impl RoughnessError {
         for (i, shown) in shown.pixels.iter().enumerate() {
             let is_whole = view.mask.as_ref().is_none_or(|mask| mask.share(i) > 0.99);
             if is_whole && reflectance[i].iter().any(|v| *v >= REFLECTS) {
-                self.sum += f64::from((shown[0] - roughness[i][0]).abs());
-                self.count += 1;
+                self.0.push(f64::from((shown[0] - roughness[i][0]).abs()));
             }
         }
     }
 
     /// The mean; none without pixels.
     pub fn mean(&self) -> Option<f64> {
-        (self.count > 0).then(|| self.sum / self.count as f64)
+        mean_of(&self.0)
     }
 }
 
@@ -347,12 +327,9 @@ impl AlbedoError {
     }
 }
 
-/// A sum of angles between normals.
+/// Angles between normals in degrees, of every pixel.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct NormalError {
-    /// Of every pixel.
-    angles_deg: Vec<f32>,
-}
+pub struct NormalError(Vec<f32>);
 
 impl NormalError {
     /// Adds the pixels of a view whose true world normal is given, `[height * width]`, zero where
@@ -370,21 +347,20 @@ impl NormalError {
             let (x, y) = (i as u32 % camera.width, i as u32 / camera.width);
             let ray = camera.ray(x as f32 + 0.5, y as f32 + 0.5);
             if let Some(hit) = object.tracer.intersect(&ray, 0.0, f32::INFINITY) {
-                self.angles_deg
-                    .push(hit.normal.angle_between(truth).to_degrees());
+                self.0.push(hit.normal.angle_between(truth).to_degrees());
             }
         }
     }
 
     /// Mean angle in degrees; none without pixels.
     pub fn mean_deg(&self) -> Option<f64> {
-        let sum: f64 = self.angles_deg.iter().copied().map(f64::from).sum();
-        (!self.angles_deg.is_empty()).then(|| sum / self.angles_deg.len() as f64)
+        let angles: Vec<f64> = self.0.iter().copied().map(f64::from).collect();
+        mean_of(&angles)
     }
 
     /// Median angle in degrees; none without pixels.
     pub fn median_deg(&self) -> Option<f64> {
-        let mut angles = self.angles_deg.clone();
+        let mut angles = self.0.clone();
         (!angles.is_empty()).then(|| f64::from(middle(&mut angles)))
     }
 }

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use crate::color::linear_from_srgb;
 
 /// Pixels of the picture in a degree of the visual field: 3840 columns on 0.7 m, seen from 0.7 m.
-pub const PIXELS_PER_DEGREE: f32 = 3840.0 * PI / 180.0;
+const PIXELS_PER_DEGREE: f32 = 3840.0 * PI / 180.0;
 
 /// Amplitude and width (degrees^2) of the Gaussian that is the eye's contrast sensitivity to
 /// lightness (Table 1 of the paper; a sensitivity is the Fourier transform of its blur).
@@ -88,7 +88,7 @@ pub fn error_map(a: &[[f32; 3]], b: &[[f32; 3]], width: usize) -> Vec<f32> {
         return Vec::new();
     }
     assert!(a.len().is_multiple_of(width), "the last row must be whole");
-    let [a, b] = [a, b].map(|image| Appearance::of(image, width, PIXELS_PER_DEGREE));
+    let [a, b] = [a, b].map(|image| Appearance::of(image, width));
     let max_colour = max_colour_difference();
     (0..a.colour.len())
         .into_par_iter()
@@ -113,17 +113,15 @@ struct Appearance {
 }
 
 impl Appearance {
-    fn of(image: &[[f32; 3]], width: usize, pixels_per_degree: f32) -> Self {
-        let opponent: Vec<[f32; 3]> = image
-            .par_iter()
-            .map(|srgb| ycxcz_from_srgb(*srgb))
-            .collect();
+    fn of(image: &[[f32; 3]], width: usize) -> Self {
+        let opponent = image.par_iter().map(|srgb| ycxcz_from_srgb(*srgb));
+        let opponent: Vec<[f32; 3]> = opponent.collect();
         let plane = |c: usize| -> Vec<f32> { opponent.iter().map(|v| v[c]).collect() };
         // Lightness in 0..1.
         let grey: Vec<f32> = opponent.iter().map(|v| (v[0] + 16.0) / 116.0).collect();
-        let taps = FeatureTaps::new(pixels_per_degree);
+        let taps = FeatureTaps::new();
         Self {
-            colour: seen_colours([plane(0), plane(1), plane(2)], width, pixels_per_degree),
+            colour: seen_colours([plane(0), plane(1), plane(2)], width),
             edges: gradient_length(&grey, width, &taps.first_derivative, &taps.gaussian),
             points: gradient_length(&grey, width, &taps.second_derivative, &taps.gaussian),
         }
@@ -131,10 +129,9 @@ impl Appearance {
 }
 
 /// Blurs the planes of Y, Cx and Cz as the eye does and converts to Hunt-adjusted L*a*b*.
-fn seen_colours(ycxcz: [Vec<f32>; 3], width: usize, pixels_per_degree: f32) -> Vec<[f32; 3]> {
-    let [y, cx, cz] = ycxcz;
+fn seen_colours([y, cx, cz]: [Vec<f32>; 3], width: usize) -> Vec<[f32; 3]> {
     let blurred = |plane: &[f32], blurs: &[(f32, f32)]| {
-        let kernels = blur_taps(blurs, pixels_per_degree);
+        let kernels = blur_taps(blurs);
         let parts = kernels.iter().map(|taps| filter(plane, width, taps, taps));
         parts
             .reduce(|sum, part| sum.iter().zip(&part).map(|(a, b)| a + b).collect())
@@ -154,16 +151,16 @@ fn seen_colours(ycxcz: [Vec<f32>; 3], width: usize, pixels_per_degree: f32) -> V
 
 /// Taps of the Gaussians whose sum is a channel's blur; each is applied along rows and columns.
 /// The sum of all two-dimensional weights is 1.
-fn blur_taps(blurs: &[(f32, f32)], pixels_per_degree: f32) -> Vec<Vec<f32>> {
+fn blur_taps(blurs: &[(f32, f32)]) -> Vec<Vec<f32>> {
     // All channels share the radius that the widest Gaussian needs: three standard deviations.
     let widest = BLUE_YELLOW_BLUR[0].1;
-    let radius = (3.0 * (widest / (2.0 * PI * PI)).sqrt() * pixels_per_degree).ceil() as i32;
+    let radius = (3.0 * (widest / (2.0 * PI * PI)).sqrt() * PIXELS_PER_DEGREE).ceil() as i32;
     let mut kernels: Vec<Vec<f32>> = blurs
         .iter()
         .map(|(amplitude, spread)| {
             let peak = (amplitude * (PI / spread).sqrt()).sqrt();
             let tap = |x: i32| {
-                let deg = x as f32 / pixels_per_degree;
+                let deg = x as f32 / PIXELS_PER_DEGREE;
                 peak * (-PI * PI * deg * deg / spread).exp()
             };
             (-radius..=radius).map(tap).collect()
@@ -188,8 +185,8 @@ struct FeatureTaps {
 }
 
 impl FeatureTaps {
-    fn new(pixels_per_degree: f32) -> Self {
-        let sigma = 0.5 * FEATURE_WIDTH_DEG * pixels_per_degree;
+    fn new() -> Self {
+        let sigma = 0.5 * FEATURE_WIDTH_DEG * PIXELS_PER_DEGREE;
         let radius = (3.0 * sigma).ceil() as i32;
         let gauss = |x: f32| (-x * x / (2.0 * sigma * sigma)).exp();
         let taps = |f: &dyn Fn(f32) -> f32| -> Vec<f32> {
@@ -216,11 +213,8 @@ fn balanced(taps: Vec<f32>) -> Vec<f32> {
 fn gradient_length(plane: &[f32], width: usize, derivative: &[f32], gaussian: &[f32]) -> Vec<f32> {
     let along_x = filter(plane, width, derivative, gaussian);
     let along_y = filter(plane, width, gaussian, derivative);
-    along_x
-        .iter()
-        .zip(&along_y)
-        .map(|(x, y)| x.hypot(*y))
-        .collect()
+    let both = along_x.iter().zip(&along_y);
+    both.map(|(x, y)| x.hypot(*y)).collect()
 }
 
 /// Correlates a plane with `taps_x` along its rows and `taps_y` along its columns.
@@ -340,6 +334,11 @@ mod tests {
         })
     }
 
+    /// A checkerboard of 48 x 40 pixels.
+    fn board(k: i64) -> Vec<[f32; 3]> {
+        checkerboard(k, 48, 40)
+    }
+
     fn checkerboard(k: i64, width: usize, height: usize) -> Vec<[f32; 3]> {
         picture(width, height, |x, y, c| {
             if ((x + k) / 6 + y / 6) % 2 == 0 {
@@ -372,44 +371,17 @@ mod tests {
     /// `flip-evaluator` 1.7 (C++ in single precision), default parameters, on the same pictures.
     #[test]
     fn means_equal_those_of_the_reference_program() {
+        let small = |k| checkerboard(k, 7, 5);
+        let (orange, darker) = (flat([200, 100, 50]), flat([190, 110, 60]));
+        let (green, blue) = (flat([0, 255, 0]), flat([0, 0, 255]));
         let pairs = [
             ("gradients", gradient(0), gradient(3), 48, 0.330_482_51),
-            (
-                "checkerboards",
-                checkerboard(0, 48, 40),
-                checkerboard(1, 48, 40),
-                48,
-                0.289_325_70,
-            ),
+            ("checkerboards", board(0), board(1), 48, 0.289_325_70),
             ("blobs", blob(0), blob(4), 48, 0.418_527_21),
-            (
-                "checkerboards smaller than the filters",
-                checkerboard(0, 7, 5),
-                checkerboard(3, 7, 5),
-                7,
-                0.721_379_78,
-            ),
-            (
-                "unlike pictures",
-                gradient(0),
-                checkerboard(0, 48, 40),
-                48,
-                0.763_071_55,
-            ),
-            (
-                "flat colours",
-                flat([200, 100, 50]),
-                flat([190, 110, 60]),
-                48,
-                0.197_824_28,
-            ),
-            (
-                "green and blue",
-                flat([0, 255, 0]),
-                flat([0, 0, 255]),
-                48,
-                1.0,
-            ),
+            ("smaller than filters", small(0), small(3), 7, 0.721_379_78),
+            ("unlike pictures", gradient(0), board(0), 48, 0.763_071_55),
+            ("flat colours", orange, darker, 48, 0.197_824_28),
+            ("green and blue", green, blue, 48, 1.0),
         ];
         for (name, a, b, width, expected) in pairs {
             let mean = mean_error(&a, &b, width).unwrap();
@@ -427,7 +399,7 @@ mod tests {
                 [0.134_284_79, 0.238_297_98, 0.309_676_11, 0.215_888_74],
             ),
             (
-                error_map(&checkerboard(0, 48, 40), &checkerboard(1, 48, 40), 48),
+                error_map(&board(0), &board(1), 48),
                 [0.081_288_72, 0.227_565_41, 0.970_558_23, 0.610_963_25],
             ),
         ];

@@ -18,7 +18,7 @@ use crate::train::statistics::{middle, share_beyond};
 /// Photo value from which a pixel counts as clipped.
 const CLIPPED: f32 = 0.998;
 /// Most pixels that a pose is fitted to.
-const MOST_TOLD: usize = 1 << 13;
+const MAX_POSE_PIXELS: usize = 1 << 13;
 /// Root mean square of what is found of the rotation, and of the translation, of a photo that is right, pixels.
 const NOISE_PX: f32 = 0.4;
 /// How often a pose is corrected by what is left.
@@ -93,8 +93,8 @@ fn posed<'a>(
     side: Side,
     cancel: &AtomicBool,
 ) -> Option<Cow<'a, Picture>> {
-    let told = telling_pixels(view, side);
-    let pixels: Vec<u32> = told.iter().map(|told| told.pixel).collect();
+    let informative = informative_pixels(view, side);
+    let pixels: Vec<u32> = informative.iter().map(|pixel| pixel.index).collect();
     if pixels.is_empty() {
         return Some(Cow::Borrowed(picture));
     }
@@ -105,10 +105,10 @@ fn posed<'a>(
     let mut correction = Correction::default();
     for _ in 0..POSE_STEPS {
         let mut sums = Sums::ZERO;
-        for (told, seen) in told.iter().zip(&seen) {
-            let difference = grey(exposed(seen.srgb, gain)) - told.grey;
+        for (pixel, seen) in informative.iter().zip(&seen) {
+            let difference = grey(exposed(seen.srgb, gain)) - pixel.grey;
             let end = (seen.distance / unit, 1.0);
-            let row = PoseRow::new(0, told.direction, told.slope, difference, end);
+            let row = PoseRow::new(0, pixel.direction, pixel.slope, difference, end);
             if let Some(row) = row {
                 sums.add(&row);
             }
@@ -141,9 +141,9 @@ fn known_share(correction: Correction, pixel_angle: f32) -> f32 {
 }
 
 /// A pixel that constrains the photo's pose.
-struct Told {
+struct InformativePixel {
     /// `y * width + x`.
-    pixel: u32,
+    index: u32,
     direction: Vec3,
     /// What the photo shows, sRGB grey, and its slope by the direction.
     grey: f32,
@@ -151,7 +151,7 @@ struct Told {
 }
 
 /// The pixels of a half amid unclipped background.
-fn telling_pixels(view: &View, side: Side) -> Vec<Told> {
+fn informative_pixels(view: &View, side: Side) -> Vec<InformativePixel> {
     let camera = &view.camera;
     let (width, height) = (camera.width as usize, camera.height as usize);
     let is_background = |i: usize| view.mask.as_ref().is_none_or(|m| m.share(i) == 0.0);
@@ -159,7 +159,7 @@ fn telling_pixels(view: &View, side: Side) -> Vec<Told> {
         let value = grey(view.photo.srgb(i));
         (is_background(i) && value < CLIPPED).then_some(value)
     };
-    let told = |i: usize| {
+    let informative = |i: usize| {
         let (x, y) = (i % width, i / width);
         let is_inside = (1..width - 1).contains(&x) && (1..height - 1).contains(&y);
         if !is_inside || !side.has(i) {
@@ -168,22 +168,17 @@ fn telling_pixels(view: &View, side: Side) -> Vec<Told> {
         let slope = |step: usize| Some(0.5 * (value(i + step)? - value(i - step)?));
         let by_pixel = [slope(1)?, slope(width)?];
         let (x, y) = (x as f32 + 0.5, y as f32 + 0.5);
-        Some(Told {
-            pixel: i as u32,
+        Some(InformativePixel {
+            index: i as u32,
             direction: camera.ray(x, y).direction,
             grey: value(i)?,
             slope: slope_by_direction(camera, x, y, by_pixel),
         })
     };
-    let mut all: Vec<Told> = (0..width * height).filter_map(told).collect();
+    let all: Vec<_> = (0..width * height).filter_map(informative).collect();
     // Odd, so that it is no divisor of most widths.
-    let stride = all.len().div_ceil(MOST_TOLD) | 1;
-    let mut index = 0;
-    all.retain(|_| {
-        index += 1;
-        index % stride == 0
-    });
-    all
+    let stride = all.len().div_ceil(MAX_POSE_PIXELS) | 1;
+    all.into_iter().skip(stride - 1).step_by(stride).collect()
 }
 
 fn grey(srgb: [f32; 3]) -> f32 {
@@ -202,7 +197,8 @@ pub fn after_one_gain(views: &[View], pictures: &[Picture]) -> ImageMetrics {
     let pairs = views.iter().zip(pictures);
     let metrics: Vec<ImageMetrics> = pairs
         .map(|(view, picture)| {
-            let pixels = gained(picture, gain);
+            let pixels = picture.pixels.iter().map(|srgb| exposed(*srgb, gain));
+            let pixels: Vec<[f32; 3]> = pixels.collect();
             let (truth, mask) = truth_and_mask(view, pixels.len());
             compare(&pixels, &truth, mask.as_deref(), picture.width as usize)
         })
@@ -237,13 +233,7 @@ pub(in crate::train) fn nearest_gain(
     sums.map(|[a, b]| if b > 0.0 { (a / b) as f32 } else { 1.0 })
 }
 
-/// A picture in sRGB with a gain a colour in linear light.
-fn gained(picture: &Picture, gain: [f32; 3]) -> Vec<[f32; 3]> {
-    let pixels = picture.pixels.iter();
-    pixels.map(|srgb| exposed(*srgb, gain)).collect()
-}
-
-/// The same of one pixel.
+/// A pixel in sRGB with a gain a colour in linear light.
 fn exposed(srgb: [f32; 3], gain: [f32; 3]) -> [f32; 3] {
     std::array::from_fn(|c| srgb_from_linear((linear_from_srgb(srgb[c]) * gain[c]).clamp(0.0, 1.0)))
 }
@@ -252,10 +242,8 @@ fn exposed(srgb: [f32; 3], gain: [f32; 3]) -> [f32; 3] {
 pub(super) fn truth_and_mask(view: &View, n: usize) -> (Vec<[f32; 3]>, Option<Vec<f32>>) {
     let truth = (0..n).map(|i| view.photo.srgb(i)).collect();
     let mask = view.mask.as_ref();
-    (
-        truth,
-        mask.map(|mask| (0..n).map(|i| mask.share(i)).collect()),
-    )
+    let shares = mask.map(|mask| (0..n).map(|i| mask.share(i)).collect());
+    (truth, shares)
 }
 
 #[cfg(test)]
@@ -274,6 +262,19 @@ mod tests {
     fn exposed_as_photo(view: &View, picture: &Picture) -> ImageMetrics {
         let (scene, cancel) = (Scene::new(None, fog(0.0, 0.0)), AtomicBool::new(false));
         fitted(&scene, view, picture, PoseFit::Given, &cancel).expect("nobody cancels")
+    }
+
+    /// A view's photo with a gain a colour for each pixel.
+    fn gained(view: &View, gain: impl Fn(usize) -> [f32; 3]) -> Picture {
+        let pixel = |i: usize| {
+            let (srgb, gain) = (view.photo.srgb(i), gain(i));
+            std::array::from_fn(|c| srgb_from_linear(linear_from_srgb(srgb[c]) * gain[c]))
+        };
+        Picture {
+            width: view.camera.width,
+            height: view.camera.height,
+            pixels: (0..view.photo.n_pixels()).map(pixel).collect(),
+        }
     }
 
     /// An environment far away with waves all over.
@@ -341,17 +342,8 @@ mod tests {
     fn one_gain_undoes_a_darker_exposure_and_nothing_else() {
         let capture = crate::train::test_scene::sphere_in_a_box(4, 16);
         let views = &capture.train[..2];
-        let picture = |view: &View, gain: [f32; 3]| Picture {
-            width: view.camera.width,
-            height: view.camera.height,
-            pixels: (0..(view.camera.width * view.camera.height) as usize)
-                .map(|i| {
-                    let srgb = view.photo.srgb(i);
-                    std::array::from_fn(|c| srgb_from_linear(linear_from_srgb(srgb[c]) * gain[c]))
-                })
-                .collect(),
-        };
-        let dark: Vec<Picture> = views.iter().map(|v| picture(v, [0.5, 0.4, 0.3])).collect();
+        let dark = |v| gained(v, |_| [0.5, 0.4, 0.3]);
+        let dark: Vec<Picture> = views.iter().map(dark).collect();
         let psnr = after_one_gain(views, &dark)
             .psnr
             .expect("not equal to the bit");
@@ -360,7 +352,7 @@ mod tests {
         let uneven: Vec<Picture> = views
             .iter()
             .zip(gains)
-            .map(|(view, gain)| picture(view, gain))
+            .map(|(view, gain)| gained(view, |_| gain))
             .collect();
         let psnr = after_one_gain(views, &uneven).psnr.expect("far from equal");
         assert!(psnr < 40.0, "two exposures: {psnr}");
@@ -374,17 +366,7 @@ mod tests {
     fn a_gain_is_not_measured_on_the_half_that_it_was_fitted_to() {
         let capture = crate::train::test_scene::sphere_in_a_box(4, 16);
         let view = &capture.train[0];
-        let picture = Picture {
-            width: 16,
-            height: 16,
-            pixels: (0..16 * 16)
-                .map(|i| {
-                    let gain = if i % 16 < 8 { 0.5 } else { 0.25 };
-                    let srgb = view.photo.srgb(i);
-                    srgb.map(|v| srgb_from_linear(gain * linear_from_srgb(v)))
-                })
-                .collect(),
-        };
+        let picture = gained(view, |i| [if i % 16 < 8 { 0.5 } else { 0.25 }; 3]);
         // A gain for each half would make them equal, and one for both nearly.
         let psnr = exposed_as_photo(view, &picture).psnr.expect("not equal");
         let views = std::slice::from_ref(view);

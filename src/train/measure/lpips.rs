@@ -6,7 +6,7 @@
 //! safetensors file with the names that torchvision gives the network (`features.N.weight`,
 //! `features.N.bias`) and `linK.model.1.weight` for the weights of the K-th layer's features.
 
-use std::{fmt, path::Path};
+use std::path::Path;
 
 use super::convolution::{
     Convolution, ConvolutionShape, FeatureMap, LastWindow, max_pool, pooled_side,
@@ -21,21 +21,12 @@ const SCALE: [f32; 3] = [0.458, 0.448, 0.450];
 const NORM_EPSILON: f64 = 1e-10;
 
 /// The network that makes the features.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, strum::Display)]
 pub enum Backbone {
     /// `AlexNet`, five layers of features: what most papers print.
     AlexNet,
     /// `SqueezeNet` 1.1, seven layers of features.
     SqueezeNet,
-}
-
-impl fmt::Display for Backbone {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::AlexNet => "AlexNet",
-            Self::SqueezeNet => "SqueezeNet",
-        })
-    }
 }
 
 /// The trained measure.
@@ -211,18 +202,12 @@ fn alexnet(file: &TensorFile) -> Result<Vec<Stage>, TensorFileError> {
     ];
     let mut stages = Vec::with_capacity(layers.len());
     for (number, n_in, n_out, side, stride, padding) in layers {
-        let shape = ConvolutionShape {
-            n_in,
-            n_out,
-            side,
-            stride,
-            padding,
-        };
         let mut steps = Vec::new();
         if matches!(number, 3 | 6) {
             steps.push(Step::Pool(LastWindow::Dropped));
         }
-        let layer = convolution(file, &format!("features.{number}"), shape)?;
+        let (name, window) = (format!("features.{number}"), [side, stride, padding]);
+        let layer = convolution(file, &name, [n_in, n_out], window)?;
         steps.push(Step::Convolve(layer));
         stages.push(stage(file, stages.len(), steps, n_out)?);
     }
@@ -232,15 +217,8 @@ fn alexnet(file: &TensorFile) -> Result<Vec<Stage>, TensorFileError> {
 /// torchvision's `squeezenet1_1().features`, cut as LPIPS does: before each pooling, then behind
 /// each of the last modules.
 fn squeezenet(file: &TensorFile) -> Result<Vec<Stage>, TensorFileError> {
-    let shape = ConvolutionShape {
-        n_in: 3,
-        n_out: 64,
-        side: 3,
-        stride: 2,
-        padding: 0,
-    };
-    let first = Step::Convolve(convolution(file, "features.0", shape)?);
-    let mut stages = vec![stage(file, 0, vec![first], 64)?];
+    let first = convolution(file, "features.0", [3, 64], [3, 2, 0])?;
+    let mut stages = vec![stage(file, 0, vec![Step::Convolve(first)], 64)?];
     // Modules of a stage: number, channels in, in between, and of each of both outputs.
     let modules: [&[(usize, usize, usize, usize)]; 6] = [
         &[(3, 64, 16, 64), (4, 128, 16, 64)],
@@ -271,14 +249,8 @@ fn fire(
     [n_in, n_between, n_each]: [usize; 3],
 ) -> Result<Step, TensorFileError> {
     let part = |name: &str, n_in, n_out, side| {
-        let shape = ConvolutionShape {
-            n_in,
-            n_out,
-            side,
-            stride: 1,
-            padding: side / 2,
-        };
-        convolution(file, &format!("features.{number}.{name}"), shape)
+        let name = format!("features.{number}.{name}");
+        convolution(file, &name, [n_in, n_out], [side, 1, side / 2])
     };
     Ok(Step::Fire {
         squeeze: part("squeeze", n_in, n_between, 1)?,
@@ -290,11 +262,18 @@ fn fire(
 fn convolution(
     file: &TensorFile,
     name: &str,
-    shape: ConvolutionShape,
+    [n_in, n_out]: [usize; 2],
+    [side, stride, padding]: [usize; 3],
 ) -> Result<Convolution, TensorFileError> {
-    let extents = [shape.n_out, shape.n_in, shape.side, shape.side];
-    let weights = file.f32(&format!("{name}.weight"), &extents)?;
-    let bias = file.f32(&format!("{name}.bias"), &[shape.n_out])?;
+    let shape = ConvolutionShape {
+        n_in,
+        n_out,
+        side,
+        stride,
+        padding,
+    };
+    let weights = file.f32(&format!("{name}.weight"), &[n_out, n_in, side, side])?;
+    let bias = file.f32(&format!("{name}.bias"), &[n_out])?;
     Ok(Convolution::new(shape, weights, bias))
 }
 
@@ -312,17 +291,7 @@ fn stage(
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// A picture of 8-bit codes given by a formula.
-    fn picture(k: usize, width: usize, height: usize) -> Vec<[f32; 3]> {
-        let code = |x: usize, y: usize, c: usize| {
-            let pattern = x * (7 + c) + y * (13 - 2 * c) + (x * y * (c + 1)) % 11;
-            (pattern + k * ((x * 3 + y * 5 + c) % 9)) % 256
-        };
-        (0..width * height)
-            .map(|i| std::array::from_fn(|c| code(i % width, i / width, c) as f32 / 255.0))
-            .collect()
-    }
+    use crate::train::measure::test_picture::picture;
 
     /// Made-up weights: hashes of the element's index and the tensor's place among the names.
     fn made_up(backbone: Backbone) -> TensorFile {

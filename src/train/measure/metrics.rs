@@ -5,7 +5,7 @@
 //! literature prints, counts the black background as perfectly right and so flatters small
 //! objects.
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::flip;
 
@@ -27,7 +27,7 @@ const SSIM_C2: f64 = 0.03 * 0.03;
 
 /// Quality of one view, or the mean over views. `None` (JSON `null`) where a scope has no pixel
 /// or the measure is not available.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct ImageMetrics {
     /// Over the whole image, dB.
     pub psnr: Option<f64>,
@@ -141,8 +141,7 @@ pub fn compare_object(render: &[[f32; 3]], truth: &[[f32; 3]], mask: &[f32]) -> 
 /// The mean of each measure over the views that have it.
 pub fn mean(views: &[ImageMetrics]) -> ImageMetrics {
     let average = |pick: fn(&ImageMetrics) -> Option<f64>| {
-        let values: Vec<f64> = views.iter().filter_map(pick).collect();
-        (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+        mean_of(&views.iter().filter_map(pick).collect::<Vec<_>>())
     };
     ImageMetrics {
         psnr: average(|m| m.psnr),
@@ -154,6 +153,11 @@ pub fn mean(views: &[ImageMetrics]) -> ImageMetrics {
         lpips: average(|m| m.lpips),
         flip: average(|m| m.flip),
     }
+}
+
+/// The mean of some values; none without any.
+pub(super) fn mean_of(values: &[f64]) -> Option<f64> {
+    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }
 
 /// A sum of squared differences that grows pixel by pixel; validation pools several views in one.
@@ -190,7 +194,7 @@ impl SquaredError {
 }
 
 /// Pools the pixels whose index `select` accepts.
-fn squared_error(
+pub(super) fn squared_error(
     render: &[[f32; 3]],
     truth: &[[f32; 3]],
     select: impl Fn(usize) -> bool,
@@ -285,19 +289,13 @@ fn window_weights() -> [f64; SSIM_WINDOW] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::train::measure::test_picture;
 
     const WIDTH: usize = 24;
     const HEIGHT: usize = 17;
 
-    /// A test picture made of integers only, so that `numpy` gets exactly the same values.
     fn picture(k: usize) -> Vec<[f32; 3]> {
-        let pixel = |x: usize, y: usize, c: usize| {
-            let pattern = x * (7 + c) + y * (13 - 2 * c) + (x * y * (c + 1)) % 11;
-            ((pattern + k * ((x * 3 + y * 5 + c) % 9)) % 256) as f32 / 255.0
-        };
-        (0..WIDTH * HEIGHT)
-            .map(|i| std::array::from_fn(|c| pixel(i % WIDTH, i / WIDTH, c)))
-            .collect()
+        test_picture::picture(k, WIDTH, HEIGHT)
     }
 
     fn disk() -> Vec<f32> {

@@ -9,5 +9,7 @@ pub mod flip;
 pub mod held_out;
 pub mod lpips;
 pub mod metrics;
+#[cfg(test)]
+mod test_picture;
 pub(super) mod validation;
 pub mod view_error;

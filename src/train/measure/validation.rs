@@ -88,11 +88,8 @@ impl Validator {
 
     /// Whether its rows were traced on the object's mesh.
     pub(in crate::train) fn is_of(&self, object: Option<&ObjectModel>) -> bool {
-        let tracer = object.map(|object| &object.tracer);
-        match (&self.tracer, tracer) {
-            (Some(mine), Some(other)) => Arc::ptr_eq(mine, other),
-            (mine, other) => mine.is_none() && other.is_none(),
-        }
+        let tracer = object.map(|object| Arc::as_ptr(&object.tracer));
+        self.tracer.as_ref().map(Arc::as_ptr) == tracer
     }
 
     /// Measures the model, each view with its photo's exposure; `None` when there is no validation view.
@@ -268,25 +265,21 @@ mod tests {
         let flat = history(|secs| 30.0 - 5.0 * (-secs / 20.0).exp());
         let plan = |secs| Plan::new(Budget::Seconds(secs));
         assert!(flat.is_settled(&plan(300.0), 200.0));
-        assert!(
-            !flat.is_settled(&plan(900.0), 200.0),
-            "the first half is always trained"
-        );
-        assert!(
-            !flat.is_settled(&plan(100.0), 200.0),
-            "short plans run to their end"
-        );
-        assert!(
-            !flat.is_settled(&Plan::new(Budget::Steps(10)), 200.0),
-            "steps are exact"
-        );
+        for (plan, why) in [
+            (plan(900.0), "the first half is always trained"),
+            (plan(100.0), "short plans run to their end"),
+            (Plan::new(Budget::Steps(10)), "steps are exact"),
+        ] {
+            assert!(!flat.is_settled(&plan, 200.0), "{why}");
+        }
     }
 
     #[test]
     fn a_run_that_gains_goes_on() {
-        let gaining = history(|secs| 20.0 + secs * 0.01);
-        assert!(!gaining.is_settled(&Plan::new(Budget::Seconds(300.0)), 200.0));
-        let noisy_but_gaining = history(|secs| 20.0 + secs * 0.01 + (secs * 7.0).sin() * 0.1);
-        assert!(!noisy_but_gaining.is_settled(&Plan::new(Budget::Seconds(300.0)), 200.0));
+        let plan = Plan::new(Budget::Seconds(300.0));
+        for noise in [0.0, 0.1] {
+            let gaining = history(|secs| 20.0 + secs * 0.01 + (secs * 7.0).sin() * noise);
+            assert!(!gaining.is_settled(&plan, 200.0), "noise of {noise} dB");
+        }
     }
 }

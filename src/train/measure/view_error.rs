@@ -1,7 +1,8 @@
 //! How a rendered view differs from its photo, pixel by pixel and in figures.
 
 use super::flip;
-use super::metrics::{MASK_THRESHOLD, SquaredError};
+use super::held_out::truth_and_mask;
+use super::metrics::{MASK_THRESHOLD, squared_error};
 use crate::data::View;
 use crate::render::Picture;
 
@@ -47,9 +48,7 @@ impl ViewError {
             (view.photo.width(), view.photo.height()),
             "the picture must have the photo's size"
         );
-        let truth: Vec<[f32; 3]> = (0..picture.pixels.len())
-            .map(|i| view.photo.srgb(i))
-            .collect();
+        let (truth, mask) = truth_and_mask(view, picture.pixels.len());
         let pairs = || picture.pixels.iter().zip(&truth);
         let mean = |of: fn(f32) -> f32| -> Vec<f32> {
             let difference =
@@ -57,7 +56,7 @@ impl ViewError {
             pairs().map(difference).collect()
         };
         let flip = flip::error_map(&truth, &picture.pixels, width);
-        let figures = figures(picture, &truth, &flip, view);
+        let figures = figures(&picture.pixels, &truth, &flip, mask.as_deref());
         Self {
             width,
             absolute: mean(f32::abs),
@@ -68,17 +67,15 @@ impl ViewError {
     }
 }
 
-fn figures(picture: &Picture, truth: &[[f32; 3]], flip: &[f32], view: &View) -> ViewFigures {
-    let share = |i: usize| view.mask.as_ref().map(|mask| mask.share(i));
-    let is_object = |i: usize| share(i).is_some_and(|share| share > MASK_THRESHOLD);
-    let is_background = |i: usize| share(i).is_some_and(|share| share < MASK_THRESHOLD);
-    let psnr = |keep: &dyn Fn(usize) -> bool| {
-        let mut error = SquaredError::default();
-        for i in (0..truth.len()).filter(|&i| keep(i)) {
-            error.add(picture.pixels[i], truth[i]);
-        }
-        error.psnr()
-    };
+fn figures(
+    picture: &[[f32; 3]],
+    truth: &[[f32; 3]],
+    flip: &[f32],
+    mask: Option<&[f32]>,
+) -> ViewFigures {
+    let is_object = |i: usize| mask.is_some_and(|mask| mask[i] > MASK_THRESHOLD);
+    let is_background = |i: usize| mask.is_some_and(|mask| mask[i] < MASK_THRESHOLD);
+    let psnr = |keep: &dyn Fn(usize) -> bool| squared_error(picture, truth, keep).psnr();
     let mean_flip = |keep: &dyn Fn(usize) -> bool| {
         let kept = || (0..flip.len()).filter(|&i| keep(i));
         let mean = kept().map(|i| f64::from(flip[i])).sum::<f64>() / kept().count() as f64;
@@ -127,12 +124,9 @@ mod tests {
         let view = &dataset.train[0];
         let picture = rendering(view, |i, v| v + 0.1 * (i as f32).sin());
         let error = ViewError::of(&picture, view);
-        let truth: Vec<_> = (0..view.photo.n_pixels())
-            .map(|i| view.photo.srgb(i))
-            .collect();
-        let mask = view.mask.as_ref().expect("the sphere has a mask");
-        let mask: Vec<f32> = (0..truth.len()).map(|i| mask.share(i)).collect();
-        let eval = compare(&picture.pixels, &truth, Some(&mask), error.width);
+        let (truth, mask) = truth_and_mask(view, view.photo.n_pixels());
+        assert!(mask.is_some(), "the sphere has a mask");
+        let eval = compare(&picture.pixels, &truth, mask.as_deref(), error.width);
         let figures = error.figures;
         assert_eq!(
             (figures.psnr, figures.psnr_object, figures.psnr_background),

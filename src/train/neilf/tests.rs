@@ -51,15 +51,11 @@ fn training_explains_unseen_views_of_the_object() {
         train(&mut trainer, 300);
         let views = sphere_in_a_box(10, 32).val;
         let results = evaluate_object(&trainer.trained(), &views, &AtomicBool::new(false)).unwrap();
-        for view in results {
-            let psnr = view.metrics.psnr_object.unwrap();
+        for (view, metrics) in views.iter().zip(results) {
+            let psnr = metrics.psnr_object.unwrap();
             assert!(psnr > 17.0, "{brdf:?}, {}: {psnr} dB", view.name);
             assert_eq!(
-                (
-                    view.metrics.psnr,
-                    view.metrics.psnr_background,
-                    view.metrics.ssim
-                ),
+                (metrics.psnr, metrics.psnr_background, metrics.ssim),
                 (None, None, None),
                 "no figure for what the model does not explain"
             );

@@ -2,7 +2,6 @@
 
 use std::{
     collections::VecDeque,
-    fmt,
     sync::{Mutex, PoisonError},
     time::Duration,
 };
@@ -20,14 +19,6 @@ pub(in crate::train) struct EventQueue {
     sender: Sender<TrainEvent>,
     backlog: Mutex<VecDeque<TrainEvent>>,
     wake: Box<dyn Fn() + Send + Sync>,
-}
-
-impl fmt::Debug for EventQueue {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("EventQueue")
-            .field("waiting", &self.sender.len())
-            .finish_non_exhaustive()
-    }
 }
 
 impl EventQueue {
@@ -61,7 +52,7 @@ impl EventQueue {
         self.wake();
     }
 
-    /// Tells the reader that there is something to look at.
+    /// Wakes the reader to look at something.
     pub(in crate::train) fn wake(&self) {
         (self.wake)();
     }

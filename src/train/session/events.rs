@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use serde::Serialize;
 use serde_json::{Value, json};
 
 use super::plan::Budget;
@@ -26,7 +27,9 @@ pub enum TrainCommand {
 
 /// News from the training thread. All are delivered except [`TrainEvent::Progress`], which is
 /// dropped when the reader is behind.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, strum::IntoStaticStr)]
+#[serde(untagged)]
+#[strum(serialize_all = "snake_case")]
 pub enum TrainEvent {
     /// The capture is being read or prepared.
     Loading {
@@ -84,7 +87,7 @@ pub enum TrainEvent {
 }
 
 /// How training goes.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Progress {
     /// Optimiser steps done.
     pub step: u64,
@@ -115,7 +118,7 @@ pub struct Progress {
 }
 
 /// Quality on held-out pixels.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Validation {
     /// Optimiser steps done.
     pub step: u64,
@@ -130,7 +133,8 @@ pub struct Validation {
 }
 
 /// Why a run has come to its end.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum FinishReason {
     /// The planned time or steps are used up.
     Budget,
@@ -141,7 +145,7 @@ pub enum FinishReason {
 }
 
 /// The end of a run.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Finish {
     /// Why.
     pub reason: FinishReason,
@@ -151,78 +155,29 @@ pub struct Finish {
     pub train_secs: f64,
 }
 
-impl FinishReason {
-    /// One word for logs and scripts.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Budget => "budget",
-            Self::Settled => "settled",
-            Self::Stopped => "stopped",
-        }
-    }
-}
-
 impl TrainEvent {
     /// The event as one JSON object with its kind under `event`: a line of `log.jsonl` and of
     /// `neif train --json`.
     pub fn to_json(&self) -> Value {
-        match self {
-            Self::Loading { what, fraction } => {
-                json!({"event": "loading", "what": what, "fraction": fraction})
-            }
-            Self::Loaded {
-                n_train,
-                n_val,
-                width,
-                height,
-                has_object,
-                problems,
-                found,
-            } => json!({
-                "event": "loaded", "n_train": n_train, "n_val": n_val, "width": width,
-                "height": height, "has_object": has_object, "problems": problems, "found": found,
-            }),
-            Self::Progress(p) => json!({
-                "event": "progress", "step": p.step, "planned_steps": p.planned_steps,
-                "fraction": p.fraction, "elapsed_secs": p.elapsed_secs, "eta_secs": p.eta_secs,
-                "steps_per_sec": p.steps_per_sec, "rays_per_sec": p.rays_per_sec,
-                "samples_per_ray": p.samples_per_ray, "loss": p.loss,
-                "loss_object": p.loss_object, "loss_background": p.loss_background,
-                "skipped_steps": p.skipped_steps, "skips": p.skips,
-            }),
-            Self::Retracing { fraction } => {
-                json!({"event": "retracing", "fraction": fraction})
-            }
-            Self::Validated(v) => json!({
-                "event": "validated", "step": v.step, "elapsed_secs": v.elapsed_secs,
-                "psnr": v.psnr, "psnr_object": v.psnr_object, "psnr_background": v.psnr_background,
-            }),
-            Self::ViewsValidated(psnr) => json!({"event": "views_validated", "psnr": psnr}),
-            Self::Exposures(photos) => {
-                let photos = photos.iter();
-                let photos: Vec<Value> = photos
-                    .map(|(name, gain)| json!({"name": name, "gain": gain}))
-                    .collect();
-                json!({"event": "exposures", "photos": photos})
-            }
-            Self::Poses(photos) => {
-                let photos = photos.iter();
-                let photos: Vec<Value> = photos
-                    .map(|(name, moved_px)| json!({"name": name, "moved_px": moved_px}))
-                    .collect();
-                json!({"event": "poses", "photos": photos})
-            }
-            Self::Warning(message) => json!({"event": "warning", "message": message}),
-            Self::Saved(path) => json!({"event": "saved", "path": path.to_string_lossy()}),
-            Self::Paused => json!({"event": "paused"}),
-            Self::Resumed => json!({"event": "resumed"}),
-            Self::Finished(finish) => json!({
-                "event": "finished", "reason": finish.reason.as_str(), "step": finish.step,
-                "train_secs": finish.train_secs,
-            }),
-            Self::Failed(message) => json!({"event": "failed", "message": message}),
-        }
+        let mut json = match self {
+            Self::ViewsValidated(psnr) => json!({ "psnr": psnr }),
+            Self::Exposures(photos) => photos_json("gain", photos),
+            Self::Poses(photos) => photos_json("moved_px", photos),
+            Self::Warning(message) | Self::Failed(message) => json!({ "message": message }),
+            Self::Saved(path) => json!({ "path": path.to_string_lossy() }),
+            Self::Paused | Self::Resumed => json!({}),
+            // The others have fields with names.
+            named => json!(named),
+        };
+        json["event"] = json!(<&str>::from(self));
+        json
     }
+}
+
+/// Each photo's name and what it has under `key`.
+fn photos_json(key: &str, photos: &[(String, impl Serialize)]) -> Value {
+    let photo = |(name, value): &(String, _)| json!({ "name": name, key: value });
+    json!({ "photos": photos.iter().map(photo).collect::<Vec<_>>() })
 }
 
 #[cfg(test)]
@@ -243,5 +198,31 @@ mod tests {
         );
         let value = TrainEvent::Saved(PathBuf::from("a/b")).to_json();
         assert_eq!(value["event"], "saved");
+        let moved = TrainEvent::Poses(vec![("a".to_owned(), 0.5)]).to_json();
+        assert_eq!(
+            moved.to_string(),
+            r#"{"event":"poses","photos":[{"moved_px":0.5,"name":"a"}]}"#
+        );
+        let keys = |event: TrainEvent| {
+            let json = event.to_json();
+            let keys = json.as_object().map(|json| json.keys().cloned().collect());
+            keys.unwrap_or_default()
+        };
+        let progress: Vec<String> = keys(TrainEvent::Progress(Progress::default()));
+        assert_eq!(
+            progress.join(" "),
+            "elapsed_secs eta_secs event fraction loss loss_background loss_object planned_steps rays_per_sec \
+             samples_per_ray skipped_steps skips step steps_per_sec"
+        );
+        let validated = keys(TrainEvent::Validated(Validation::default()));
+        assert_eq!(
+            validated.join(" "),
+            "elapsed_secs event psnr psnr_background psnr_object step"
+        );
+        let retracing = TrainEvent::Retracing { fraction: 0.5 }.to_json();
+        assert_eq!(
+            retracing.to_string(),
+            r#"{"event":"retracing","fraction":0.5}"#
+        );
     }
 }

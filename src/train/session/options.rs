@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use super::latest::Latest;
 use super::plan::Budget;
-use super::saved::run_folder::{RunConfig, RunFolder, RunFolderError};
+use super::saved::run_folder::{DatasetSource, FORMAT, RunConfig, RunFolder, RunFolderError};
 use crate::data::{CaptureChoices, DataError, Dataset, MeshPlacement};
 use crate::neif::Storage;
 use crate::train::config::TrainConfig;
@@ -101,22 +101,23 @@ impl SessionOptions {
             ..Self::new(&stored.dataset.absolute, stored.train, stored.budget)
         })
     }
-}
 
-impl SessionOptions {
     /// The settings as `config.toml` keeps them.
     pub(in crate::train) fn describe(&self, folder: Option<&RunFolder>) -> RunConfig {
         let run = folder.map_or(Path::new("."), RunFolder::path);
-        let config = self.config.clone();
-        let mut described = RunConfig {
+        RunConfig {
+            format: FORMAT,
+            program: concat!("neif ", env!("CARGO_PKG_VERSION")).to_owned(),
             environment_only: self.environment_only,
             storage: self.storage,
             budget: self.budget,
-            ..RunConfig::new(run, &self.dataset, self.mesh.as_deref(), config)
-        };
-        described.dataset.mesh_placement = self.mesh_placement;
-        described.dataset.choices = self.choices.clone();
-        described
+            dataset: DatasetSource {
+                mesh_placement: self.mesh_placement,
+                choices: self.choices.clone(),
+                ..DatasetSource::new(run, &self.dataset, self.mesh.as_deref())
+            },
+            train: self.config.clone(),
+        }
     }
 }
 

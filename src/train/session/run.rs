@@ -72,7 +72,7 @@ impl Worker {
     }
 
     /// The threads for the next step.
-    pub(super) fn step_pool(&self) -> &ThreadPool {
+    fn step_pool(&self) -> &ThreadPool {
         if self.shared.spares_core.load(Ordering::Relaxed) {
             &self.small_pool
         } else {
@@ -191,16 +191,11 @@ impl<'a> Run<'a> {
 
     fn step(&mut self) -> Result<(), SessionError> {
         let fraction = self.plan.fraction(self.position());
-        let stats = self
-            .worker
-            .step_pool()
-            .install(|| self.trainer.step(fraction));
+        let pool = self.worker.step_pool();
+        let stats = pool.install(|| self.trainer.step(fraction));
         self.meter.add(&stats);
-        self.skips_in_a_row = if stats.skipped {
-            self.skips_in_a_row + 1
-        } else {
-            0
-        };
+        let skips = self.skips_in_a_row + 1;
+        self.skips_in_a_row = if stats.skipped { skips } else { 0 };
         if self.skips_in_a_row > MAX_SKIPS_IN_A_ROW {
             return Err(SessionError::NotFinite(self.skips_in_a_row));
         }
@@ -245,25 +240,28 @@ impl<'a> Run<'a> {
     fn next_command(&self, wait: bool) -> Result<TrainCommand, TryRecvError> {
         let commands = &self.worker.commands;
         if wait {
-            commands
-                .recv()
-                .map_err(|_closed| TryRecvError::Disconnected)
+            commands.recv().map_err(TryRecvError::from)
         } else {
             commands.try_recv()
         }
     }
 
     fn pause(&mut self) {
+        self.stand();
+        self.emit(TrainEvent::Paused);
+    }
+
+    /// Stops the clock and shows where the run stands.
+    fn stand(&mut self) {
         self.clock.pause();
         self.trainer.settle_normals();
         self.publish();
         self.report();
-        self.tell(TrainEvent::Paused);
     }
 
     fn go_on(&mut self) {
         self.clock.resume();
-        self.tell(TrainEvent::Resumed);
+        self.emit(TrainEvent::Resumed);
     }
 
     fn extend(&mut self, more: Budget) {
@@ -277,17 +275,14 @@ impl<'a> Run<'a> {
 
     /// Publishes, validates and saves the result.
     fn finish(&mut self, reason: FinishReason) -> Result<(), SessionError> {
-        self.clock.pause();
-        self.trainer.settle_normals();
-        self.publish();
-        self.report();
+        self.stand();
         self.validate();
         if let Some(gains) = self.trainer.model().gains() {
             let gains = gains.iter().map(glam::Vec3::to_array).collect();
-            self.tell(TrainEvent::Exposures(self.named(gains)));
+            self.emit(TrainEvent::Exposures(self.named(gains)));
         }
         if let Some(poses) = self.poses_found() {
-            self.tell(poses);
+            self.emit(poses);
         }
         let finish = Finish {
             reason,

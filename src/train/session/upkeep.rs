@@ -83,7 +83,7 @@ impl Run<'_> {
         let first = self.dataset.train.first();
         let (width, height) = first.map_or((0, 0), |view| (view.camera.width, view.camera.height));
         let problems = self.dataset.problems.iter().map(ToString::to_string);
-        self.tell(TrainEvent::Loaded {
+        self.emit(TrainEvent::Loaded {
             n_train: self.dataset.train.len(),
             n_val: self.dataset.val.len(),
             width,
@@ -136,8 +136,7 @@ impl Run<'_> {
         if now >= self.due.report {
             self.publish();
             self.report();
-            let is_early = now < EARLY_SECS;
-            let interval = if is_early {
+            let interval = if now < EARLY_SECS {
                 EARLY_REPORT_SECS
             } else {
                 REPORT_SECS
@@ -208,7 +207,7 @@ impl Run<'_> {
     /// Reports how training goes.
     pub(in crate::train) fn report(&mut self) {
         let progress = self.meter.report(&self.plan, &self.clock, &self.trainer);
-        self.tell(TrainEvent::Progress(progress));
+        self.emit(TrainEvent::Progress(progress));
     }
 
     /// Measures the fields on held-out pixels.
@@ -227,8 +226,8 @@ impl Run<'_> {
             && let Some(validation) = measured.total.at(step, now)
         {
             self.settling.add(validation);
-            self.tell(TrainEvent::Validated(validation));
-            self.tell(measured.of_views());
+            self.emit(TrainEvent::Validated(validation));
+            self.emit(measured.of_views());
         }
         if let Some(poses) = self.poses_found() {
             // The log has those of the end.
@@ -250,10 +249,8 @@ impl Run<'_> {
 
     /// Saves into the run's own folder, if it has one.
     pub(in crate::train) fn save(&mut self) -> Result<(), SessionError> {
-        if let Some(folder) = self.folder.clone() {
-            self.save_into(&folder)?;
-        }
-        Ok(())
+        let folder = self.folder.clone();
+        folder.map_or(Ok(()), |folder| self.save_into(&folder))
     }
 
     /// Saves where the person wants it, unless another run lies there.
@@ -285,6 +282,7 @@ impl Run<'_> {
         for (key, value) in [(PLAN_KEY, plan), (TRAINED_SECS_KEY, secs)] {
             checkpoint.metadata.insert(key.to_owned(), value);
         }
+        let poses = self.trainer.poses();
         folder.save(&RunState {
             config: &self.config,
             checkpoint: &checkpoint,
@@ -297,7 +295,7 @@ impl Run<'_> {
                 .poses()
                 .map(|poses| self.named(poses.cameras())),
         })?;
-        self.tell(TrainEvent::Saved(folder.path().to_owned()));
+        self.emit(TrainEvent::Saved(folder.path().to_owned()));
         Ok(())
     }
 
@@ -315,11 +313,11 @@ impl Run<'_> {
 
     /// Says what should be known but does not end the run.
     fn warn(&mut self, message: String) {
-        self.tell(TrainEvent::Warning(message));
+        self.emit(TrainEvent::Warning(message));
     }
 
     /// Notes an event in the run's log and sends it out.
-    pub(in crate::train) fn tell(&mut self, event: TrainEvent) {
+    pub(in crate::train) fn emit(&mut self, event: TrainEvent) {
         self.log.note(&event);
         self.worker.events.send(event);
     }

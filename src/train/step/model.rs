@@ -29,7 +29,7 @@ pub trait Model: fmt::Debug + Send {
 }
 
 /// The parts of a step, in order.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, strum::VariantArray)]
 pub enum Stage {
     /// Pixels drawn, surfaces evaluated, lobes aimed, samples placed.
     Prepare,

@@ -9,7 +9,7 @@ use neif::app::viewport::camera_control::{CameraMove, Viewpoint};
 use neif::app::work::pace::Pace;
 use neif::app::work::preview_driver::{PreviewDriver, Situation};
 use neif::neif::{Environment, EnvironmentTransform, MaterialEdit};
-use neif::render::{GpuChoice, Layer, Preview, PreviewFrame, PreviewScene};
+use neif::render::{Layer, Preview, PreviewScene};
 use neif::train::Snapshot;
 
 use crate::cli::failure::Failure;
@@ -25,7 +25,6 @@ const PATIENCE: Duration = Duration::from_mins(2);
 pub(super) struct Seen {
     /// When, seconds since the desk was made.
     pub(super) at_secs: f64,
-    /// The request it answers.
     pub(super) request: u64,
     /// Resolution divisor per axis.
     pub(super) scale: u32,
@@ -52,9 +51,7 @@ pub(super) struct Desk {
     n_cores: usize,
     n_frames: u64,
     size: (u32, u32),
-    /// The camera.
     pub(super) viewpoint: Viewpoint,
-    /// The edits.
     pub(super) look: Look,
     /// Whether steps are being taken, and for how long they have been.
     pub(super) training_secs: Option<f64>,
@@ -149,8 +146,13 @@ impl Desk {
             return;
         };
         if self.driver.was_shown(&frame).is_some() {
-            let at_secs = self.now_secs();
-            self.seen.push(seen(&frame, at_secs));
+            self.seen.push(Seen {
+                at_secs: self.now_secs(),
+                request: frame.request,
+                scale: frame.scale,
+                is_last: frame.is_last,
+                cpu_secs: frame.cpu_secs,
+            });
         }
     }
 
@@ -166,7 +168,7 @@ impl Desk {
             let since = self.now_secs() - start;
             change(self, since);
             self.tick(&snapshot());
-            check_interrupt()?;
+            interrupt::check()?;
         }
         Ok(self.seen[first..].to_vec())
     }
@@ -194,24 +196,7 @@ impl Desk {
                 )));
             }
             self.tick(snapshot);
-            check_interrupt()?;
+            interrupt::check()?;
         }
-    }
-}
-
-fn check_interrupt() -> Result<(), Failure> {
-    if interrupt::requested() {
-        return Err(Failure::Interrupted);
-    }
-    Ok(())
-}
-
-fn seen(frame: &PreviewFrame, at_secs: f64) -> Seen {
-    Seen {
-        at_secs,
-        request: frame.request,
-        scale: frame.scale,
-        is_last: frame.is_last,
-        cpu_secs: frame.output.cpu_secs,
     }
 }

@@ -1,25 +1,23 @@
 //! `neif bench error`: run time against error, one run for each budget, since the learning rate falls over the plan.
 
-use std::io::Write as _;
 use std::path::PathBuf;
 
-use neif::data::{Splits, write_atomically};
+use neif::data::Splits;
 use neif::train::measure::metrics::{ImageMetrics, mean};
+use serde::Serialize;
 use serde_json::json;
 
+use super::Common;
 use super::plot::{Curve, write_plot};
-use super::trial::{Length, figure, load, measure, on_threads, train};
-use super::{Common, dataset_or_demo, marks};
+use super::trial::{Length, figure, measure, on_threads, train};
 use crate::cli::commands::eval::lpips_weights;
-use crate::cli::commands::train::config;
 use crate::cli::failure::Failure;
-use crate::cli::output::{self, Display};
 use crate::cli::scenes::make_folder;
+use crate::cli::{output, values};
 
 /// Budgets up to this many seconds are repeated with other seeds.
 const SHORT_SECS: f64 = 30.0;
 
-/// Arguments of `neif bench error`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct ErrorArgs {
     /// The capture [default: the bundled one]
@@ -34,7 +32,7 @@ pub(crate) struct ErrorArgs {
     )]
     preset: Vec<String>,
     /// Training times, the tracing of the pixels included
-    #[arg(long, value_name = "TIMES", value_delimiter = ',', value_parser = marks, default_value = "10s,30s,60s,120s,300s,600s")]
+    #[arg(long, value_name = "TIMES", value_delimiter = ',', value_parser = values::duration_secs, default_value = "10s,30s,60s,120s,300s,600s")]
     budget: Vec<f64>,
     /// Runs of each budget up to 30 s, with other seeds; the median counts
     #[arg(long, value_name = "N", default_value_t = 3)]
@@ -44,46 +42,42 @@ pub(crate) struct ErrorArgs {
 }
 
 /// A point of a curve.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize)]
 struct Row {
     preset: String,
-    budget: f64,
+    seconds: f64,
     steps: u64,
     rays_per_sec: f64,
     metrics: ImageMetrics,
 }
 
-/// Runs the benchmark.
 pub(super) fn run(args: &ErrorArgs) -> Result<(), Failure> {
     if let Some(out) = &args.common.out {
         make_folder(out)?;
     }
-    let dataset = load(
-        &dataset_or_demo(args.dataset.as_ref())?,
-        Splits::ALL,
-        &args.common.capture,
-    )?;
+    let dataset = args.common.load(args.dataset.as_ref(), Splits::ALL)?;
     let lpips = lpips_weights(args.common.lpips.as_deref())?;
-    let mut display = Display::new(args.common.json);
+    let mut display = args.common.display();
     let mut rows = Vec::new();
     for preset in &args.preset {
-        for &budget in &args.budget {
-            let n = if budget <= SHORT_SECS {
+        for &seconds in &args.budget {
+            let n = if seconds <= SHORT_SECS {
                 args.repeats.max(1)
             } else {
                 1
             };
             let mut runs = Vec::new();
             for repeat in 0..n {
-                let config = config(Some(preset), Some(args.common.seed + repeat))?;
+                let mut config = args.common.config(Some(preset))?;
+                config.seed += repeat;
                 let trial = on_threads(args.common.threads, || {
-                    let what = format!("{preset}, {budget:.0} s");
+                    let what = format!("{preset}, {seconds:.0} s");
                     let mut show = |done| display.set(done, &what, "");
-                    let trial = train(&config, &dataset, Length::Seconds(budget), &mut show)?;
+                    let trial = train(&config, &dataset, Length::Seconds(seconds), &mut show)?;
                     let metrics = measure(&trial.snapshot, &dataset.test, lpips.as_ref())?;
                     Ok(Row {
                         preset: preset.clone(),
-                        budget,
+                        seconds,
                         steps: trial.steps,
                         rays_per_sec: trial.rays_per_sec(),
                         metrics,
@@ -98,32 +92,15 @@ pub(super) fn run(args: &ErrorArgs) -> Result<(), Failure> {
     }
     display.finish();
     if let Some(out) = &args.common.out {
-        let csv = csv(&rows);
-        write_atomically(&out.join("error.csv"), |file| {
-            file.write_all(csv.as_bytes())
-        })?;
+        output::file(&out.join("error.csv"), &csv(&rows))?;
         write_plot(&out.join("error"), &curves(&rows))?;
     }
     if args.common.json {
-        let rows: Vec<_> = rows
-            .iter()
-            .map(|row| {
-                json!({
-                    "preset": row.preset, "seconds": row.budget, "steps": row.steps,
-                    "rays_per_sec": row.rays_per_sec, "metrics": row.metrics,
-                })
-            })
-            .collect();
         return Ok(output::json_line(&json!({ "rows": rows }))?);
     }
-    output::line(
-        "| preset | seconds | steps | rays/s | object | background | whole | SSIM | LPIPS | FLIP |",
-    )?;
-    output::line("|---|---|---|---|---|---|---|---|---|---|")?;
-    for row in &rows {
-        output::line(&line(row))?;
-    }
-    Ok(())
+    let header =
+        "| preset | seconds | steps | rays/s | object | background | whole | SSIM | LPIPS | FLIP |";
+    Ok(output::table(header, rows.iter().map(line))?)
 }
 
 /// The run whose object (or whole) PSNR is in the middle.
@@ -138,53 +115,39 @@ fn median(mut runs: Vec<Row>) -> Row {
     runs.swap_remove(middle)
 }
 
+/// The measures of a row, as they stand in the table's columns.
+fn measures(m: &ImageMetrics) -> [Option<f64>; 6] {
+    let [object, background] = [m.psnr_object, m.psnr_background];
+    [object, background, m.psnr, m.ssim, m.lpips, m.flip]
+}
+
 fn line(row: &Row) -> String {
-    let m = &row.metrics;
-    let cells = [
-        m.psnr_object,
-        m.psnr_background,
-        m.psnr,
-        m.ssim,
-        m.lpips,
-        m.flip,
-    ]
-    .map(figure);
     format!(
         "| {} | {:.0} | {} | {:.0} | {} |",
         row.preset,
-        row.budget,
+        row.seconds,
         row.steps,
         row.rays_per_sec,
-        cells.join(" | ")
+        measures(&row.metrics).map(figure).join(" | ")
     )
 }
 
 fn csv(rows: &[Row]) -> String {
-    let mut text = String::from(
-        "preset,seconds,steps,rays_per_sec,psnr_object,psnr_background,psnr,ssim,lpips,flip\n",
-    );
-    for row in rows {
-        let m = &row.metrics;
-        let cells = [
-            m.psnr_object,
-            m.psnr_background,
-            m.psnr,
-            m.ssim,
-            m.lpips,
-            m.flip,
-        ]
-        .map(|v| v.map_or_else(String::new, |v| format!("{v:.4}")));
-        text += &[
-            row.preset.clone(),
-            row.budget.to_string(),
-            row.steps.to_string(),
-            format!("{:.0}", row.rays_per_sec),
-            cells.join(","),
-        ]
-        .join(",");
-        text.push('\n');
-    }
-    text
+    let line = |row: &Row| {
+        let cell = |value: Option<f64>| value.map_or_else(String::new, |v| format!("{v:.4}"));
+        format!(
+            "{},{},{},{:.0},{}\n",
+            row.preset,
+            row.seconds,
+            row.steps,
+            row.rays_per_sec,
+            measures(&row.metrics).map(cell).join(",")
+        )
+    };
+    let header =
+        "preset,seconds,steps,rays_per_sec,psnr_object,psnr_background,psnr,ssim,lpips,flip\n";
+    rows.iter()
+        .fold(header.to_owned(), |csv, row| csv + &line(row))
 }
 
 /// Object and background PSNR of each preset.
@@ -204,7 +167,7 @@ fn curves(rows: &[Row]) -> Vec<Curve> {
                 points: rows
                     .iter()
                     .filter(|row| row.preset == *preset)
-                    .filter_map(|row| Some((row.budget, value(&row.metrics)?)))
+                    .filter_map(|row| Some((row.seconds, value(&row.metrics)?)))
                     .collect(),
             })
         })

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use neif::data::View;
+use neif::data::{Split, View};
 use neif::neif::RoughnessEdit;
 use neif::render::{
     GBuffer, Layer, LobeShape, PathOptions, Picture, ReferenceOptions, Scene, render,
@@ -16,10 +16,8 @@ use crate::cli::capture::PhotoArgs;
 use crate::cli::edits::EnvironmentFlags;
 use crate::cli::failure::Failure;
 use crate::cli::output::{self, Display};
-use crate::cli::scenes::{self, Split};
-use crate::cli::{interrupt, values};
+use crate::cli::{interrupt, scenes, values};
 
-/// Arguments of `neif bench lobes`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct LobesArgs {
     /// The run folder
@@ -63,7 +61,6 @@ struct Row {
     psnr: [Option<f64>; GROUPS.len()],
 }
 
-/// Runs the benchmark.
 pub(super) fn run(args: &LobesArgs) -> Result<(), Failure> {
     let run = scenes::open_run(&args.run, args.dataset.as_deref())?;
     let (views, _) = run.load_views(Split::Val, &args.photos)?;
@@ -160,16 +157,11 @@ fn report(rows: &[Row], as_json: bool) -> Result<(), Failure> {
             .collect();
         return Ok(output::json_line(&json!({ "rows": rows }))?);
     }
-    output::line(&format!("| roughness | {} |", GROUPS.join(" | ")))?;
-    output::line("|---|---|---|---|---|")?;
-    for row in rows {
-        let name = row
-            .roughness
-            .map_or("as learned".to_owned(), |v| format!("{v:.2}"));
-        output::line(&format!(
-            "| {name} | {} |",
-            row.psnr.map(figure).join(" | ")
-        ))?;
-    }
-    Ok(())
+    let header = format!("| roughness | {} |", GROUPS.join(" | "));
+    let line = |row: &Row| {
+        let roughness = row.roughness.map(|v| format!("{v:.2}"));
+        let name = roughness.unwrap_or("as learned".to_owned());
+        format!("| {name} | {} |", row.psnr.map(figure).join(" | "))
+    };
+    Ok(output::table(&header, rows.iter().map(line))?)
 }

@@ -1,15 +1,15 @@
 //! A plot of error against time, as SVG and as PNG.
 
-use std::io::Write as _;
 use std::path::Path;
 
 use anyhow::anyhow;
-use neif::data::{write_atomically, write_png_srgb};
+use neif::data::write_png_srgb;
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::{FontStyle, register_font};
 
 use crate::cli::failure::Failure;
+use crate::cli::output;
 
 /// Size of the picture, pixels.
 const SIZE: (u32, u32) = (900, 560);
@@ -32,41 +32,30 @@ pub(super) fn write_plot(stem: &Path, curves: &[Curve]) -> Result<(), Failure> {
         return Err(Failure::Failed(anyhow!("the plot's font cannot be read")));
     }
     let mut svg = String::new();
-    draw(
-        &SVGBackend::with_string(&mut svg, SIZE).into_drawing_area(),
-        curves,
-    )?;
-    write_atomically(&stem.with_extension("svg"), |file| {
-        file.write_all(svg.as_bytes())
-    })?;
+    draw(SVGBackend::with_string(&mut svg, SIZE), curves)?;
+    output::file(&stem.with_extension("svg"), &svg)?;
     let mut rgb = vec![0_u8; (SIZE.0 * SIZE.1 * 3) as usize];
-    draw(
-        &BitMapBackend::with_buffer(&mut rgb, SIZE).into_drawing_area(),
-        curves,
-    )?;
-    let pixels: Vec<[f32; 3]> = rgb
-        .chunks_exact(3)
-        .map(|p| [p[0], p[1], p[2]].map(|v| f32::from(v) / 255.0))
-        .collect();
+    draw(BitMapBackend::with_buffer(&mut rgb, SIZE), curves)?;
+    let (pixels, _) = rgb.as_chunks::<3>();
+    let pixels = pixels.iter().map(|p| p.map(|v| f32::from(v) / 255.0));
+    let pixels: Vec<[f32; 3]> = pixels.collect();
     write_png_srgb(&stem.with_extension("png"), SIZE.0, SIZE.1, &pixels)?;
     Ok(())
 }
 
-fn draw<B: DrawingBackend>(area: &DrawingArea<B, Shift>, curves: &[Curve]) -> Result<(), Failure> {
-    draw_chart(area, curves).map_err(|error| Failure::Failed(anyhow!("the plot failed: {error}")))
+fn draw(backend: impl DrawingBackend, curves: &[Curve]) -> Result<(), Failure> {
+    draw_chart(&backend.into_drawing_area(), curves)
+        .map_err(|error| Failure::Failed(anyhow!("the plot failed: {error}")))
 }
 
 fn draw_chart<B: DrawingBackend>(
     area: &DrawingArea<B, Shift>,
     curves: &[Curve],
 ) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
-    let all = || curves.iter().flat_map(|curve| &curve.points);
     let range = |pick: fn(&(f64, f64)) -> f64| {
-        all()
-            .map(pick)
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
-                (low.min(v), high.max(v))
-            })
+        let all = || curves.iter().flat_map(|curve| &curve.points).map(pick);
+        let low = all().fold(f64::INFINITY, f64::min);
+        (low, all().fold(f64::NEG_INFINITY, f64::max))
     };
     let ((first, last), (low, high)) = (range(|p| p.0), range(|p| p.1));
     if !(first.is_finite() && low.is_finite()) {

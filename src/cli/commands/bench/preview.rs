@@ -6,11 +6,12 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
 use glam::Vec3;
 use neif::app::assets;
+use neif::app::viewport::camera_control::Viewpoint;
 use neif::neif::{Environment, MaterialEdit, RoughnessEdit};
 use neif::train::Snapshot;
 use neif::train::session::events::{TrainCommand, TrainEvent};
@@ -18,15 +19,15 @@ use neif::train::session::handle::Session;
 use neif::train::session::options::SessionOptions;
 use neif::train::session::plan::Budget;
 use neif::train::session::saved::run_folder::RunFolder;
+use serde::Serialize;
 use serde_json::json;
 
 use super::desk::{Desk, Seen};
-use super::trial::process_cpu_secs;
+use super::trial::{process_cpu_secs, quantile, rounded};
 use super::{Common, dataset_or_demo};
-use crate::cli::commands::train::config;
 use crate::cli::failure::{Failure, OrUnusable as _};
-use crate::cli::output::{self, Display};
 use crate::cli::scenes::open_run;
+use crate::cli::{interrupt, output};
 
 /// Repetitions of a single change.
 const REPEATS: usize = 9;
@@ -37,7 +38,6 @@ const ORBIT: f32 = 0.63;
 /// Training beyond any benchmark.
 const ENDLESS_SECS: f64 = 3600.0;
 
-/// Arguments of `neif bench preview`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct PreviewArgs {
     /// A run, or a capture, which is trained first [default: the bundled capture]
@@ -57,11 +57,10 @@ pub(crate) struct PreviewArgs {
 }
 
 /// One figure of the report.
-#[derive(Debug)]
+#[derive(Debug, Default, Serialize)]
 struct Row {
     name: &'static str,
     unit: &'static str,
-    /// What counts.
     value: f64,
     /// Median and 99th percentile of the single times, milliseconds, and the coarsest resolution divisor among them.
     median_ms: Option<f64>,
@@ -71,9 +70,8 @@ struct Row {
     cpu_ms: Option<f64>,
 }
 
-/// Runs the benchmark.
 pub(super) fn run(args: &PreviewArgs) -> Result<(), Failure> {
-    let mut display = Display::new(args.common.json);
+    let mut display = args.common.display();
     let path = dataset_or_demo(args.path.as_ref())?;
     let (dataset, trained) = if RunFolder::is_run(&path) {
         let run = open_run(&path, None)?;
@@ -106,7 +104,6 @@ struct Bench {
     snapshot: Arc<Snapshot>,
     started: Instant,
     up: Vec3,
-    other: Option<Arc<Environment>>,
     /// Step and seconds of the last report of training.
     progress: (u64, f64),
 }
@@ -114,8 +111,8 @@ struct Bench {
 impl Bench {
     /// Starts training and waits for its first snapshot.
     fn start(args: &PreviewArgs, dataset: &Path) -> Result<Self, Failure> {
-        crate::cli::interrupt::install()?;
-        let mut config = config(None, Some(args.common.seed))?;
+        interrupt::install()?;
+        let mut config = args.common.config(None)?;
         config.threads = args.common.threads;
         let started = Instant::now();
         let desk = Desk::new((args.width, args.height))?;
@@ -133,7 +130,7 @@ impl Bench {
                 session.join().or_unusable()?;
                 return Err(Failure::Failed(anyhow::anyhow!("training ended at once")));
             }
-            std::thread::sleep(std::time::Duration::from_millis(2));
+            std::thread::sleep(Duration::from_millis(2));
         };
         Ok(Self {
             desk,
@@ -141,7 +138,6 @@ impl Bench {
             snapshot,
             started,
             up: Vec3::Z,
-            other: None,
             progress: (0, 0.0),
         })
     }
@@ -151,18 +147,13 @@ impl Bench {
         let view = dataset.train.first().context("the capture has no photo")?;
         let bounds = dataset.mesh.as_ref().map(|mesh| mesh.bounds().center());
         let pivot = bounds.unwrap_or_else(|| view.camera.position() + view.camera.forward());
-        self.desk.viewpoint =
-            neif::app::viewport::camera_control::Viewpoint::of_camera(&view.camera, pivot);
+        self.desk.viewpoint = Viewpoint::of_camera(&view.camera, pivot);
         self.up = self.snapshot.environment.up();
         self.desk.training_secs = Some(0.0);
         let snapshot = Arc::clone(&self.snapshot);
         self.desk.time_to(&snapshot, |_| (), |_| true)?;
-        Ok(Row {
-            name: "start to first picture",
-            unit: "s",
-            value: self.started.elapsed().as_secs_f64(),
-            ..Row::empty()
-        })
+        let secs = self.started.elapsed().as_secs_f64();
+        Ok(Row::new("start to first picture", "s", secs))
     }
 
     /// Rows with training: its speed alone, beside an idle viewport and beside one that is turned.
@@ -176,17 +167,11 @@ impl Bench {
             Ok(())
         })?;
         let alone = 0.5 * (before + self.watch(WATCH_SECS, |_| Ok(()))?);
-        let row = |name, unit, value| Row {
-            name,
-            unit,
-            value,
-            ..Row::empty()
-        };
         let slower = |speed: f64| 100.0 * (1.0 - speed / alone);
         Ok(vec![
-            row("training alone", "steps/s", alone),
-            row("training slowed by an idle viewport", "%", slower(idle)),
-            row("training slowed by orbiting", "%", slower(orbit)),
+            Row::new("training alone", "steps/s", alone),
+            Row::new("training slowed by an idle viewport", "%", slower(idle)),
+            Row::new("training slowed by orbiting", "%", slower(orbit)),
             Row::of_frames("orbit while training", &seen),
         ])
     }
@@ -220,10 +205,10 @@ impl Bench {
     ) -> Result<f64, Failure> {
         self.take_events()?;
         let (step, elapsed) = self.progress;
-        let end = Instant::now() + std::time::Duration::from_secs_f64(secs);
+        let end = Instant::now() + Duration::from_secs_f64(secs);
         work(self)?;
         while Instant::now() < end {
-            std::thread::sleep(std::time::Duration::from_millis(20));
+            std::thread::sleep(Duration::from_millis(20));
             self.take_events()?;
         }
         self.take_events()?;
@@ -232,9 +217,7 @@ impl Bench {
     }
 
     fn take_events(&mut self) -> Result<(), Failure> {
-        if crate::cli::interrupt::requested() {
-            return Err(Failure::Interrupted);
-        }
+        interrupt::check()?;
         while let Ok(event) = self.session.events().try_recv() {
             match event {
                 TrainEvent::Progress(progress) => {
@@ -264,11 +247,10 @@ impl Bench {
         );
         self.desk.look.transform.rotate_deg = Vec3::ZERO;
         if let Some(entry) = assets::environments().first() {
-            self.other = Some(Arc::new(Environment::open(&entry.path).or_unusable()?));
-            let other = self.other.clone();
+            let other = Arc::new(Environment::open(&entry.path).or_unusable()?);
             rows.push(
-                self.change("swapped environment to first picture", move |desk, i| {
-                    desk.look.environment = other.clone().filter(|_| i % 2 == 0);
+                self.change("swapped environment to first picture", |desk, i| {
+                    desk.look.environment = (i % 2 == 0).then(|| Arc::clone(&other));
                 })?,
             );
             self.desk.look.environment = None;
@@ -307,12 +289,9 @@ impl Bench {
         }
         let seen = &self.desk.seen[first..];
         Ok(Row {
-            name,
-            unit: "ms",
-            value: 1e3 * quantile(&mut times, 0.5),
-            p99_ms: Some(1e3 * quantile(&mut times, 0.99)),
+            p99_ms: Some(1e3 * quantile(&times, 0.99)),
             scale: seen.iter().map(|seen| seen.scale).max(),
-            ..Row::empty()
+            ..Row::new(name, "ms", 1e3 * quantile(&times, 0.5))
         })
     }
 
@@ -332,93 +311,61 @@ impl Bench {
         let (start, cpu) = (Instant::now(), process_cpu_secs());
         self.desk.run(4.0, self.shown(), |_, _| ())?;
         let idle = (process_cpu_secs() - cpu) / start.elapsed().as_secs_f64();
-        let row = |name, unit, value| Row {
-            name,
-            unit,
-            value,
-            ..Row::empty()
-        };
         Ok(vec![
-            row("full resolution after rest", "s", quantile(&mut full, 0.5)),
-            row("settled after rest", "s", quantile(&mut settled, 0.5)),
-            row("idle and settled", "% of a core", 100.0 * idle),
+            Row::new("full resolution after rest", "s", quantile(&full, 0.5)),
+            Row::new("settled after rest", "s", quantile(&settled, 0.5)),
+            Row::new("idle and settled", "% of a core", 100.0 * idle),
         ])
     }
 }
 
 impl Row {
-    fn empty() -> Self {
+    fn new(name: &'static str, unit: &'static str, value: f64) -> Self {
         Self {
-            name: "",
-            unit: "",
-            value: 0.0,
-            median_ms: None,
-            p99_ms: None,
-            scale: None,
-            cpu_ms: None,
+            name,
+            unit,
+            value,
+            ..Self::default()
         }
     }
 
     /// Frames a second and the gaps between them.
     fn of_frames(name: &'static str, seen: &[Seen]) -> Self {
-        let mut gaps: Vec<f64> = seen
+        let gaps: Vec<f64> = seen
             .windows(2)
             .map(|pair| pair[1].at_secs - pair[0].at_secs)
             .collect();
         let cpu: f64 = seen.iter().map(|seen| seen.cpu_secs).sum();
+        let per_sec = gaps.len() as f64 / gaps.iter().sum::<f64>().max(1e-9);
         Self {
-            name,
-            unit: "frames/s",
-            value: gaps.len() as f64 / gaps.iter().sum::<f64>().max(1e-9),
-            median_ms: Some(1e3 * quantile(&mut gaps, 0.5)),
-            p99_ms: Some(1e3 * quantile(&mut gaps, 0.99)),
+            median_ms: Some(1e3 * quantile(&gaps, 0.5)),
+            p99_ms: Some(1e3 * quantile(&gaps, 0.99)),
             scale: seen.iter().map(|seen| seen.scale).max(),
             cpu_ms: Some(1e3 * cpu / seen.len().max(1) as f64),
+            ..Self::new(name, "frames/s", per_sec)
         }
     }
 }
 
-/// A quantile of some times; 0 without any.
-fn quantile(times: &mut [f64], share: f64) -> f64 {
-    times.sort_by(f64::total_cmp);
-    let at = (times.len() as f64 * share) as usize;
-    times
-        .get(at.min(times.len().saturating_sub(1)))
-        .copied()
-        .unwrap_or(0.0)
-}
-
 fn report(args: &PreviewArgs, rows: &[Row]) -> Result<(), Failure> {
     if args.common.json {
-        let rows: Vec<_> = rows
-            .iter()
-            .map(|row| {
-                json!({
-                    "name": row.name, "value": row.value, "unit": row.unit, "median_ms": row.median_ms,
-                    "p99_ms": row.p99_ms, "scale": row.scale, "cpu_ms": row.cpu_ms,
-                })
-            })
-            .collect();
         let report = json!({ "width": args.width, "height": args.height, "rows": rows });
         return Ok(output::json_line(&report)?);
     }
     output::line(&format!("a viewport of {} x {}", args.width, args.height))?;
-    output::line("| what | value | median ms | p99 ms | coarsest | processor ms a picture |")?;
-    output::line("|---|---|---|---|---|---|")?;
-    let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |v| format!("{v:.0}"));
-    for row in rows {
-        let scale = row
-            .scale
-            .map_or_else(|| "–".to_owned(), |scale| format!("1/{scale}"));
-        output::line(&format!(
-            "| {} | {:.2} {} | {} | {} | {scale} | {} |",
+    let line = |row: &Row| {
+        let scale = row.scale.map(|scale| format!("1/{scale}"));
+        format!(
+            "| {} | {:.2} {} | {} | {} | {} | {} |",
             row.name,
             row.value,
             row.unit,
-            number(row.median_ms),
-            number(row.p99_ms),
-            number(row.cpu_ms)
-        ))?;
-    }
-    Ok(())
+            rounded(row.median_ms, 0),
+            rounded(row.p99_ms, 0),
+            scale.unwrap_or("–".to_owned()),
+            rounded(row.cpu_ms, 0)
+        )
+    };
+    let header = "| what | value | median ms | p99 ms | coarsest | processor ms a picture |";
+    Ok(output::table(header, rows.iter().map(line))?)
 }

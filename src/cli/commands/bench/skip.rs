@@ -11,16 +11,14 @@ use neif::train::config::TrainConfig;
 use neif::train::measure::metrics::ImageMetrics;
 use serde_json::json;
 
-use super::trial::{Length, Trial, load, measure, on_threads, train};
-use super::{Common, dataset_or_demo};
-use crate::cli::commands::train::config;
+use super::Common;
+use super::trial::{Length, Trial, measure, on_threads, train};
 use crate::cli::failure::Failure;
 use crate::cli::output::{self, Display};
 
 /// The run without shortcuts is given up after so many times the steps.
 const MOST_LONGER: u64 = 8;
 
-/// Arguments of `neif bench skip`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct SkipArgs {
     /// The capture [default: the bundled one]
@@ -33,28 +31,18 @@ pub(crate) struct SkipArgs {
     common: Common,
 }
 
-/// A shortcut and how it is switched off.
-struct Skip {
-    name: &'static str,
-    off: fn(&mut TrainConfig),
-}
-
-const SKIPS: [Skip; 3] = [
-    Skip {
-        name: "samples with next to no gradient",
-        off: |config| config.gradient_cut_off = CutOff::default(),
-    },
-    Skip {
-        name: "grid levels finer than the footprint",
-        off: |config| {
-            config.field.grid.least_weight = 0.0;
-            config.material.grid.least_weight = 0.0;
-        },
-    },
-    Skip {
-        name: "empty space (samples where the density is)",
-        off: |config| config.uniform_share = 1e3,
-    },
+/// The shortcuts, and how each is switched off.
+const SKIPS: [(&str, fn(&mut TrainConfig)); 3] = [
+    ("samples with next to no gradient", |config| {
+        config.gradient_cut_off = CutOff::default();
+    }),
+    ("grid levels finer than the footprint", |config| {
+        config.field.grid.least_weight = 0.0;
+        config.material.grid.least_weight = 0.0;
+    }),
+    ("empty space (samples where the density is)", |config| {
+        config.uniform_share = 1e3;
+    }),
 ];
 
 /// One run.
@@ -64,84 +52,64 @@ struct Row {
     metrics: ImageMetrics,
 }
 
-/// Runs the benchmark.
 pub(super) fn run(args: &SkipArgs) -> Result<(), Failure> {
-    let splits = Splits {
-        test: false,
-        ..Splits::ALL
+    let mut bench = Bench {
+        args,
+        dataset: args.common.load(args.dataset.as_ref(), Splits::TRAIN_VAL)?,
+        display: args.common.display(),
     };
-    let dataset = load(
-        &dataset_or_demo(args.dataset.as_ref())?,
-        splits,
-        &args.common.capture,
-    )?;
-    let mut display = Display::new(args.common.json);
-    let all_on = config(None, Some(args.common.seed))?;
+    let all_on = args.common.config(None)?;
     let mut all_off = all_on.clone();
-    let mut settings = vec![("all skips".to_owned(), all_on.clone())];
-    for skip in &SKIPS {
+    let mut rows = vec![bench.measure("all skips", &all_on, args.steps)?];
+    for (name, switch_off) in SKIPS {
         let mut one_off = all_on.clone();
-        (skip.off)(&mut one_off);
-        (skip.off)(&mut all_off);
-        settings.push((format!("without: {}", skip.name), one_off));
+        switch_off(&mut one_off);
+        switch_off(&mut all_off);
+        rows.push(bench.measure(&format!("without: {name}"), &one_off, args.steps)?);
     }
-    settings.push(("no skip".to_owned(), all_off.clone()));
-    let mut rows = Vec::new();
-    for (name, config) in settings {
-        rows.push(one(
-            &name,
-            &config,
-            args.steps,
-            args,
-            &dataset,
-            &mut display,
-        )?);
-    }
-    let longer = until_equal(args, &all_off, &dataset, &rows[0], &mut display)?;
-    display.finish();
+    rows.push(bench.measure("no skip", &all_off, args.steps)?);
+    let longer = bench.until_equal(&all_off, &rows[0])?;
+    bench.display.finish();
     report(args, &rows, longer.as_ref())
 }
 
-fn one(
-    name: &str,
-    config: &TrainConfig,
-    steps: u64,
-    args: &SkipArgs,
-    dataset: &Dataset,
-    display: &mut Display,
-) -> Result<Row, Failure> {
-    on_threads(args.common.threads, || {
-        let mut show = |done| display.set(done, name, "");
-        let trial = train(config, dataset, Length::Steps(steps), &mut show)?;
-        let metrics = measure(&trial.snapshot, &dataset.val, None)?;
-        Ok(Row {
-            name: name.to_owned(),
-            trial,
-            metrics,
-        })
-    })
+/// What all runs share.
+struct Bench<'a> {
+    args: &'a SkipArgs,
+    dataset: Dataset,
+    display: Display,
 }
 
-/// The shortest run without skips, of 1, 2, 4 or 8 times the steps, that is as good as `target`.
-fn until_equal(
-    args: &SkipArgs,
-    config: &TrainConfig,
-    dataset: &Dataset,
-    target: &Row,
-    display: &mut Display,
-) -> Result<Option<Row>, Failure> {
-    let mut factor = 2;
-    while factor <= MOST_LONGER {
-        let name = format!("no skip, {factor} x the steps");
-        let row = one(&name, config, args.steps * factor, args, dataset, display)?;
-        if row.metrics.psnr_object >= target.metrics.psnr_object
-            && row.metrics.psnr_background >= target.metrics.psnr_background
-        {
-            return Ok(Some(row));
-        }
-        factor *= 2;
+impl Bench<'_> {
+    fn measure(&mut self, name: &str, config: &TrainConfig, steps: u64) -> Result<Row, Failure> {
+        let (dataset, display) = (&self.dataset, &mut self.display);
+        on_threads(self.args.common.threads, || {
+            let mut show = |done| display.set(done, name, "");
+            let trial = train(config, dataset, Length::Steps(steps), &mut show)?;
+            let metrics = measure(&trial.snapshot, &dataset.val, None)?;
+            Ok(Row {
+                name: name.to_owned(),
+                trial,
+                metrics,
+            })
+        })
     }
-    Ok(None)
+
+    /// The shortest run without skips, of 2, 4 or 8 times the steps, that is as good as `target`.
+    fn until_equal(&mut self, config: &TrainConfig, target: &Row) -> Result<Option<Row>, Failure> {
+        let mut factor = 2;
+        while factor <= MOST_LONGER {
+            let name = format!("no skip, {factor} x the steps");
+            let row = self.measure(&name, config, self.args.steps * factor)?;
+            if row.metrics.psnr_object >= target.metrics.psnr_object
+                && row.metrics.psnr_background >= target.metrics.psnr_background
+            {
+                return Ok(Some(row));
+            }
+            factor *= 2;
+        }
+        Ok(None)
+    }
 }
 
 fn report(args: &SkipArgs, rows: &[Row], longer: Option<&Row>) -> Result<(), Failure> {
@@ -160,11 +128,7 @@ fn report(args: &SkipArgs, rows: &[Row], longer: Option<&Row>) -> Result<(), Fai
             .collect();
         return Ok(output::json_line(&json!({ "rows": rows }))?);
     }
-    output::line(
-        "| run | processor ms a step | slower than all skips | object dB | background dB |",
-    )?;
-    output::line("|---|---|---|---|---|")?;
-    for row in rows.iter().chain(longer) {
+    let line = |row: &Row| {
         let change = |pick: fn(&ImageMetrics) -> Option<f64>| match (
             pick(&row.metrics),
             pick(&reference.metrics),
@@ -172,15 +136,18 @@ fn report(args: &SkipArgs, rows: &[Row], longer: Option<&Row>) -> Result<(), Fai
             (Some(v), Some(r)) => format!("{v:.2} ({:+.2})", v - r),
             _ => "–".to_owned(),
         };
-        output::line(&format!(
+        format!(
             "| {} | {:.2} | {:.2} x | {} | {} |",
             row.name,
             cpu_per_step(row) * 1e3,
             cpu_per_step(row) / cpu_per_step(reference),
             change(|m| m.psnr_object),
             change(|m| m.psnr_background),
-        ))?;
-    }
+        )
+    };
+    let header =
+        "| run | processor ms a step | slower than all skips | object dB | background dB |";
+    output::table(header, rows.iter().chain(longer).map(line))?;
     output::line(&match longer {
         Some(row) => format!(
             "to equal error the skips are {:.1} x faster",

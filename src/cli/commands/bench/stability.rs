@@ -17,9 +17,8 @@ use neif::train::Snapshot;
 use neif::train::measure::metrics::ImageMetrics;
 use serde_json::json;
 
-use super::trial::{Length, Trial, figure, load, measure, on_threads, train};
-use super::{Common, dataset_or_demo};
-use crate::cli::commands::train::config;
+use super::Common;
+use super::trial::{Length, figure, measure, on_threads, train};
 use crate::cli::failure::Failure;
 use crate::cli::interrupt;
 use crate::cli::output::{self, Display};
@@ -32,7 +31,6 @@ const LAST_PART: f64 = 0.1;
 /// Factor that takes the logarithm of nearly every density to one of its ends.
 const DENSE: f32 = 1e4;
 
-/// Arguments of `neif bench stability`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct StabilityArgs {
     /// The capture [default: the bundled one]
@@ -74,24 +72,16 @@ struct Bench<'a> {
 
 /// Runs the benchmark; fails when a case does.
 pub(super) fn run(args: &StabilityArgs) -> Result<(), Failure> {
-    let splits = Splits {
-        test: false,
-        ..Splits::ALL
-    };
     let mut bench = Bench {
         args,
-        dataset: load(
-            &dataset_or_demo(args.dataset.as_ref())?,
-            splits,
-            &args.common.capture,
-        )?,
+        dataset: args.common.load(args.dataset.as_ref(), Splits::TRAIN_VAL)?,
         normal: None,
         rows: Vec::new(),
-        display: Display::new(args.common.json),
+        display: args.common.display(),
     };
     let normal = bench.train(&NORMAL, args.steps)?;
     bench.normal = bench.rows.first().map(|row| row.metrics);
-    bench.store(&normal.snapshot)?;
+    bench.store(&normal)?;
     for case in CASES.iter().filter(|case| args.wants(case.name)) {
         bench.train(case, args.steps)?;
     }
@@ -109,12 +99,9 @@ impl StabilityArgs {
 }
 
 impl Bench<'_> {
-    /// Trains a case and judges what became of it.
-    fn train(&mut self, case: &Case, steps: u64) -> Result<Trial, Failure> {
-        let (mut dataset, mut config) = (
-            self.dataset.clone(),
-            config(None, Some(self.args.common.seed))?,
-        );
+    /// Trains a case and judges what became of it; the trained model.
+    fn train(&mut self, case: &Case, steps: u64) -> Result<Snapshot, Failure> {
+        let (mut dataset, mut config) = (self.dataset.clone(), self.args.common.config(None)?);
         (case.change)(&mut dataset, &mut config);
         let display = &mut self.display;
         let trial = on_threads(self.args.common.threads, || {
@@ -122,44 +109,46 @@ impl Bench<'_> {
             train(&config, &dataset, Length::Steps(steps), &mut show)
         })?;
         let first_of_last = (steps as f64 * (1.0 - LAST_PART)) as u64;
-        let has_recovered = trial.last_skipped.is_none_or(|step| step <= first_of_last);
-        self.judge(case.name, case.expected, &trial.snapshot, &dataset)?;
-        if let Some(row) = self.rows.last_mut() {
-            row.has_recovered = has_recovered;
-            row.skipped = trial.skipped;
-        }
-        self.show_last();
-        Ok(trial)
+        let row = self.judge(case.name, case.expected, &trial.snapshot, &dataset)?;
+        self.add(Row {
+            has_recovered: trial.last_skipped.is_none_or(|step| step <= first_of_last),
+            skipped: trial.skipped,
+            ..row
+        });
+        Ok(trial.snapshot)
     }
 
     /// The normal model after a round through files of half the precision, and with densities at the end of their range.
     fn store(&mut self, normal: &Snapshot) -> Result<(), Failure> {
-        let dataset = self.dataset.clone();
-        for (name, storage, expected) in [
-            ("stored as f16", Storage::F16, Expected::SameError),
-            ("stored as bf16", Storage::Bf16, Expected::Finite),
-        ] {
+        type Change = fn(&Snapshot) -> Result<Snapshot, Failure>;
+        let cases: [(_, _, Change); 3] = [
+            ("stored as f16", Expected::SameError, |normal| {
+                reloaded(normal, Storage::F16)
+            }),
+            ("stored as bf16", Expected::Finite, |normal| {
+                reloaded(normal, Storage::Bf16)
+            }),
+            ("densities of 1e-7 and 3e6", Expected::Finite, |normal| {
+                Ok(dense(normal))
+            }),
+        ];
+        for (name, expected, change) in cases {
             if self.args.wants(name) {
-                self.judge(name, expected, &reloaded(normal, storage)?, &dataset)?;
-                self.show_last();
+                let row = self.judge(name, expected, &change(normal)?, &self.dataset)?;
+                self.add(row);
             }
-        }
-        let name = "densities of 1e-7 and 3e6";
-        if self.args.wants(name) {
-            self.judge(name, Expected::Finite, &dense(normal), &dataset)?;
-            self.show_last();
         }
         Ok(())
     }
 
-    /// Adds the row of a model that was trained on `dataset`.
+    /// The row of a model that was trained on `dataset`, as if no step had been skipped.
     fn judge(
-        &mut self,
+        &self,
         name: &'static str,
         expected: Expected,
         snapshot: &Snapshot,
         dataset: &Dataset,
-    ) -> Result<(), Failure> {
+    ) -> Result<Row, Failure> {
         let (is_finite, metrics) = on_threads(self.args.common.threads, || {
             let scene = snapshot.scene();
             let is_finite = scene.environment.params().iter().all(|v| v.is_finite())
@@ -182,7 +171,7 @@ impl Bench<'_> {
         } else {
             Ok(())
         };
-        self.rows.push(Row {
+        Ok(Row {
             name,
             is_finite,
             has_recovered: true,
@@ -190,14 +179,13 @@ impl Bench<'_> {
             metrics,
             difference,
             verdict,
-        });
-        Ok(())
+        })
     }
 
-    fn show_last(&self) {
-        if let Some(row) = self.rows.last() {
-            self.display.say(&line(row));
-        }
+    /// Keeps and shows a row.
+    fn add(&mut self, row: Row) {
+        self.display.say(&line(&row));
+        self.rows.push(row);
     }
 
     /// Prints all rows; an error names the cases that failed.
@@ -206,20 +194,11 @@ impl Bench<'_> {
             let rows: Vec<_> = self.rows.iter().map(json_row).collect();
             output::json_line(&json!({ "rows": rows }))?;
         } else {
-            output::line(
-                "| case | finite | recovered | steps skipped | object dB | background dB | against normal | verdict |",
-            )?;
-            output::line("|---|---|---|---|---|---|---|---|")?;
-            for row in &self.rows {
-                output::line(&line(row))?;
-            }
+            let header = "| case | finite | recovered | steps skipped | object dB | background dB | against normal | verdict |";
+            output::table(header, self.rows.iter().map(line))?;
         }
-        let failed: Vec<_> = self
-            .rows
-            .iter()
-            .filter(|row| row.verdict.is_err())
-            .map(|row| row.name)
-            .collect();
+        let failed = self.rows.iter().filter(|row| row.verdict.is_err());
+        let failed: Vec<_> = failed.map(|row| row.name).collect();
         if failed.is_empty() {
             return Ok(());
         }

@@ -3,11 +3,10 @@
 //!
 //! Every result is shown and written as soon as it is there.
 
-use std::io::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::builder::PossibleValuesParser;
-use neif::data::{Dataset, Splits, write_atomically};
+use neif::data::{Dataset, Splits};
 use neif::neif::neilf::Brdf;
 use neif::train::config::TrainConfig;
 use neif::train::measure::lpips::Lpips;
@@ -15,22 +14,21 @@ use neif::train::measure::metrics::{ImageMetrics, mean};
 use neif::train::neilf::NeilfConfig;
 use serde_json::{Value, json};
 
-use super::trial::{Length, figure, load, measure, measure_neilf, on_threads, train, train_neilf};
-use super::{Common, marks};
+use super::Common;
+use super::trial::{Length, figure, measure, measure_neilf, on_threads, train, train_neilf};
 use crate::cli::commands::eval::lpips_weights;
-use crate::cli::commands::train::config;
 use crate::cli::failure::Failure;
 use crate::cli::output::{self, Display};
 use crate::cli::scenes::make_folder;
+use crate::cli::values;
 
-/// Arguments of `neif bench table1`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Table1Args {
     /// The captures
     #[arg(value_name = "DATASET", required = true)]
     datasets: Vec<PathBuf>,
     /// Training time of each run, the tracing of the pixels included
-    #[arg(long, value_name = "TIME", value_parser = marks, default_value = "300s")]
+    #[arg(long, value_name = "TIME", value_parser = values::duration_secs, default_value = "300s")]
     budget: f64,
     /// Only these rows
     #[arg(long, value_name = "ROW,...", value_delimiter = ',', value_parser = rows())]
@@ -58,6 +56,11 @@ enum Model {
     Ours(fn(&mut TrainConfig)),
 }
 
+const fn ours(key: &'static str, name: &'static str, change: fn(&mut TrainConfig)) -> Variant {
+    let model = Model::Ours(change);
+    Variant { key, name, model }
+}
+
 const VARIANTS: [Variant; 12] = [
     Variant {
         key: "neilf",
@@ -69,57 +72,27 @@ const VARIANTS: [Variant; 12] = [
         name: "NeILF* (incident light of each point, our reflectance)",
         model: Model::Neilf(Brdf::Lobe),
     },
-    Variant {
-        key: "ne-env",
-        name: "Ne-Env (environment infinitely far)",
-        model: Model::Ours(|c| c.field.is_far = true),
-    },
-    Variant {
-        key: "no-ile",
-        name: "w/o ILE (lobes are lines)",
-        model: Model::Ours(|c| c.field.integrated = false),
-    },
-    Variant {
-        key: "no-bg",
-        name: "w/o BG (no background pixels)",
-        // A weight of zero would leave the density without any sense; the paper's variant has no background loss.
-        model: Model::Ours(|c| c.background_weight = 1e-9),
-    },
-    Variant {
-        key: "no-conv",
-        name: "w/o Conv. (no pre-convolved background)",
-        model: Model::Ours(|c| c.preconvolved_share = 0.0),
-    },
-    Variant {
-        key: "no-reg",
-        name: "w/o Reg. (no smoothness)",
-        model: Model::Ours(|c| c.smoothness_weight = 0.0),
-    },
-    Variant {
-        key: "no-self",
-        name: "w/o self-reflection",
-        model: Model::Ours(|c| c.bounces = 0),
-    },
-    Variant {
-        key: "one-bounce",
-        name: "one bounce only",
-        model: Model::Ours(|c| c.bounces = 1),
-    },
-    Variant {
-        key: "grey-tint",
-        name: "w/o RGB tint",
-        model: Model::Ours(|c| c.material.rgb_tint = false),
-    },
-    Variant {
-        key: "no-delay",
-        name: "w/o roughness delay",
-        model: Model::Ours(|c| c.roughness_delay = 0),
-    },
-    Variant {
-        key: "ours",
-        name: "Ours",
-        model: Model::Ours(|_| ()),
-    },
+    ours("ne-env", "Ne-Env (environment infinitely far)", |c| {
+        c.field.is_far = true;
+    }),
+    ours("no-ile", "w/o ILE (lobes are lines)", |c| {
+        c.field.integrated = false;
+    }),
+    // A weight of zero would leave the density without any sense; the paper's variant has no background loss.
+    ours("no-bg", "w/o BG (no background pixels)", |c| {
+        c.background_weight = 1e-9;
+    }),
+    ours("no-conv", "w/o Conv. (no pre-convolved background)", |c| {
+        c.preconvolved_share = 0.0;
+    }),
+    ours("no-reg", "w/o Reg. (no smoothness)", |c| {
+        c.smoothness_weight = 0.0;
+    }),
+    ours("no-self", "w/o self-reflection", |c| c.bounces = 0),
+    ours("one-bounce", "one bounce only", |c| c.bounces = 1),
+    ours("grey-tint", "w/o RGB tint", |c| c.material.rgb_tint = false),
+    ours("no-delay", "w/o roughness delay", |c| c.roughness_delay = 0),
+    ours("ours", "Ours", |_| ()),
 ];
 
 /// Below the table.
@@ -143,26 +116,22 @@ struct Row {
     results: Vec<ImageMetrics>,
 }
 
-/// Runs the benchmark.
 pub(super) fn run(args: &Table1Args) -> Result<(), Failure> {
     let splits = Splits {
         val: args.split == "val",
         test: args.split == "test",
         ..Splits::ALL
     };
-    let datasets = args
-        .datasets
-        .iter()
-        .map(|path| load(path, splits, &args.common.capture))
-        .collect::<Result<Vec<_>, _>>()?;
+    let load = |path| args.common.load(Some(path), splits);
+    let datasets: Vec<Dataset> = args.datasets.iter().map(load).collect::<Result<_, _>>()?;
     let mut table = Table {
         args,
         lpips: lpips_weights(args.common.lpips.as_deref())?,
-        display: Display::new(args.common.json),
+        display: args.common.display(),
     };
     if !args.common.json {
-        output::line("| | object | background | whole | masked | SSIM | LPIPS |")?;
-        output::line("|---|---|---|---|---|---|---|")?;
+        let header = "| | object | background | whole | masked | SSIM | LPIPS |";
+        output::table(header, [])?;
     }
     let names: Vec<&str> = datasets.iter().map(|d| d.name.as_str()).collect();
     let mut rows: Vec<Row> = Vec::new();
@@ -170,21 +139,22 @@ pub(super) fn run(args: &Table1Args) -> Result<(), Failure> {
         if !args.only.is_empty() && !args.only.iter().any(|key| key == variant.key) {
             continue;
         }
-        let results = Vec::with_capacity(datasets.len());
+        let at = rows.len();
+        let results = Vec::new();
         rows.push(Row { variant, results });
         for (i, dataset) in datasets.iter().enumerate() {
             let metrics = table.measure(variant, dataset)?;
-            if let Some(row) = rows.last_mut() {
-                row.results.push(metrics);
-            }
+            rows[at].results.push(metrics);
             if let Some(folder) = &args.common.out {
-                write_report(folder, &report(args, &names, &rows))?;
+                make_folder(folder)?;
+                let report = report(args, &names, &rows);
+                output::file(&folder.join("table1.json"), &format!("{report}\n"))?;
             }
             let name = format!("{}, {}", names[i], variant.name);
             table.display.say(&line(&name, &metrics));
         }
-        if let Some(row) = rows.last().filter(|_| !args.common.json) {
-            output::line(&line(variant.name, &mean(&row.results)))?;
+        if !args.common.json {
+            output::line(&line(variant.name, &mean(&rows[at].results)))?;
         }
     }
     table.display.finish();
@@ -202,7 +172,7 @@ impl Table<'_> {
             _ => &dataset.test,
         };
         let length = Length::Seconds(self.args.budget);
-        let mut config = config(None, Some(self.args.common.seed))?;
+        let mut config = self.args.common.config(None)?;
         let what = format!("{}, {}", dataset.name, variant.name);
         let display = &mut self.display;
         let lpips = self.lpips.as_ref();
@@ -240,14 +210,6 @@ fn report(args: &Table1Args, datasets: &[&str], rows: &[Row]) -> Value {
         "notes": NOTES,
         "rows": rows,
     })
-}
-
-/// Writes `table1.json` whole or not at all.
-fn write_report(folder: &Path, report: &Value) -> Result<(), Failure> {
-    make_folder(folder)?;
-    let path = folder.join("table1.json");
-    write_atomically(&path, |file| writeln!(file, "{report}"))?;
-    Ok(())
 }
 
 fn line(name: &str, m: &ImageMetrics) -> String {

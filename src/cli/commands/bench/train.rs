@@ -12,11 +12,12 @@ use neif::neif::networks::hash_grid::{
 use neif::neif::networks::mlp::{Mlp, MlpBuffers, Transposed};
 use neif::train::config::TrainConfig;
 use neif::train::{Fast, Stage, Trainer};
+use serde::Serialize;
 use serde_json::json;
+use strum::VariantArray as _;
 
-use super::trial::{load, on_threads};
-use super::{Common, dataset_or_demo};
-use crate::cli::commands::train::config;
+use super::Common;
+use super::trial::{on_threads, quantile, rounded};
 use crate::cli::failure::{Failure, OrUnusable as _};
 use crate::cli::{interrupt, output};
 
@@ -25,7 +26,6 @@ const N_SAMPLES: usize = 1152;
 /// Runs of a kernel; the fastest counts, since neighbours only ever slow it down.
 const KERNEL_RUNS: usize = 400;
 
-/// Arguments of `neif bench train`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct TrainBenchArgs {
     /// The capture [default: the bundled one]
@@ -39,6 +39,7 @@ pub(crate) struct TrainBenchArgs {
 }
 
 /// A kernel's best run, one thread.
+#[derive(Serialize)]
 struct Kernel {
     name: &'static str,
     samples_per_sec: f64,
@@ -59,11 +60,9 @@ struct StepTimes {
     stage_secs: Vec<(Stage, f64)>,
 }
 
-/// Runs the benchmark.
 pub(super) fn run(args: &TrainBenchArgs) -> Result<(), Failure> {
-    let path = dataset_or_demo(args.dataset.as_ref())?;
-    let dataset = load(&path, Splits::TRAIN_VAL, &args.common.capture)?;
-    let config = config(None, Some(args.common.seed))?;
+    let dataset = args.common.load(args.dataset.as_ref(), Splits::TRAIN_VAL)?;
+    let config = args.common.config(None)?;
     let (peak_gflops, peak_gbytes) = (peak::gflops(), peak::read_gbytes_per_sec());
     let kernels = kernels(&config);
     let mut counts = vec![1, args.common.threads];
@@ -73,21 +72,15 @@ pub(super) fn run(args: &TrainBenchArgs) -> Result<(), Failure> {
     counts.dedup();
     let times = time_in_turns(&config, &dataset, &counts, args.steps)?;
     if args.common.json {
-        let kernels: Vec<_> = kernels
-            .iter()
-            .map(|k| json!({"name": k.name, "samples_per_sec": k.samples_per_sec, "gflops": k.gflops, "gbytes_per_sec": k.gbytes_per_sec}))
-            .collect();
-        let steps: Vec<_> = times
-            .iter()
-            .map(|t| {
-                let stages: Vec<_> = t
-                    .stage_secs
-                    .iter()
-                    .map(|(s, secs)| json!({"stage": format!("{s:?}"), "seconds": secs}))
-                    .collect();
-                json!({"threads": t.threads, "rays_per_sec": median(&t.rays_per_sec), "rounds": t.rays_per_sec, "stages": stages})
+        let step = |t: &StepTimes| {
+            let stage =
+                |(s, secs): &(Stage, f64)| json!({"stage": format!("{s:?}"), "seconds": secs});
+            json!({
+                "threads": t.threads, "rays_per_sec": quantile(&t.rays_per_sec, 0.5), "rounds": t.rays_per_sec,
+                "stages": t.stage_secs.iter().map(stage).collect::<Vec<_>>(),
             })
-            .collect();
+        };
+        let steps: Vec<_> = times.iter().map(step).collect();
         return Ok(output::json_line(&json!({
             "peak_gflops": peak_gflops, "peak_gbytes_per_sec": peak_gbytes,
             "kernels": kernels, "steps": steps,
@@ -96,26 +89,23 @@ pub(super) fn run(args: &TrainBenchArgs) -> Result<(), Failure> {
     output::line(&format!(
         "one thread of this machine: {peak_gflops:.1} GFLOP/s, {peak_gbytes:.1} GB/s\n"
     ))?;
-    output::line("| kernel, one thread | M samples/s | GFLOP/s | of the peak | GB/s of rows |")?;
-    output::line("|---|---|---|---|---|")?;
-    for k in &kernels {
-        let cell = |v: Option<f64>, digits: usize| {
-            v.map_or_else(|| "–".to_owned(), |v| format!("{v:.digits$}"))
-        };
-        output::line(&format!(
+    let line = |k: &Kernel| {
+        format!(
             "| {} | {:.2} | {} | {} | {} |",
             k.name,
             k.samples_per_sec * 1e-6,
-            cell(k.gflops, 1),
-            cell(k.gflops.map(|g| g / peak_gflops), 2),
-            cell(k.gbytes_per_sec, 1),
-        ))?;
-    }
+            rounded(k.gflops, 1),
+            rounded(k.gflops.map(|g| g / peak_gflops), 2),
+            rounded(k.gbytes_per_sec, 1),
+        )
+    };
+    let header = "| kernel, one thread | M samples/s | GFLOP/s | of the peak | GB/s of rows |";
+    output::table(header, kernels.iter().map(line))?;
     for t in &times {
         output::line(&format!(
             "\n{} thread(s): {:.0} rays/s",
             t.threads,
-            median(&t.rays_per_sec)
+            quantile(&t.rays_per_sec, 0.5)
         ))?;
         let total: f64 = t.stage_secs.iter().map(|(_, secs)| secs).sum();
         for (stage, secs) in &t.stage_secs {
@@ -134,22 +124,13 @@ pub(super) fn run(args: &TrainBenchArgs) -> Result<(), Failure> {
         output::line(&format!(
             "\n{} threads are {:.2} x as fast as one (median of {ROUNDS} pairs, {:.2} to {:.2})",
             many.threads,
-            median(&gains),
+            quantile(&gains, 0.5),
             gains[0],
             gains[gains.len() - 1],
         ))?;
     }
     Ok(())
 }
-
-const STAGES: [Stage; 6] = [
-    Stage::Prepare,
-    Stage::Encode,
-    Stage::Networks,
-    Stage::Gather,
-    Stage::Update,
-    Stage::Probe,
-];
 
 /// Where in the plan steps are timed: in its middle, where the batch has its mean size.
 const STEADY: f32 = 0.5;
@@ -174,7 +155,7 @@ fn time_in_turns(
         let times = StepTimes {
             threads,
             rays_per_sec: Vec::new(),
-            stage_secs: STAGES.map(|stage| (stage, 0.0)).to_vec(),
+            stage_secs: Stage::VARIANTS.iter().map(|stage| (*stage, 0.0)).collect(),
         };
         all.push((trainer, times));
     }
@@ -198,9 +179,7 @@ fn time_steps(
     let mut last = start;
     let mut rays = 0;
     for _ in 0..steps {
-        if interrupt::requested() {
-            return Err(Failure::Interrupted);
-        }
+        interrupt::check()?;
         let mut on_done = |stage| {
             let now = Instant::now();
             let stages = times.stage_secs.iter_mut();
@@ -214,12 +193,6 @@ fn time_steps(
     let secs = start.elapsed().as_secs_f64();
     times.rays_per_sec.push(rays as f64 / secs);
     Ok(())
-}
-
-fn median(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
 /// The fastest of many runs, in seconds.

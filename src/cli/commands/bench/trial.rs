@@ -1,17 +1,16 @@
 //! One training run of a benchmark, without run folder, window or validation: the trainer and a clock.
 
-use std::{path::Path, time::Instant};
+use std::time::Instant;
 
-use neif::data::{Dataset, LoadOptions, Splits, View};
+use neif::data::{Dataset, View};
 use neif::neif::neilf::NeilfModel;
 use neif::train::config::TrainConfig;
 use neif::train::measure::eval::{Measures, evaluate_object, evaluate_views, mean_of_views};
 use neif::train::measure::lpips::Lpips;
-use neif::train::measure::metrics::ImageMetrics;
+use neif::train::measure::metrics::{ImageMetrics, mean};
 use neif::train::neilf::NeilfConfig;
 use neif::train::{Neilf, Snapshot, new_trainer};
 
-use crate::cli::capture::CaptureArgs;
 use crate::cli::failure::{Failure, OrUnusable as _};
 use crate::cli::interrupt;
 
@@ -20,7 +19,6 @@ use crate::cli::interrupt;
 pub(super) enum Length {
     /// Wall time from the start, the tracing of the pixels included.
     Seconds(f64),
-    /// Steps.
     Steps(u64),
 }
 
@@ -48,16 +46,6 @@ impl Trial {
     pub(super) fn rays_per_sec(&self) -> f64 {
         self.rays as f64 / self.step_secs.max(1e-9)
     }
-}
-
-/// Reads the splits of a capture.
-pub(super) fn load(path: &Path, splits: Splits, capture: &CaptureArgs) -> Result<Dataset, Failure> {
-    let options = LoadOptions {
-        splits,
-        choices: capture.choices(),
-        ..LoadOptions::default()
-    };
-    Dataset::load(path, &options).or_unusable()
 }
 
 /// Runs `work` on a pool of `threads` threads (0 is one a core).
@@ -134,9 +122,7 @@ fn take_steps(length: Length, begin: Instant, step: &mut dyn FnMut(f32)) -> Resu
         if done >= 1.0 {
             return Ok(());
         }
-        if interrupt::requested() {
-            return Err(Failure::Interrupted);
-        }
+        interrupt::check()?;
         step(done as f32);
         steps += 1;
     }
@@ -149,32 +135,22 @@ pub(super) fn measure(
     lpips: Option<&Lpips>,
 ) -> Result<ImageMetrics, Failure> {
     let cancel = interrupt::install()?;
-    let scene = snapshot.scene();
-    let exposures = snapshot.exposures.as_deref();
     let measures = Measures {
+        exposures: snapshot.exposures.as_deref(),
         lpips,
         fitted: None,
     };
-    let results = evaluate_views(
-        &scene,
-        views,
-        exposures,
-        measures,
-        cancel,
-        &mut |_, _, _| (),
-    );
-    results
-        .map(|results| mean_of_views(&results))
-        .ok_or(Failure::Interrupted)
+    let scene = snapshot.scene();
+    let results = evaluate_views(&scene, views, measures, cancel, &mut |_, _, _| ());
+    let mean = results.map(|results| mean_of_views(&results));
+    mean.ok_or(Failure::Interrupted)
 }
 
 /// The same for a baseline: what it explains of the views.
 pub(super) fn measure_neilf(model: &NeilfModel, views: &[View]) -> Result<ImageMetrics, Failure> {
     let cancel = interrupt::install()?;
-    let results = evaluate_object(model, views, cancel);
-    results
-        .map(|results| mean_of_views(&results))
-        .ok_or(Failure::Interrupted)
+    let metrics = evaluate_object(model, views, cancel).ok_or(Failure::Interrupted)?;
+    Ok(mean(&metrics))
 }
 
 /// Processor time of the process, all threads together.
@@ -191,7 +167,21 @@ pub(super) fn process_cpu_secs() -> f64 {
     START.elapsed().as_secs_f64()
 }
 
+/// A quantile of some values; 0 without any.
+pub(super) fn quantile(values: &[f64], share: f64) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let at = (sorted.len() as f64 * share) as usize;
+    let at = at.min(sorted.len().saturating_sub(1));
+    sorted.get(at).copied().unwrap_or(0.0)
+}
+
+/// A figure with so many digits after the point, or a dash.
+pub(super) fn rounded(value: Option<f64>, digits: usize) -> String {
+    value.map_or_else(|| "–".to_owned(), |v| format!("{v:.digits$}"))
+}
+
 /// A figure with two digits, or a dash.
 pub(super) fn figure(value: Option<f64>) -> String {
-    value.map_or_else(|| "–".to_owned(), |v| format!("{v:.2}"))
+    rounded(value, 2)
 }

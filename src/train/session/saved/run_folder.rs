@@ -5,7 +5,7 @@
 //! `log.jsonl` record how it went. Each file is written whole or not at all, so a full disk or a
 //! power cut leaves the previous state.
 
-use std::io::{self, Write as _};
+use std::io::Write as _;
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 
@@ -39,7 +39,7 @@ const METRICS: &str = "metrics.csv";
 const LOG: &str = "log.jsonl";
 
 /// The layout of run folders that this version writes and reads.
-const FORMAT: u32 = 1;
+pub(in crate::train::session) const FORMAT: u32 = 1;
 
 /// What is wrong with a run folder.
 #[derive(Debug, thiserror::Error)]
@@ -50,14 +50,6 @@ pub enum RunFolderError {
     /// There is nothing to resume or to show.
     #[error("{path}: not a run folder ({CONFIG} is missing)", path = .0.display())]
     NotARun(PathBuf),
-    /// A file cannot be read or written.
-    #[error("{path}: {source}", path = path.display())]
-    Io {
-        /// The file or folder.
-        path: PathBuf,
-        /// What the system said.
-        source: io::Error,
-    },
     /// `config.toml` is damaged or of another version.
     #[error("{path}: {what}", path = path.display())]
     Config {
@@ -72,7 +64,7 @@ pub enum RunFolderError {
     /// A trained field is damaged or cannot be written.
     #[error(transparent)]
     Field(#[from] NeifError),
-    /// The mesh or the cameras are damaged or cannot be written.
+    /// The mesh or the cameras are damaged, or a file or folder cannot be read or written.
     #[error(transparent)]
     Data(#[from] DataError),
 }
@@ -83,8 +75,7 @@ impl RunFolderError {
     pub fn is_refused_by_system(&self) -> bool {
         matches!(
             self,
-            Self::Io { .. }
-                | Self::Tensors(TensorFileError::Io { .. })
+            Self::Tensors(TensorFileError::Io { .. })
                 | Self::Field(NeifError::File(TensorFileError::Io { .. }))
                 | Self::Data(DataError::Io { .. })
         )
@@ -131,24 +122,16 @@ pub struct RunConfig {
     pub train: TrainConfig,
 }
 
-impl RunConfig {
-    /// Describes a run on the capture at `dataset`, to be kept in `run`.
-    pub fn new(run: &Path, dataset: &Path, mesh: Option<&Path>, train: TrainConfig) -> Self {
+impl DatasetSource {
+    /// Where the capture at `dataset` and a mesh instead of its own lie, seen from the folder `run`.
+    pub(in crate::train::session) fn new(run: &Path, dataset: &Path, mesh: Option<&Path>) -> Self {
         let absolute = absolute(dataset);
         Self {
-            format: FORMAT,
-            program: concat!("neif ", env!("CARGO_PKG_VERSION")).to_owned(),
-            environment_only: false,
-            storage: Storage::default(),
-            budget: Budget::Steps(0),
-            dataset: DatasetSource {
-                relative: relative_path(&self::absolute(run), &absolute),
-                absolute,
-                mesh: mesh.map(self::absolute),
-                mesh_placement: MeshPlacement::default(),
-                choices: CaptureChoices::default(),
-            },
-            train,
+            relative: relative_path(&self::absolute(run), &absolute),
+            absolute,
+            mesh: mesh.map(self::absolute),
+            mesh_placement: MeshPlacement::default(),
+            choices: CaptureChoices::default(),
         }
     }
 }
@@ -182,7 +165,18 @@ impl RunFolder {
     /// # Errors
     /// When it holds a run already.
     pub fn check_free(path: &Path) -> Result<(), RunFolderError> {
-        if Self::at(path).holds_a_run() {
+        let files = [
+            CONFIG,
+            CHECKPOINT,
+            OBJECT,
+            ENVIRONMENT,
+            MESH,
+            CAMERAS,
+            EXPOSURES,
+            METRICS,
+            LOG,
+        ];
+        if files.iter().any(|name| path.join(name).exists()) {
             return Err(RunFolderError::Occupied(path.to_owned()));
         }
         Ok(())
@@ -194,9 +188,9 @@ impl RunFolder {
     /// When it holds a run already, or the system refuses.
     pub fn create(path: &Path) -> Result<Self, RunFolderError> {
         Self::check_free(path)?;
-        let folder = Self::at(path);
-        std::fs::create_dir_all(path).map_err(|source| io_error(path.to_owned(), source))?;
-        Ok(folder)
+        std::fs::create_dir_all(path).map_err(|source| DataError::io(path, source))?;
+        let path = path.to_owned();
+        Ok(Self { path })
     }
 
     /// Opens the folder of an existing run.
@@ -204,11 +198,11 @@ impl RunFolder {
     /// # Errors
     /// When it holds none.
     pub fn open(path: &Path) -> Result<Self, RunFolderError> {
-        let folder = Self::at(path);
-        if folder.file(CONFIG).is_file() {
-            Ok(folder)
+        let path = path.to_owned();
+        if Self::is_run(&path) {
+            Ok(Self { path })
         } else {
-            Err(RunFolderError::NotARun(path.to_owned()))
+            Err(RunFolderError::NotARun(path))
         }
     }
 
@@ -228,31 +222,28 @@ impl RunFolder {
     /// Naming file and field, when they are damaged or of another version.
     pub fn config(&self) -> Result<RunConfig, RunFolderError> {
         let path = self.file(CONFIG);
-        let text = self.read_text(CONFIG)?;
-        let config: RunConfig = toml::from_str(&text).map_err(|error| RunFolderError::Config {
-            path: path.clone(),
-            what: error.to_string(),
-        })?;
-        let what = if config.format != FORMAT {
-            format!("format: {} is unknown, expected {FORMAT}", config.format)
-        } else if let Err(error) = config.train.validate() {
-            error.to_string()
-        } else {
-            return Ok(config);
+        let text = std::fs::read_to_string(&path).map_err(|source| DataError::io(&path, source))?;
+        let what = match toml::from_str::<RunConfig>(&text) {
+            Err(error) => error.to_string(),
+            Ok(config) if config.format != FORMAT => {
+                format!("format: {} is unknown, expected {FORMAT}", config.format)
+            }
+            Ok(config) => match config.train.validate() {
+                Err(error) => error.to_string(),
+                Ok(()) => return Ok(config),
+            },
         };
         Err(RunFolderError::Config { path, what })
     }
 
     /// Where the capture lies now: its absolute place, else its place relative to the run folder.
     pub fn dataset_path(&self, config: &RunConfig) -> PathBuf {
-        let relative = config
-            .dataset
-            .relative
-            .as_ref()
-            .map(|way| self.path.join(way));
-        match relative {
-            Some(relative) if !config.dataset.absolute.exists() && relative.exists() => relative,
-            _ => config.dataset.absolute.clone(),
+        let DatasetSource {
+            absolute, relative, ..
+        } = &config.dataset;
+        match relative.as_ref().map(|way| self.path.join(way)) {
+            Some(relative) if !absolute.exists() && relative.exists() => relative,
+            _ => absolute.clone(),
         }
     }
 
@@ -370,9 +361,8 @@ impl RunFolder {
         }
         if let Some(exposures) = &state.snapshot.exposures {
             let path = self.file(EXPOSURES);
-            exposures
-                .write(&path)
-                .map_err(|source| io_error(path, source))?;
+            let written = exposures.write(&path);
+            written.map_err(|source| DataError::io(&path, source))?;
         }
         if let Some(cameras) = &state.cameras {
             write_cameras(&self.file(CAMERAS), cameras)?;
@@ -384,44 +374,15 @@ impl RunFolder {
         Ok(())
     }
 
-    fn at(path: &Path) -> Self {
-        let path = path.to_owned();
-        Self { path }
-    }
-
     fn file(&self, name: &str) -> PathBuf {
         self.path.join(name)
     }
 
-    fn holds_a_run(&self) -> bool {
-        let names = [
-            CONFIG,
-            CHECKPOINT,
-            OBJECT,
-            ENVIRONMENT,
-            MESH,
-            CAMERAS,
-            EXPOSURES,
-            METRICS,
-            LOG,
-        ];
-        names.iter().any(|name| self.file(name).exists())
-    }
-
-    fn read_text(&self, name: &str) -> Result<String, RunFolderError> {
-        let path = self.file(name);
-        std::fs::read_to_string(&path).map_err(|source| io_error(path, source))
-    }
-
     fn write_text(&self, name: &str, text: &str) -> Result<(), RunFolderError> {
         let path = self.file(name);
-        write_atomically(&path, |file| file.write_all(text.as_bytes()))
-            .map_err(|source| io_error(path, source))
+        let written = write_atomically(&path, |file| file.write_all(text.as_bytes()));
+        Ok(written.map_err(|source| DataError::io(&path, source))?)
     }
-}
-
-fn io_error(path: PathBuf, source: io::Error) -> RunFolderError {
-    RunFolderError::Io { path, source }
 }
 
 /// The path from the root of the file system, without following links that may move.

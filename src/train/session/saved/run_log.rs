@@ -1,8 +1,6 @@
 //! The diary of a run: a table of figures and a line for each event, kept in memory and saved
 //! with the rest of the run folder, so that both files are always whole.
 
-use std::fmt::Write as _;
-
 use serde_json::Value;
 
 use crate::train::session::events::{Progress, TrainEvent, Validation};
@@ -77,30 +75,15 @@ impl RunLog {
 
     /// Notes an event: figures as a table row, everything else as a line of JSON.
     pub fn note(&mut self, event: &TrainEvent) {
-        match event {
-            TrainEvent::Progress(progress) => self.push_progress(progress),
-            TrainEvent::Validated(validation) => self.push_validation(validation),
+        let (text, line) = match event {
+            TrainEvent::Progress(progress) => (&mut self.csv, progress_row(progress)),
+            TrainEvent::Validated(validation) => (&mut self.csv, validation_row(validation)),
             TrainEvent::Loading { .. }
             | TrainEvent::Retracing { .. }
-            | TrainEvent::ViewsValidated(_) => {}
-            other => {
-                self.events.push_str(&other.to_json().to_string());
-                self.events.push('\n');
-            }
-        }
-    }
-
-    fn push_progress(&mut self, p: &Progress) {
-        self.push_row(&progress_row(p));
-    }
-
-    fn push_validation(&mut self, v: &Validation) {
-        self.push_row(&validation_row(v));
-    }
-
-    fn push_row(&mut self, row: &str) {
-        // Writing to a string cannot fail.
-        writeln!(self.csv, "{row}").unwrap_or_default();
+            | TrainEvent::ViewsValidated(_) => return,
+            other => (&mut self.events, other.to_json().to_string()),
+        };
+        text.extend([&line, "\n"]);
     }
 }
 

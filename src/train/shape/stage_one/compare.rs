@@ -14,7 +14,7 @@ const N_POINTS: usize = 250_000;
 const SIDE: u32 = 160;
 
 /// The difference of two meshes.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct MeshDifference {
     /// Longest side of the box around the reference, scene units.
     pub diameter: f32,

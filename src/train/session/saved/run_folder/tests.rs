@@ -1,19 +1,23 @@
 //! Tests of `run_folder`.
 
 use super::*;
+use crate::train::session::options::SessionOptions;
 
-fn config(run: &Path, dataset: &Path) -> RunConfig {
+/// A run in a new folder, with its settings saved.
+fn saved(run: &Path, dataset: &Path) -> (RunFolder, RunConfig) {
+    let run = RunFolder::create(run).unwrap();
     let train = TrainConfig::preset("fast").unwrap();
-    RunConfig::new(run, dataset, None, train)
+    let options = SessionOptions::new(dataset, train, Budget::Seconds(300.0));
+    let config = options.describe(Some(&run));
+    run.save_config(&config).unwrap();
+    (run, config)
 }
 
 #[test]
 fn settings_survive_the_file() {
     let folder = tempfile::tempdir().unwrap();
-    let run = RunFolder::create(&folder.path().join("run")).unwrap();
-    let mut written = config(run.path(), &folder.path().join("capture"));
-    written.budget = Budget::Seconds(300.0);
-    run.save_config(&written).unwrap();
+    let capture = folder.path().join("capture");
+    let (run, written) = saved(&folder.path().join("run"), &capture);
     let read = RunFolder::open(run.path()).unwrap().config().unwrap();
     assert_eq!(
         toml::to_string(&read).unwrap(),
@@ -25,9 +29,9 @@ fn settings_survive_the_file() {
 fn a_run_is_not_overwritten() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run");
-    let run = RunFolder::create(&path).unwrap();
-    assert!(RunFolder::create(&path).is_ok(), "an empty folder is free");
-    run.save_config(&config(&path, &path)).unwrap();
+    RunFolder::create(&path).unwrap();
+    // An empty folder is free.
+    saved(&path, &path);
     let message = RunFolder::create(&path).unwrap_err().to_string();
     assert!(message.contains("--resume"), "{message}");
 }
@@ -42,9 +46,7 @@ fn a_folder_without_a_run_is_named() {
 #[test]
 fn unknown_and_broken_settings_name_the_field() {
     let folder = tempfile::tempdir().unwrap();
-    let run = RunFolder::create(folder.path()).unwrap();
-    run.save_config(&config(folder.path(), folder.path()))
-        .unwrap();
+    let (run, _) = saved(folder.path(), folder.path());
     let good = std::fs::read_to_string(folder.path().join(CONFIG)).unwrap();
     for (bad, field) in [
         (format!("surprise = 1\n{good}"), "surprise"),
@@ -65,9 +67,7 @@ fn a_capture_that_moved_with_its_run_is_found() {
     let folder = tempfile::tempdir().unwrap();
     let before = folder.path().join("before");
     std::fs::create_dir_all(before.join("capture")).unwrap();
-    let run = RunFolder::create(&before.join("runs/one")).unwrap();
-    run.save_config(&config(run.path(), &before.join("capture")))
-        .unwrap();
+    saved(&before.join("runs/one"), &before.join("capture"));
     let after = folder.path().join("after");
     std::fs::rename(&before, &after).unwrap();
     let moved = RunFolder::open(&after.join("runs/one")).unwrap();
