@@ -15,7 +15,6 @@ use crate::neif::light::display::Display;
 use crate::neif::neilf::brdf::hemisphere;
 use crate::neif::neilf::{IncidentLight, NeilfModel};
 use crate::neif::networks::hash_grid::FEATURES;
-use crate::neif::networks::mlp::Transposed;
 use crate::neif::surface::material::Material;
 use crate::train::config::TrainConfig;
 use crate::train::pixels::store::PixelStore;
@@ -35,7 +34,7 @@ pub struct NeilfTrainer {
     tracer: Arc<SurfaceTracer>,
     lattice: Vec<Vec3>,
     pub(super) light: Learned<IncidentLight, Vec<f32>>,
-    pub(super) material: Learned<Material, Transposed>,
+    pub(super) material: Learned<Material, Vec<f32>>,
     gamma: f32,
     gamma_adam: Adam,
     step: u64,

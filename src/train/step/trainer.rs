@@ -16,13 +16,12 @@ use crate::data::{Dataset, exposures_differ};
 use crate::geometry::SurfaceTracer;
 use crate::neif::field::contraction::FieldFrame;
 use crate::neif::field::density_grid::DensityGrid;
-use crate::neif::field::radiance_field::{FieldBatch, FieldTransposed, RadianceField};
+use crate::neif::field::radiance_field::{FieldBatch, RadianceField};
 use crate::neif::field::seen_grid::SeenGrid;
 use crate::neif::field::skip_counts::SkipCounts;
 use crate::neif::light::display::Display;
 use crate::neif::light::environment::{Environment, EnvironmentPlace};
 use crate::neif::networks::hash_grid::FEATURES;
-use crate::neif::networks::mlp::Transposed;
 use crate::neif::surface::object::{Material, ObjectModel, SurfaceField};
 use crate::train::TrainError;
 use crate::train::config::{PhotoFit, TrainConfig};
@@ -49,9 +48,9 @@ pub struct Trainer {
     pub(in crate::train) config: TrainConfig,
     pub(in crate::train) place: Place,
     pub(in crate::train) pixels: PixelStore,
-    pub(in crate::train) field: Learned<RadianceField, FieldTransposed>,
+    pub(in crate::train) field: Learned<RadianceField, Vec<f32>>,
     pub(in crate::train) density: DensityGrid,
-    pub(in crate::train) material: Option<Learned<Material, Transposed>>,
+    pub(in crate::train) material: Option<Learned<Material, Vec<f32>>>,
     pub(in crate::train) display: LearnedDisplay,
     pub(in crate::train) photos: Photos,
     pub(in crate::train) surface: Surface,
@@ -342,7 +341,10 @@ impl Trainer {
             density: &self.density,
             batch_size: self.work.batch_size,
             material: self.material.as_ref().map(|m| &m.value),
-            material_transposed: self.material.as_ref().map_or(&EMPTY, |m| &m.transposed),
+            material_transposed: self
+                .material
+                .as_ref()
+                .map_or(&[][..], |m| m.transposed.as_slice()),
             display: Display {
                 gamma: self.display.gamma,
             },
@@ -479,5 +481,3 @@ impl Trainer {
         }
     }
 }
-
-static EMPTY: Transposed = Transposed::EMPTY;

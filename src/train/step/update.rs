@@ -151,7 +151,7 @@ impl Trainer {
         let mut random = SlotRandom::new(self.config.seed, self.counts.step, u64::MAX);
         let (cells, points): (Vec<usize>, Vec<_>) = (0..N_PROBES)
             .map(|_| {
-                let cell = random.index(self.density.len());
+                let cell = random.index(self.density.cells().len());
                 let u = [random.uniform(), random.uniform(), random.uniform()];
                 let place = unit_cube(contract(DensityGrid::point_in_cell(cell, u)).0);
                 (cell, (place, 0.0))

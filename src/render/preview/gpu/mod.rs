@@ -187,10 +187,10 @@ impl GpuRenderer {
         };
         let object = self.object.as_ref();
         let material = object.and_then(|(object, _)| match &*object.material {
-            SurfaceField::Grid(material) => Some(material.config()),
+            SurfaceField::Grid(material) => Some(&material.config),
             SurfaceField::Paper(_) => None,
         });
-        let source = programs::source(field.config(), material);
+        let source = programs::source(&field.config, material);
         if !self.programs.as_ref().is_some_and(|p| p.is_of(&source)) {
             self.programs = Some(Programs::new(&self.gpu, source));
         }

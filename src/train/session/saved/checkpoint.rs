@@ -50,7 +50,7 @@ impl Trainer {
         }
         file.insert_u16(
             "density.cells",
-            &[self.density.len()],
+            &[self.density.cells().len()],
             self.density.cells().to_vec(),
         );
         if let Some(floor) = self.density.floor {
@@ -108,7 +108,7 @@ impl Trainer {
         let poses = where_stored(file, "poses.corrections", n_poses)?;
         let gamma = vector("gamma", 3)?;
         let counters = file.u64("counters", &[3])?.to_vec();
-        let density = stored_density(file, self.density.len())?;
+        let density = stored_density(file, self.density.cells().len())?;
         let optional = material.iter().flatten().chain(normals.iter().flatten());
         let optional = optional.chain(&log_gains).chain(&gain_sums).chain(&poses);
         let all = field.iter().chain(optional).flatten();
