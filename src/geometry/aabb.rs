@@ -1,6 +1,6 @@
 //! Axis-aligned boxes.
 
-use glam::{Affine3A, Vec3};
+use glam::Vec3;
 
 use super::Ray;
 
@@ -14,7 +14,7 @@ pub struct Aabb {
 }
 
 impl Aabb {
-    /// The box that holds nothing; the neutral element of [`Aabb::union`].
+    /// The box that holds nothing; the start of a box around points.
     pub const EMPTY: Self = Self {
         min: Vec3::INFINITY,
         max: Vec3::NEG_INFINITY,
@@ -41,14 +41,6 @@ impl Aabb {
     /// The length of the space diagonal.
     pub fn diagonal(&self) -> f32 {
         self.extent().length()
-    }
-
-    /// The smallest box around both.
-    pub fn union(&self, other: &Self) -> Self {
-        Self {
-            min: self.min.min(other.min),
-            max: self.max.max(other.max),
-        }
     }
 
     /// Whether the box holds no point.
@@ -83,11 +75,6 @@ impl Aabb {
             )
         })
     }
-
-    /// The box around the transformed corners.
-    pub fn transformed(&self, to_from_here: Affine3A) -> Self {
-        Self::from_points(self.corners().map(|p| to_from_here.transform_point3(p)))
-    }
 }
 
 #[cfg(test)]
@@ -95,9 +82,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn union_with_the_empty_box_changes_nothing() {
+    fn a_box_holds_its_corners_and_the_empty_one_nothing() {
         let aabb = Aabb::from_points([Vec3::ZERO, Vec3::new(1.0, 2.0, 2.0)]);
-        assert_eq!(aabb.union(&Aabb::EMPTY), aabb, "union");
         assert!(Aabb::EMPTY.is_empty() && !aabb.is_empty(), "emptiness");
         assert_eq!(aabb.diagonal(), 3.0, "diagonal");
         assert_eq!(aabb.center(), Vec3::new(0.5, 1.0, 1.0), "center");

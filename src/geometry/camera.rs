@@ -74,7 +74,10 @@ impl Camera {
     /// `None` for points that the lens does not see: behind the camera (a fisheye lens sees some of
     /// those) and so far outside the field of view that the distortion polynomial folds back.
     pub fn project(&self, p_world: Vec3) -> Option<Vec2> {
-        let p_camera = self.world_from_camera.inverse().transform_point3(p_world);
+        self.pixel_of(self.world_from_camera.inverse().transform_point3(p_world))
+    }
+
+    fn pixel_of(&self, p_camera: Vec3) -> Option<Vec2> {
         let p = self
             .distortion
             .image_of(p_camera * Vec3::new(1.0, -1.0, -1.0))?;
@@ -159,13 +162,9 @@ impl Projector {
     /// Where a point appears, in pixels, and how far from the camera it is; `None` as for [`Camera::project`].
     pub fn project(&self, point: Vec3) -> Option<(Vec2, f32)> {
         let p_camera = self.camera_from_points.transform_point3(point);
-        let camera = &self.camera;
-        let p = camera
-            .distortion
-            .image_of(p_camera * Vec3::new(1.0, -1.0, -1.0))?;
-        let pixel = Vec2::new(p.x * camera.fx + camera.cx, p.y * camera.fy + camera.cy);
+        let pixel = self.camera.pixel_of(p_camera)?;
         let distance = p_camera.length();
-        (pixel.is_finite() && distance.is_finite()).then_some((pixel, distance))
+        distance.is_finite().then_some((pixel, distance))
     }
 
     /// Column and row of the pixel that shows a point; `None` beside the picture.

@@ -25,13 +25,7 @@ pub fn fibonacci_sphere(n: usize) -> Vec<Vec3> {
 /// Branchless and without a pole: Duff et al. 2017, "Building an Orthonormal Basis, Revisited".
 #[inline]
 pub fn orthonormal_basis(n: Vec3) -> (Vec3, Vec3) {
-    let sign = 1.0_f32.copysign(n.z);
-    let a = -1.0 / (sign + n.z);
-    let b = n.x * n.y * a;
-    (
-        Vec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x),
-        Vec3::new(b, sign + n.y * n.y * a, -n.y),
-    )
+    n.any_orthonormal_pair()
 }
 
 /// `n` unit directions of equal shares of the irradiance of a surface with unit `normal`, each with its cosine: a

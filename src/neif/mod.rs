@@ -11,6 +11,8 @@ pub mod paper;
 mod properties;
 pub mod storage;
 pub mod surface;
+#[cfg(test)]
+pub(crate) mod test_gradients;
 
 pub use self::light::environment::Environment;
 pub use self::surface::edit::{

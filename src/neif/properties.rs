@@ -67,7 +67,7 @@ fn features(level: &Level, table: &[f32], position: [f32; 3], footprint: f32) ->
 }
 
 fn table(level: &Level) -> Vec<f32> {
-    let n = level.n_entries * FEATURES;
+    let n = level.n_values();
     (0..n).map(|i| (i as f32 * 0.7).sin()).collect()
 }
 
@@ -80,7 +80,7 @@ proptest! {
         prop_assert!(out.iter().all(|v| v.abs() <= 1.0 + 1e-5), "{out:?}");
         let weight = level.weight(footprint);
         prop_assert!((0.0..=1.0).contains(&weight), "weight {weight}");
-        let ones = features(&level, &vec![1.0; level.n_entries * FEATURES], position, footprint);
+        let ones = features(&level, &vec![1.0; level.n_values()], position, footprint);
         prop_assert!((ones[0] - weight).abs() < 1e-6, "{ones:?}, not {weight}");
     }
 

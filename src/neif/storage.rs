@@ -5,6 +5,7 @@
 
 use std::path::Path;
 
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::NeifError;
@@ -23,21 +24,12 @@ pub enum Storage {
     Bf16,
 }
 
-/// Names of a field's two arrays; the second is there only where grid values are stored apart.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct ParamNames {
-    /// Networks, and the grid where it is not apart.
-    pub(super) params: &'static str,
-    /// Grid values.
-    pub(super) grid: &'static str,
-}
-
 impl Storage {
     /// Adds a field's parameters to a file; the networks' are the first `n_networks`.
-    pub(super) fn insert(
+    fn insert(
         self,
         file: &mut TensorFile,
-        names: ParamNames,
+        format: &FieldFormat,
         params: &[f32],
         n_networks: usize,
     ) {
@@ -47,7 +39,7 @@ impl Storage {
             n_networks
         };
         let (single, grid) = params.split_at(n_single);
-        file.insert_f32(names.params, &[single.len()], single.to_vec());
+        file.insert_f32(format.params, &[single.len()], single.to_vec());
         if !grid.is_empty() {
             let values = match self {
                 Self::F16 => {
@@ -55,55 +47,168 @@ impl Storage {
                 }
                 Self::F32 | Self::Bf16 => TensorValues::as_bf16(grid),
             };
-            file.insert(names.grid, &[grid.len()], values);
+            file.insert(format.grid, &[grid.len()], values);
         }
     }
 }
 
-/// All of a field's parameters, however they are stored; refused when one is not finite.
-pub(super) fn read_params(
-    file: &TensorFile,
-    path: &Path,
-    names: ParamNames,
-) -> Result<Vec<f32>, NeifError> {
-    let mut params = read_finite(file, path, names.params)?;
-    if file.tensors.contains_key(names.grid) {
-        params.extend(read_finite(file, path, names.grid)?);
-    }
-    Ok(params)
+/// Metadata entry that names the kind of field; a file without it holds a grid.
+pub(super) const KIND: &str = "kind";
+/// The kinds.
+pub(super) const GRID: &str = "grid";
+pub(super) const PAPER: &str = "paper";
+pub(super) const DISTANT: &str = "distant";
+
+/// How files of one format hold a field.
+#[derive(Debug)]
+pub(super) struct FieldFormat {
+    /// Marks the metadata of a file.
+    pub(super) name: &'static str,
+    /// Metadata entry with everything but the parameters; what the file is, too.
+    pub(super) header: &'static str,
+    /// What is wrong with a header whose numbers are out of range.
+    pub(super) out_of_range: &'static str,
+    /// Array of the networks' parameters, and the grid's where they are not apart.
+    pub(super) params: &'static str,
+    /// Array of grid values, where they are stored apart.
+    pub(super) grid: &'static str,
 }
 
-fn read_finite(
-    file: &TensorFile,
-    path: &Path,
-    tensor: &'static str,
-) -> Result<Vec<f32>, NeifError> {
-    let values = file.floats(tensor)?;
-    if values.iter().any(|v| !v.is_finite()) {
-        return Err(NeifError::NotFinite {
-            file: path.to_owned(),
-            tensor,
-        });
+/// A field's file that was read.
+pub(super) struct StoredField {
+    /// Its arrays and metadata.
+    pub(super) file: TensorFile,
+    format: &'static FieldFormat,
+}
+
+impl FieldFormat {
+    /// Reads a file of the format.
+    pub(super) fn read(&'static self, path: &Path) -> Result<StoredField, NeifError> {
+        let stored = StoredField {
+            file: TensorFile::read(path)?,
+            format: self,
+        };
+        if stored.file.text("format")? == self.name {
+            return Ok(stored);
+        }
+        let what = format!("is not `{}`: no {} file", self.name, self.header);
+        Err(stored.metadata("format", what))
     }
-    Ok(values)
+
+    /// Adds a field of a kind to `file` and writes that whole or not at all; the networks' parameters are the first `n_networks`.
+    pub(super) fn write(
+        &self,
+        mut file: TensorFile,
+        path: &Path,
+        (kind, header): (&str, String),
+        (storage, params, n_networks): (Storage, &[f32], usize),
+    ) -> Result<(), NeifError> {
+        storage.insert(&mut file, self, params, n_networks);
+        for (key, value) in [("format", self.name), (KIND, kind), (self.header, &header)] {
+            file.metadata.insert(key.to_owned(), value.to_owned());
+        }
+        Ok(file.write(path)?)
+    }
+}
+
+impl StoredField {
+    /// Which kind of field the file holds.
+    pub(super) fn kind(&self) -> &str {
+        self.file.metadata.get(KIND).map_or(GRID, String::as_str)
+    }
+
+    /// The error of a kind that is none.
+    pub(super) fn unknown_kind(&self) -> NeifError {
+        let what = format!("is `{}`, which this version does not know", self.kind());
+        self.metadata(KIND, what)
+    }
+
+    /// The header, refused where it `is_sane` not.
+    pub(super) fn header<H: DeserializeOwned>(
+        &self,
+        is_sane: impl FnOnce(&H) -> bool,
+    ) -> Result<H, NeifError> {
+        let field = self.format.header;
+        let header = serde_json::from_str(self.file.text(field)?)
+            .map_err(|e| self.metadata(field, e.to_string()))?;
+        if is_sane(&header) {
+            Ok(header)
+        } else {
+            Err(self.out_of_range())
+        }
+    }
+
+    /// The error of numbers out of range.
+    pub(super) fn out_of_range(&self) -> NeifError {
+        self.metadata(self.format.header, self.format.out_of_range.to_owned())
+    }
+
+    /// What `make` makes of all parameters, however they are stored; refused when one is not finite or their number does not
+    /// fit.
+    pub(super) fn made<F>(&self, make: impl FnOnce(Vec<f32>) -> Option<F>) -> Result<F, NeifError> {
+        let mut params = self.finite(self.format.params)?;
+        if self.file.tensors.contains_key(self.format.grid) {
+            params.extend(self.finite(self.format.grid)?);
+        }
+        let found = params.len();
+        make(params).ok_or_else(|| NeifError::Shape {
+            file: self.file.origin().to_owned(),
+            tensor: self.format.params,
+            found,
+        })
+    }
+
+    fn finite(&self, tensor: &'static str) -> Result<Vec<f32>, NeifError> {
+        let values = self.file.floats(tensor)?;
+        if values.iter().any(|v| !v.is_finite()) {
+            return Err(NeifError::NotFinite {
+                file: self.file.origin().to_owned(),
+                tensor,
+            });
+        }
+        Ok(values)
+    }
+
+    fn metadata(&self, field: &'static str, what: String) -> NeifError {
+        NeifError::Metadata {
+            file: self.file.origin().to_owned(),
+            field,
+            what,
+        }
+    }
+}
+
+/// A header as text.
+pub(super) fn header_text(header: &impl Serialize) -> String {
+    serde_json::to_string(header).expect("plain numbers and strings serialise")
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    const NAMES: ParamNames = ParamNames {
+    static FORMAT: FieldFormat = FieldFormat {
+        name: "a format",
+        header: "field",
+        out_of_range: "is out of range",
         params: "field.params",
         grid: "field.grid",
     };
 
-    fn stored(storage: Storage, params: &[f32]) -> (TensorFile, Vec<f32>) {
+    fn file(storage: Storage, params: &[f32]) -> StoredField {
         let mut file = TensorFile::default();
-        storage.insert(&mut file, NAMES, params, 2);
+        storage.insert(&mut file, &FORMAT, params, 2);
         let path = Path::new("a.safetensors");
-        let file = TensorFile::from_bytes(&file.to_bytes(), path).unwrap();
-        let back = read_params(&file, path, NAMES).unwrap();
-        (file, back)
+        StoredField {
+            file: TensorFile::from_bytes(&file.to_bytes(), path).unwrap(),
+            format: &FORMAT,
+        }
+    }
+
+    fn stored(storage: Storage, params: &[f32]) -> (TensorFile, Vec<f32>) {
+        let stored = file(storage, params);
+        let back = stored.made(Some).unwrap();
+        (stored.file, back)
     }
 
     #[test]
@@ -122,7 +227,7 @@ mod tests {
         assert_eq!(back[3], -65504.0, "the largest half");
         assert!((back[4] - 1e-7).abs() < 3e-8, "a subnormal half");
         assert!(matches!(
-            file.tensors[NAMES.grid].values,
+            file.tensors[FORMAT.grid].values,
             TensorValues::F16(_)
         ));
     }
@@ -136,7 +241,7 @@ mod tests {
                 assert!((a / b - 1.0).abs() < 1.0 / 128.0, "{a}, not {b}");
             }
             assert!(matches!(
-                file.tensors[NAMES.grid].values,
+                file.tensors[FORMAT.grid].values,
                 TensorValues::Bf16(_)
             ));
         }
@@ -145,9 +250,8 @@ mod tests {
     #[test]
     fn a_broken_value_is_refused_in_any_precision() {
         for storage in [Storage::F32, Storage::F16, Storage::Bf16] {
-            let mut file = TensorFile::default();
-            storage.insert(&mut file, NAMES, &[0.0, 0.0, f32::NAN], 2);
-            let error = read_params(&file, Path::new("a"), NAMES).unwrap_err();
+            let stored = file(storage, &[0.0, 0.0, f32::NAN]);
+            let error = stored.made(Some).unwrap_err();
             assert!(matches!(error, NeifError::NotFinite { .. }), "{error}");
         }
     }

@@ -74,7 +74,7 @@ pub(crate) fn fog(log: f32, slope: f32) -> Arc<Environment> {
     color[second + 16 * 16..second + 16 * 16 + 3].fill(log);
     // The density network's last biases come before: the first output is the log density.
     field.params[n - 33 * 16 - 17 * 16 - 16] = 5.0;
-    let cells = DensityGrid::default().len();
+    let cells = DensityGrid::default().cells().len();
     let density = DensityGrid::from_cells(vec![bf16_from_f32(FOG_DENSITY); cells])
         .expect("as many cells as there are");
     with_density(field, density)

@@ -7,6 +7,7 @@ use std::collections::HashMap;
 
 use glam::{Vec2, Vec3};
 
+use super::mesh::{face_normal, merged_vertices};
 use crate::geometry::{Mesh, orthonormal_basis};
 
 /// Largest angle between a triangle and its chart's axis, as its cosine: 55 degrees stretch by 1.7.
@@ -30,12 +31,7 @@ pub(in crate::geometry) struct Chart {
 /// Charts that hold every triangle once; the same for the same mesh.
 pub(in crate::geometry) fn cut(mesh: &Mesh) -> Vec<Chart> {
     let normals: Vec<Vec3> = (0..mesh.triangles.len())
-        .map(|i| {
-            let [a, b, c] = mesh.corners(i);
-            // Scaled first, as the product of tiny edges would vanish.
-            let size = (b - a).abs().max((c - a).abs()).max_element();
-            ((b - a) / size).cross((c - a) / size).normalize_or_zero()
-        })
+        .map(|i| face_normal(mesh.corners(i)))
         .collect();
     let neighbours = neighbours(mesh);
     let mut is_free = vec![true; mesh.triangles.len()];
@@ -48,7 +44,7 @@ pub(in crate::geometry) fn cut(mesh: &Mesh) -> Vec<Chart> {
             // The second time about the mean of the first: a seed may lie at the edge of what is flat.
             for _ in 0..2 {
                 members = grown(seed, axis, &normals, &neighbours, &is_free);
-                let sum: Vec3 = members.iter().map(|&i| normals[i] * area(mesh, i)).sum();
+                let sum: Vec3 = members.iter().map(|&i| normals[i] * mesh.area(i)).sum();
                 let mean = sum.normalize_or(axis);
                 if normals[seed].dot(mean) > LEAST_COS {
                     axis = mean;
@@ -64,23 +60,9 @@ pub(in crate::geometry) fn cut(mesh: &Mesh) -> Vec<Chart> {
     charts
 }
 
-fn area(mesh: &Mesh, triangle: usize) -> f32 {
-    let [a, b, c] = mesh.corners(triangle);
-    0.5 * (b - a).cross(c - a).length()
-}
-
 /// The triangles across the edges of each; vertices at the same place count as one.
 fn neighbours(mesh: &Mesh) -> Vec<Vec<usize>> {
-    let mut place_of: HashMap<[u32; 3], u32> = HashMap::with_capacity(mesh.positions.len());
-    let places: Vec<u32> = mesh
-        .positions
-        .iter()
-        .map(|p| {
-            let next = place_of.len() as u32;
-            let key = (*p + Vec3::ZERO).to_array().map(f32::to_bits);
-            *place_of.entry(key).or_insert(next)
-        })
-        .collect();
+    let places = merged_vertices(&mesh.positions);
     let mut at_edge: HashMap<(u32, u32), Vec<usize>> = HashMap::new();
     let edges = |triangle: [u32; 3]| {
         let [a, b, c] = triangle.map(|v| places[v as usize]);

@@ -69,7 +69,9 @@ impl Mesh {
         let n_given = triangles.len();
         let mut triangles = triangles;
         triangles.retain(|&[a, b, c]| {
-            a != b && b != c && c != a && scaled_area_vector(&positions, [a, b, c]).is_some()
+            let corners = [a, b, c].map(|v| positions[v as usize]);
+            // Below this the cross product is rounding noise and has no direction.
+            a != b && b != c && c != a && scaled_area_vector(corners).length_squared() > 1e-14
         });
         let n_degenerate = n_given - triangles.len();
         if triangles.is_empty() {
@@ -93,9 +95,21 @@ impl Mesh {
         self.triangles[i].map(|v| self.positions[v as usize])
     }
 
+    /// The shading normals at the corners of triangle `i`.
+    #[inline]
+    pub fn corner_normals(&self, i: usize) -> [Vec3; 3] {
+        self.triangles[i].map(|v| self.normals[v as usize])
+    }
+
     /// The smallest box around the vertices that faces use.
     pub fn bounds(&self) -> Aabb {
         Aabb::from_points((0..self.triangles.len()).flat_map(|i| self.corners(i)))
+    }
+
+    /// The area of triangle `i`, in square scene units.
+    pub(super) fn area(&self, i: usize) -> f32 {
+        let [a, b, c] = self.corners(i);
+        0.5 * (b - a).cross(c - a).length()
     }
 
     /// The sum of the triangle areas, in square scene units.
@@ -160,20 +174,32 @@ fn check_indices(triangles: &[[u32; 3]], n_vertices: usize) -> Result<(), MeshEr
     Ok(())
 }
 
-/// A vector along the face normal, or `None` for a triangle without an area.
+/// A vector along the face normal; not finite for a triangle that is a point.
 ///
 /// Edges are divided by their longest component first: the area of a triangle of size 1e-20
 /// would underflow, and it is as good a triangle as any.
-fn scaled_area_vector(positions: &[Vec3], triangle: [u32; 3]) -> Option<Vec3> {
-    let [a, b, c] = triangle.map(|v| positions[v as usize]);
+fn scaled_area_vector([a, b, c]: [Vec3; 3]) -> Vec3 {
     let (ab, ac) = (b - a, c - a);
     let size = ab.abs().max_element().max(ac.abs().max_element());
-    if size == 0.0 {
-        return None;
-    }
-    let area = (ab / size).cross(ac / size);
-    // Below this the cross product is rounding noise and has no direction.
-    (area.length_squared() > 1e-14).then_some(area)
+    (ab / size).cross(ac / size)
+}
+
+/// The unit normal of a triangle of any size; zero without an area.
+pub(in crate::geometry) fn face_normal(corners: [Vec3; 3]) -> Vec3 {
+    scaled_area_vector(corners).normalize_or_zero()
+}
+
+/// For each vertex the first one at its position, as files split vertices at seams.
+pub(super) fn merged_vertices(positions: &[Vec3]) -> Vec<u32> {
+    let mut first_at: HashMap<[u32; 3], u32> = HashMap::with_capacity(positions.len());
+    let vertices = positions.iter().zip(0..);
+    vertices
+        .map(|(p, i)| {
+            // Adding zero makes -0 and +0 the same position.
+            let key = (*p + Vec3::ZERO).to_array().map(f32::to_bits);
+            *first_at.entry(key).or_insert(i)
+        })
+        .collect()
 }
 
 /// The given normals made unit, with smooth ones where they are missing or useless.
@@ -217,33 +243,22 @@ fn complete_normals(
 
 /// Angle-weighted vertex normals, shared by all vertices at the same position.
 fn smooth_normals(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec3> {
-    let mut slot_of_position: HashMap<[u32; 3], usize> = HashMap::with_capacity(positions.len());
-    let slots: Vec<usize> = positions
-        .iter()
-        .map(|p| {
-            let next = slot_of_position.len();
-            // Adding zero makes -0 and +0 the same position.
-            let key = (*p + Vec3::ZERO).to_array().map(f32::to_bits);
-            *slot_of_position.entry(key).or_insert(next)
-        })
-        .collect();
-    let mut sums = vec![Vec3::ZERO; slot_of_position.len()];
+    let merged = merged_vertices(positions);
+    let mut sums = vec![Vec3::ZERO; positions.len()];
     for &triangle in triangles {
-        let Some(normal) = scaled_area_vector(positions, triangle) else {
-            continue;
-        };
-        let normal = normal.normalize_or_zero();
         let corners = triangle.map(|v| positions[v as usize]);
+        let normal = face_normal(corners);
         for i in 0..3 {
             let to_next = corners[(i + 1) % 3] - corners[i];
             let to_previous = corners[(i + 2) % 3] - corners[i];
             let cos = to_next
                 .normalize_or_zero()
                 .dot(to_previous.normalize_or_zero());
-            sums[slots[triangle[i] as usize]] += cos.clamp(-1.0, 1.0).acos() * normal;
+            sums[merged[triangle[i] as usize] as usize] += cos.clamp(-1.0, 1.0).acos() * normal;
         }
     }
-    slots.iter().map(|&s| sums[s].normalize_or_zero()).collect()
+    let sums = merged.iter().map(|&v| sums[v as usize]);
+    sums.map(Vec3::normalize_or_zero).collect()
 }
 
 #[cfg(test)]

@@ -3,7 +3,6 @@
 
 pub(super) mod atlas;
 mod charts;
-mod components;
 pub(super) mod mesh;
 pub(super) mod parts;
 mod subdivision;

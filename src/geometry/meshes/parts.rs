@@ -2,21 +2,26 @@
 
 use std::collections::HashMap;
 
-use glam::Vec3;
-
-use crate::geometry::Mesh;
+use super::mesh::merged_vertices;
+use crate::geometry::{Mesh, MeshError};
 
 /// Which part of a mesh each of its triangles belongs to.
 #[derive(Clone, Debug)]
 pub struct MeshParts {
     of_triangle: Vec<u32>,
-    n_parts: u32,
+    /// How many parts there are, at least 1.
+    pub(in crate::geometry) n_parts: u32,
 }
 
 impl MeshParts {
-    /// Finds the parts; corners at the same position are the same corner, as files split vertices at seams.
+    /// Finds the parts; corners at the same position are the same corner.
     pub fn new(mesh: &Mesh) -> Self {
-        let mut parents = merged_positions(mesh);
+        Self::joined(mesh, merged_vertices(&mesh.positions))
+    }
+
+    /// The parts whose triangles share vertices, or vertices that are the same: `parents` is each vertex, or an earlier one
+    /// that it is the same as.
+    fn joined(mesh: &Mesh, mut parents: Vec<u32>) -> Self {
         for corners in &mesh.triangles {
             let [a, b, c] = corners.map(|i| root(&mut parents, i));
             // The least index becomes the root, so that no order of triangles matters.
@@ -39,28 +44,41 @@ impl MeshParts {
         }
     }
 
-    /// The part of a triangle, below [`Self::n_parts`].
+    /// The part of a triangle, below their number.
     pub fn of_triangle(&self, triangle: u32) -> u32 {
         self.of_triangle[triangle as usize]
     }
-
-    /// How many parts there are, at least 1.
-    pub fn n_parts(&self) -> u32 {
-        self.n_parts
-    }
 }
 
-/// For each vertex the first one at its position.
-fn merged_positions(mesh: &Mesh) -> Vec<u32> {
-    let mut first_at: HashMap<[u32; 3], u32> = HashMap::with_capacity(mesh.positions.len());
-    let vertices = mesh.positions.iter().zip(0..);
-    vertices
-        .map(|(p, i)| {
-            // Adding zero makes -0 and +0 the same position.
-            let key = (*p + Vec3::ZERO).to_array().map(f32::to_bits);
-            *first_at.entry(key).or_insert(i)
-        })
-        .collect()
+impl Mesh {
+    /// The mesh without connected parts of less than `least_share` of the largest one's area.
+    /// Vertices that no triangle uses are dropped. Triangles hang together by shared vertices.
+    pub fn without_specks(&self, least_share: f64) -> Result<Self, MeshError> {
+        let vertices = 0..self.positions.len() as u32;
+        let parts = MeshParts::joined(self, vertices.collect());
+        let mut area = vec![0.0_f64; parts.n_parts as usize];
+        for (i, part) in parts.of_triangle.iter().enumerate() {
+            area[*part as usize] += f64::from(self.area(i));
+        }
+        let least = least_share * area.iter().copied().fold(0.0, f64::max);
+        let mut number = vec![u32::MAX; self.positions.len()];
+        let (mut positions, mut normals, mut triangles) = (Vec::new(), Vec::new(), Vec::new());
+        for (triangle, part) in self.triangles.iter().zip(&parts.of_triangle) {
+            if area[*part as usize] < least {
+                continue;
+            }
+            triangles.push(triangle.map(|vertex| {
+                let vertex = vertex as usize;
+                if number[vertex] == u32::MAX {
+                    number[vertex] = positions.len() as u32;
+                    positions.push(self.positions[vertex]);
+                    normals.push(self.normals[vertex]);
+                }
+                number[vertex]
+            }));
+        }
+        Self::new(positions, Some(normals), triangles)
+    }
 }
 
 /// The root of a vertex's tree; halves the way for the next search.
@@ -70,4 +88,26 @@ fn root(parents: &mut [u32], mut i: u32) -> u32 {
         i = parents[i as usize];
     }
     i
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::super::test_mesh::{ellipsoid, together};
+
+    #[test]
+    fn small_parts_go_and_large_ones_stay() {
+        let ball = ellipsoid(Vec3::ZERO, Vec3::ONE, 12);
+        let other = ellipsoid(5.0 * Vec3::X, Vec3::splat(0.5), 12);
+        let speck = ellipsoid(9.0 * Vec3::X, Vec3::splat(0.02), 12);
+        let all = together(&together(&ball, &other), &speck);
+        let kept = all.without_specks(0.01).unwrap();
+        assert_eq!(
+            kept.triangles.len(),
+            ball.triangles.len() + other.triangles.len(),
+            "faces"
+        );
+        assert!(kept.bounds().max.x < 6.0, "the speck is gone");
+    }
 }

@@ -16,20 +16,11 @@ impl Mesh {
     pub fn subdivided(&self) -> Self {
         let mut positions = self.positions.clone();
         let mut normals = self.normals.clone();
-        let mut middles = HashMap::with_capacity(3 * self.triangles.len() / 2);
-        let mut middle = |a: u32, b: u32| {
-            *middles.entry((a.min(b), a.max(b))).or_insert_with(|| {
-                let [a, b] = [a as usize, b as usize];
-                positions.push(0.5 * (self.positions[a] + self.positions[b]));
-                normals.push((self.normals[a] + self.normals[b]).normalize_or(self.normals[a]));
-                (positions.len() - 1) as u32
-            })
-        };
-        let quarters = |&[a, b, c]: &[u32; 3]| {
-            let [ab, bc, ca] = [middle(a, b), middle(b, c), middle(c, a)];
-            [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
-        };
-        let triangles = self.triangles.iter().flat_map(quarters).collect();
+        let triangles = quartered(&self.triangles, |[a, b], _| {
+            positions.push(0.5 * (self.positions[a] + self.positions[b]));
+            normals.push((self.normals[a] + self.normals[b]).normalize_or(self.normals[a]));
+            positions.len() - 1
+        });
         Self {
             positions,
             normals,
@@ -86,22 +77,13 @@ impl Atlas {
         );
         let mut vertices = self.vertices.clone();
         let mut places_px = self.places_px.clone();
-        let mut middles = HashMap::with_capacity(3 * self.triangles.len() / 2);
-        let mut middle = |p: u32, q: u32, vertex: u32| {
-            *middles.entry((p.min(q), p.max(q))).or_insert_with(|| {
-                places_px.push(0.5 * (self.places_px[p as usize] + self.places_px[q as usize]));
-                vertices.push(vertex);
-                (vertices.len() - 1) as u32
-            })
-        };
         let fours = finer.triangles.as_chunks::<4>().0;
-        let mut triangles = Vec::with_capacity(finer.triangles.len());
-        for (&[a, b, c], [.., inner]) in self.triangles.iter().zip(fours) {
-            let ab = middle(a, b, inner[0]);
-            let bc = middle(b, c, inner[1]);
-            let ca = middle(c, a, inner[2]);
-            triangles.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
-        }
+        let triangles = quartered(&self.triangles, |[p, q], (triangle, edge)| {
+            places_px.push(0.5 * (self.places_px[p] + self.places_px[q]));
+            let [.., inner] = fours[triangle];
+            vertices.push(inner[edge]);
+            vertices.len() - 1
+        });
         Self {
             size_px: self.size_px,
             vertices,
@@ -109,6 +91,26 @@ impl Atlas {
             triangles,
         }
     }
+}
+
+/// Each triangle cut in four at the middles of its edges. `add([a, b], (i, k))` adds the middle of edge `k` of triangle `i`
+/// between the vertices `a` and `b`, once for both sides, and gives its index.
+fn quartered(
+    triangles: &[[u32; 3]],
+    mut add: impl FnMut([usize; 2], (usize, usize)) -> usize,
+) -> Vec<[u32; 3]> {
+    let mut middles = HashMap::with_capacity(3 * triangles.len() / 2);
+    let mut quarters = Vec::with_capacity(4 * triangles.len());
+    for (i, &[a, b, c]) in triangles.iter().enumerate() {
+        let mut middle = |a: u32, b: u32, k: usize| {
+            let ends = [a as usize, b as usize];
+            let new = || add(ends, (i, k)) as u32;
+            *middles.entry((a.min(b), a.max(b))).or_insert_with(new)
+        };
+        let [ab, bc, ca] = [middle(a, b, 0), middle(b, c, 1), middle(c, a, 2)];
+        quarters.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
+    }
+    quarters
 }
 
 #[cfg(test)]

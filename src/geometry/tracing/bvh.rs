@@ -13,6 +13,7 @@ use obvhs::triangle::Triangle;
 
 use super::hierarchy::build_hierarchy;
 use super::wide_bvh::{Slabs, Walk, WideBvh};
+use crate::geometry::meshes::mesh::face_normal;
 use crate::geometry::{Mesh, MeshParts, Ray};
 
 /// Units in the last place of the mesh's coordinates that a ray must leave behind: half of one is the error of its
@@ -163,9 +164,8 @@ impl SurfaceTracer {
         let row = |v: Vec3| [v.x, v.y, v.z, 0.0];
         let in_ball = self.leaves.iter().flatten().map(|p| row(Vec3::from(*p)));
         let in_world = self.triangle_of_leaf.iter().flat_map(|&triangle| {
-            let corners = self.mesh.triangles[triangle as usize];
-            let positions = corners.map(|i| row(self.mesh.positions[i as usize]));
-            let normals = corners.map(|i| row(self.mesh.normals[i as usize]));
+            let positions = self.mesh.corners(triangle as usize).map(row);
+            let normals = self.mesh.corner_normals(triangle as usize).map(row);
             positions.into_iter().chain(normals)
         });
         TracerRows {
@@ -210,9 +210,8 @@ impl SurfaceTracer {
     }
 
     fn hit(&self, ray: &Ray, triangle: u32, hit: &TriangleHit) -> Hit {
-        let corners = self.mesh.triangles[triangle as usize];
-        let [p0, p1, p2] = corners.map(|i| self.mesh.positions[i as usize]);
-        let [n0, n1, n2] = corners.map(|i| self.mesh.normals[i as usize]);
+        let [p0, p1, p2] = self.mesh.corners(triangle as usize);
+        let [n0, n1, n2] = self.mesh.corner_normals(triangle as usize);
         let weights = [1.0 - hit.u - hit.v, hit.u, hit.v];
         let mut geometric_normal = face_normal([p0, p1, p2]);
         // Vertex normals say where outside is; some files wind their faces the other way round.
@@ -236,18 +235,6 @@ impl SurfaceTracer {
             geometric_normal,
         }
     }
-}
-
-/// The unit normal of a triangle of any size.
-pub(in crate::geometry) fn face_normal([a, b, c]: [Vec3; 3]) -> Vec3 {
-    let (ab, ac) = (b - a, c - a);
-    // Scaled first: the cross product of edges of 1e-20 underflows.
-    let size = ab
-        .abs()
-        .max_element()
-        .max(ac.abs().max_element())
-        .max(f32::MIN_POSITIVE);
-    (ab / size).cross(ac / size).normalize_or_zero()
 }
 
 /// A hit in ball space.

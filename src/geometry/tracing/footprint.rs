@@ -6,7 +6,7 @@
 
 use glam::Vec3;
 
-use super::bvh::face_normal;
+use crate::geometry::meshes::mesh::face_normal;
 use crate::geometry::{Hit, Ray, SurfaceTracer};
 
 /// The largest change of a unit direction: opposite directions.
@@ -34,12 +34,12 @@ impl SurfaceTracer {
     /// vertex normals are continued over its edges. Always finite.
     pub fn footprint(&self, hit: &Hit, ray: &Ray, ray_dx: &Ray, ray_dy: &Ray) -> SurfaceFootprint {
         let tangent_frame = HitTriangle::new(self, hit, ray);
-        let reflected = reflect(ray.direction, hit.normal);
+        let reflected = ray.direction.reflect(hit.normal);
         let steps = [ray_dx, ray_dy].map(|neighbour| {
             let offset = tangent_frame.plane_offset(hit, neighbour);
             let normal = tangent_frame.normal_at(hit, offset);
             let sideways = offset - offset.dot(reflected) * reflected;
-            let turned = reflect(neighbour.direction, normal) - reflected;
+            let turned = neighbour.direction.reflect(normal) - reflected;
             (
                 sideways.length_squared(),
                 turned.length_squared().min(MAX_DIRECTION_CHANGE.powi(2)),
@@ -55,9 +55,8 @@ impl SurfaceTracer {
     /// over the directions. 0 on a flat or degenerate triangle.
     pub fn curvature(&self, hit: &Hit) -> f32 {
         let mesh = self.mesh();
-        let corners = mesh.triangles[hit.triangle as usize];
-        let [p0, p1, p2] = corners.map(|i| mesh.positions[i as usize]);
-        let [n0, n1, n2] = corners.map(|i| mesh.normals[i as usize]);
+        let [p0, p1, p2] = mesh.corners(hit.triangle as usize);
+        let [n0, n1, n2] = mesh.corner_normals(hit.triangle as usize);
         // Normals are linear over the triangle: solve for their change along two orthonormal directions.
         let (e1, e2) = (p1 - p0, p2 - p0);
         let x = e1.normalize_or_zero();
@@ -74,11 +73,6 @@ impl SurfaceTracer {
     }
 }
 
-/// The mirror direction of the travelling direction `d` about the unit normal `n`.
-fn reflect(d: Vec3, n: Vec3) -> Vec3 {
-    d - 2.0 * d.dot(n) * n
-}
-
 /// The triangle that was hit, ready to be continued beyond its edges.
 struct HitTriangle {
     normals: [Vec3; 3],
@@ -93,9 +87,8 @@ struct HitTriangle {
 impl HitTriangle {
     fn new(tracer: &SurfaceTracer, hit: &Hit, ray: &Ray) -> Self {
         let mesh = tracer.mesh();
-        let corners = mesh.triangles[hit.triangle as usize];
-        let [p0, p1, p2] = corners.map(|i| mesh.positions[i as usize]);
-        let normals = corners.map(|i| mesh.normals[i as usize]);
+        let [p0, p1, p2] = mesh.corners(hit.triangle as usize);
+        let normals = mesh.corner_normals(hit.triangle as usize);
         let smooth = (1.0 - hit.u - hit.v) * normals[0] + hit.u * normals[1] + hit.v * normals[2];
         Self {
             normals,
@@ -199,13 +192,13 @@ mod tests {
                 let [ray, dx, dy] = rays(&camera, x, y);
                 let hit = tracer.intersect(&ray, 0.0, f32::INFINITY).unwrap();
                 let footprint = tracer.footprint(&hit, &ray, &dx, &dy);
-                let reflected = reflect(ray.direction, hit.normal);
+                let reflected = ray.direction.reflect(hit.normal);
                 let (mut position, mut turn) = (0.0, 0.0);
                 for neighbour in [dx, dy] {
                     let other = tracer.intersect(&neighbour, 0.0, f32::INFINITY).unwrap();
                     let dp = other.position - hit.position;
                     position += 0.5 * (dp - dp.dot(reflected) * reflected).length_squared();
-                    let turned = reflect(neighbour.direction, other.normal) - reflected;
+                    let turned = neighbour.direction.reflect(other.normal) - reflected;
                     turn += 0.5 * turned.length_squared();
                 }
                 let ratio = footprint.position_per_px / position.sqrt();

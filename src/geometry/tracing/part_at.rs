@@ -43,10 +43,10 @@ mod tests {
     fn two_balls_are_two_parts_and_a_split_seam_is_none() {
         let ball = |x: f32| ellipsoid(Vec3::new(x, 0.0, 0.0), Vec3::ONE, 8);
         // The ellipsoid's poles are rings of vertices at one position, and its columns are shared.
-        assert_eq!(MeshParts::new(&ball(0.0)).n_parts(), 1, "one ball");
+        assert_eq!(MeshParts::new(&ball(0.0)).n_parts, 1, "one ball");
         let both = together(&ball(-1.5), &ball(1.5));
         let tracer = SurfaceTracer::new(Arc::new(both));
-        assert_eq!(tracer.parts().n_parts(), 2, "two balls");
+        assert_eq!(tracer.parts().n_parts, 2, "two balls");
         for (i, corners) in tracer.mesh().triangles.iter().enumerate() {
             let middle = corners
                 .map(|v| tracer.mesh().positions[v as usize])

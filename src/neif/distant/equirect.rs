@@ -16,14 +16,6 @@ pub struct Equirect {
     pixels: Vec<[f32; 3]>,
 }
 
-/// Where a direction lies: the pixel before it and the fraction to the next, in columns and rows.
-struct Place {
-    x: i32,
-    y: i32,
-    tx: f32,
-    ty: f32,
-}
-
 impl Equirect {
     /// The picture of `[height * width]` pixels, row 0 on top; `None` when the count is wrong, the width odd (a row
     /// continues half a turn away beyond the poles), or the picture smaller than 4 x 2.
@@ -77,14 +69,14 @@ impl Equirect {
 
     /// The radiance from direction `d` (unit), linear between pixels.
     pub fn bilinear(&self, d: Vec3) -> Vec3 {
-        let Place { x, y, tx, ty } = self.place(d);
+        let ([x, y], [tx, ty]) = self.place(d);
         let row = |y| self.at(x, y) * (1.0 - tx) + self.at(x + 1, y) * tx;
         row(y) * (1.0 - ty) + row(y + 1) * ty
     }
 
     /// The same by Catmull and Rom's cubic, for pictures that are smooth from pixel to pixel.
     pub fn bicubic(&self, d: Vec3) -> Vec3 {
-        let Place { x, y, tx, ty } = self.place(d);
+        let ([x, y], [tx, ty]) = self.place(d);
         let (wx, wy) = (catmull_rom(tx), catmull_rom(ty));
         let mut sum = Vec3::ZERO;
         for (j, wy) in (y - 1..).zip(wy) {
@@ -129,13 +121,14 @@ impl Equirect {
         }
     }
 
-    fn place(&self, d: Vec3) -> Place {
+    /// Where a direction lies: the pixel before it and the fraction to the next, in columns and rows.
+    fn place(&self, d: Vec3) -> ([i32; 2], [f32; 2]) {
         let azimuth = d.y.atan2(d.x);
         // The arc sine would lose the poles.
         let elevation = d.z.atan2(d.x.hypot(d.y));
         let (x, tx) = split((0.5 - azimuth / TAU) * self.width as f32 - 0.5);
         let (y, ty) = split((0.5 - elevation / PI) * self.height as f32 - 0.5);
-        Place { x, y, tx, ty }
+        ([x, y], [tx, ty])
     }
 
     /// A pixel; beyond a pole the picture goes on half a turn away.
@@ -201,16 +194,19 @@ fn overlaps(n_in: usize, n_out: usize, measure: impl Fn(f64) -> f64) -> Vec<Vec<
     (0..n_out).map(cell).collect()
 }
 
+/// The direction of the middle of pixel `i` in a picture of `width / 2` rows.
+#[cfg(test)]
+pub(super) fn pixel_direction(width: usize, i: usize) -> Vec3 {
+    let (x, y) = (i % width, i / width);
+    let azimuth = TAU * (0.5 - (x as f32 + 0.5) / width as f32);
+    let elevation = PI * (0.5 - (y as f32 + 0.5) / (width / 2) as f32);
+    let (sin, cos) = elevation.sin_cos();
+    Vec3::new(cos * azimuth.cos(), cos * azimuth.sin(), sin)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn direction(picture: &Equirect, x: usize, y: usize) -> Vec3 {
-        let azimuth = TAU * (0.5 - (x as f32 + 0.5) / picture.width as f32);
-        let elevation = PI * (0.5 - (y as f32 + 0.5) / picture.height as f32);
-        let (sin, cos) = elevation.sin_cos();
-        Vec3::new(cos * azimuth.cos(), cos * azimuth.sin(), sin)
-    }
 
     fn noise(width: usize, height: usize) -> Equirect {
         let value = |i: usize| ((i * 7919 + 13) % 1009) as f32 / 7.0;
@@ -225,7 +221,7 @@ mod tests {
         for y in 0..512 {
             for x in [0, 1, 255, 256, 511, 512, 767, 1022, 1023] {
                 let expected = Vec3::from(picture.pixels[y * 1024 + x]);
-                let d = direction(&picture, x, y);
+                let d = pixel_direction(1024, y * 1024 + x);
                 assert_eq!(picture.bilinear(d), expected, "linear at ({x}, {y})");
                 assert_eq!(picture.bicubic(d), expected, "cubic at ({x}, {y})");
             }

@@ -1,6 +1,6 @@
 //! Environments from equirectangular picture files: `.hdr`, `.exr`, and with a notice `.png` and `.jpg`.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use glam::{Quat, Vec3};
 
@@ -81,16 +81,13 @@ fn extension(path: &Path) -> String {
 /// # Errors
 /// When the file is no such picture, is not twice as wide as high, or holds a pixel that is NaN or infinite (named).
 pub fn import_environment(path: &Path, options: &ImportOptions) -> Result<Imported, NeifError> {
-    let unusable = |what: String| NeifError::NotAPanorama {
-        file: path.to_owned(),
-        what,
-    };
+    let unusable = |what: &str| not_a_panorama(path, what);
     let is_encoded = matches!(extension(path).as_str(), "png" | "jpg" | "jpeg");
     if path.is_dir() {
-        return Err(unusable("is a folder".to_owned()));
+        return Err(unusable("is a folder"));
     }
     if !is_encoded && !is_panorama_file(path) {
-        return Err(unusable("has none of these endings".to_owned()));
+        return Err(unusable("has none of these endings"));
     }
     let photo = read_photo(path)?;
     let (width, height) = (photo.width(), photo.height());
@@ -99,7 +96,7 @@ pub fn import_environment(path: &Path, options: &ImportOptions) -> Result<Import
         let what = format!(
             "has {width} x {height} pixels; a panorama of all directions is twice as wide as high"
         );
-        return Err(unusable(what));
+        return Err(unusable(&what));
     }
     let mut notices = Vec::new();
     if is_encoded {
@@ -114,11 +111,18 @@ pub fn import_environment(path: &Path, options: &ImportOptions) -> Result<Import
         world_from_picture: world_from_picture(options),
     };
     let light = DistantLight::new(config, picture.pixels().as_flattened())
-        .ok_or_else(|| unusable("has an unusable size".to_owned()))?;
+        .ok_or_else(|| unusable("has an unusable size"))?;
     Ok(Imported {
         environment: Environment::of_distant(name, options.up.vector(), light),
         notices,
     })
+}
+
+fn not_a_panorama(path: &Path, what: &str) -> NeifError {
+    NeifError::NotAPanorama {
+        file: path.to_owned(),
+        what: what.to_owned(),
+    }
 }
 
 /// Linear radiance times a gain; not negative and finite.
@@ -152,11 +156,8 @@ fn sized(
         let doubled = pixels.iter().flat_map(|pixel| [*pixel; 2]).collect();
         (2 * width, doubled)
     };
-    let picture =
-        Equirect::new(columns, height, pixels).ok_or_else(|| NeifError::NotAPanorama {
-            file: PathBuf::from(path),
-            what: "has an unusable size".to_owned(),
-        })?;
+    let picture = Equirect::new(columns, height, pixels)
+        .ok_or_else(|| not_a_panorama(path, "has an unusable size"))?;
     if (columns, height) == (target, target / 2) {
         return Ok(picture);
     }
@@ -198,6 +199,8 @@ impl Environment {
 
 #[cfg(test)]
 mod tests {
+    use std::path::PathBuf;
+
     use super::*;
     use crate::data::{ExrSample, write_exr};
     use crate::neif::Storage;
@@ -297,7 +300,7 @@ mod tests {
                 let EnvironmentField::Distant(light) = imported.environment.field() else {
                     panic!("a distant light");
                 };
-                assert_eq!(light.config().width, expected, "{width}");
+                assert_eq!(light.config.width, expected, "{width}");
                 assert_eq!(imported.notices.len(), 1, "{:?}", imported.notices);
                 assert!(
                     (light.mean() - Vec3::new(48.0, 1.0, 3.0)).length() < 0.5,

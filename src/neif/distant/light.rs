@@ -38,7 +38,8 @@ impl DistantConfig {
 /// A picture of all directions, made ready for cones of any width.
 #[derive(Clone, Debug)]
 pub struct DistantLight {
-    config: DistantConfig,
+    /// Shape and orientation.
+    pub config: DistantConfig,
     base: Equirect,
     pyramid: Pyramid,
     picture_from_world: Mat3,
@@ -61,11 +62,6 @@ impl DistantLight {
             mean: base.mean(),
             base,
         })
-    }
-
-    /// Shape and orientation.
-    pub fn config(&self) -> &DistantConfig {
-        &self.config
     }
 
     /// The picture's values, `[height * width * 3]`.
@@ -146,6 +142,7 @@ fn lagrange(t: f32) -> [f32; 4] {
 mod tests {
     use super::*;
     use crate::geometry::fibonacci_sphere;
+    use crate::neif::distant::equirect::pixel_direction;
     use crate::neif::light::lobe::Lobe;
 
     fn light(width: usize, paint: impl Fn(Vec3) -> [f32; 3]) -> DistantLight {
@@ -159,14 +156,6 @@ mod tests {
             .flat_map(|i| paint(pixel_direction(width, i)))
             .collect();
         DistantLight::new(config, &pixels).unwrap()
-    }
-
-    fn pixel_direction(width: usize, i: usize) -> Vec3 {
-        let (x, y) = (i % width, i / width);
-        let azimuth = std::f32::consts::TAU * (0.5 - (x as f32 + 0.5) / width as f32);
-        let elevation = std::f32::consts::PI * (0.5 - (y as f32 + 0.5) / (width / 2) as f32);
-        let (sin, cos) = elevation.sin_cos();
-        Vec3::new(cos * azimuth.cos(), cos * azimuth.sin(), sin)
     }
 
     /// The lobe's mean over the pixels' middles, in double precision.

@@ -33,9 +33,7 @@ impl CompositeBuffers {
         self.depths.resize(deltas.len(), 0.0);
         self.weights.resize(deltas.len(), 0.0);
         self.features.resize(deltas.len() / n_samples * WIDTH, 0.0);
-        optical_depths(rows, deltas, &mut self.depths);
-        weigh(&self.depths, n_samples, &mut self.weights);
-        sum_features(rows, &self.weights, n_samples, &mut self.features);
+        composite_forward(self, rows, deltas, n_samples);
     }
 
     /// Writes `d_rows` (`[n][16]`) from `d_features` (`[n_rays][stride]`, first 16 columns used).
@@ -47,17 +45,7 @@ impl CompositeBuffers {
         n_samples: usize,
         d_rows: &mut [f32],
     ) {
-        composite_backward(
-            Kept {
-                rows,
-                depths: &self.depths,
-                weights: &self.weights,
-                d_weights,
-                n_samples,
-            },
-            d_features,
-            d_rows,
-        );
+        composite_backward(self, rows, d_features, d_weights, n_samples, d_rows);
     }
 }
 
@@ -67,21 +55,24 @@ pub fn density(log_density: f32) -> f32 {
     math::exp::<Baseline>(log_density.min(LOG_DENSITY_MAX))
 }
 
-#[derive(Clone, Copy)]
-struct Kept<'a> {
-    rows: &'a [f32],
-    depths: &'a [f32],
-    weights: &'a [f32],
-    d_weights: &'a [f32],
-    n_samples: usize,
-}
-
 dispatch! {
-    fn optical_depths(rows: &[f32], deltas: &[f32], depths: &mut [f32]) = optical_depths_body
+    fn composite_forward(kept: &mut CompositeBuffers, rows: &[f32], deltas: &[f32], n_samples: usize) = forward_body
 }
 
 #[inline(always)]
-fn optical_depths_body<I: Isa>(rows: &[f32], deltas: &[f32], depths: &mut [f32]) {
+fn forward_body<I: Isa>(
+    kept: &mut CompositeBuffers,
+    rows: &[f32],
+    deltas: &[f32],
+    n_samples: usize,
+) {
+    optical_depths::<I>(rows, deltas, &mut kept.depths);
+    weigh::<I>(&kept.depths, n_samples, &mut kept.weights);
+    sum_features::<I>(rows, &kept.weights, n_samples, &mut kept.features);
+}
+
+#[inline(always)]
+fn optical_depths<I: Isa>(rows: &[f32], deltas: &[f32], depths: &mut [f32]) {
     let (rows, _) = rows.as_chunks::<WIDTH>();
     for (depth, row) in depths.iter_mut().zip(rows) {
         *depth = row[0];
@@ -98,12 +89,8 @@ fn optical_depths_body<I: Isa>(rows: &[f32], deltas: &[f32], depths: &mut [f32])
     }
 }
 
-dispatch! {
-    fn weigh(depths: &[f32], n_samples: usize, weights: &mut [f32]) = weigh_body
-}
-
 #[inline(always)]
-fn weigh_body<I: Isa>(depths: &[f32], n_samples: usize, weights: &mut [f32]) {
+fn weigh<I: Isa>(depths: &[f32], n_samples: usize, weights: &mut [f32]) {
     for (weight, depth) in weights.iter_mut().zip(depths) {
         *weight = 1.0 - math::exp::<I>(-*depth) + *depth * 0.0;
     }
@@ -117,17 +104,8 @@ fn weigh_body<I: Isa>(depths: &[f32], n_samples: usize, weights: &mut [f32]) {
     }
 }
 
-dispatch! {
-    fn sum_features(rows: &[f32], weights: &[f32], n_samples: usize, features: &mut [f32]) = sum_features_body
-}
-
 #[inline(always)]
-fn sum_features_body<I: Isa>(
-    rows: &[f32],
-    weights: &[f32],
-    n_samples: usize,
-    features: &mut [f32],
-) {
+fn sum_features<I: Isa>(rows: &[f32], weights: &[f32], n_samples: usize, features: &mut [f32]) {
     let (rows, _) = rows.as_chunks::<WIDTH>();
     let (features, _) = features.as_chunks_mut::<WIDTH>();
     let rays = rows
@@ -150,16 +128,22 @@ fn sum_features_body<I: Isa>(
 }
 
 dispatch! {
-    fn composite_backward(kept: Kept<'_>, d_features: &[f32], d_rows: &mut [f32]) = backward_body
+    fn composite_backward(kept: &CompositeBuffers, rows: &[f32], d_features: &[f32], d_weights: &[f32], n_samples: usize, d_rows: &mut [f32]) = backward_body
 }
 
 /// `d depth_i = d w_i T_(i+1) - Σ_(k>i) d w_k w_k`, as every later weight scales with `e^-depth_i`.
 #[inline(always)]
-fn backward_body<I: Isa>(kept: Kept<'_>, d_features: &[f32], d_rows: &mut [f32]) {
-    let n_samples = kept.n_samples;
+fn backward_body<I: Isa>(
+    kept: &CompositeBuffers,
+    rows: &[f32],
+    d_features: &[f32],
+    d_weights: &[f32],
+    n_samples: usize,
+    d_rows: &mut [f32],
+) {
     let n_rays = kept.weights.len() / n_samples;
     let stride = d_features.len() / n_rays.max(1);
-    let (rows, _) = kept.rows.as_chunks::<WIDTH>();
+    let (rows, _) = rows.as_chunks::<WIDTH>();
     let (d_rows, _) = d_rows.as_chunks_mut::<WIDTH>();
     for ray in 0..n_rays {
         let d_feature = &d_features[ray * stride..ray * stride + WIDTH];
@@ -173,7 +157,7 @@ fn backward_body<I: Isa>(kept: Kept<'_>, d_features: &[f32], d_rows: &mut [f32])
         let mut behind = 0.0;
         for i in (first..first + n_samples).rev() {
             let weight = kept.weights[i];
-            let mut d_weight = d_opacity + kept.d_weights.get(i).copied().unwrap_or(0.0);
+            let mut d_weight = d_opacity + d_weights.get(i).copied().unwrap_or(0.0);
             for c in 0..WIDTH {
                 d_weight = fma::<I>(d[c], rows[i][c], d_weight);
             }
@@ -196,6 +180,7 @@ fn backward_body<I: Isa>(kept: Kept<'_>, d_features: &[f32], d_rows: &mut [f32])
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::neif::test_gradients::{assert_agrees, dot, slope};
 
     const N: usize = 5;
 
@@ -235,34 +220,21 @@ mod tests {
 
     #[test]
     fn gradients_agree_with_finite_differences() {
-        let (rows, deltas) = (rows(1.0), deltas());
+        let (mut rows, deltas) = (rows(1.0), deltas());
         let d_features: Vec<f32> = (0..2 * WIDTH).map(|i| (i as f32 * 1.7).cos()).collect();
         let d_weights: Vec<f32> = (0..2 * N).map(|i| (i as f32 * 0.9).sin()).collect();
         let loss = |rows: &[f32]| {
             let mut buffers = CompositeBuffers::default();
             buffers.forward(rows, &deltas, N);
-            let features = buffers.features.iter().zip(&d_features);
-            let weights = buffers.weights.iter().zip(&d_weights);
-            features
-                .chain(weights)
-                .map(|(a, b)| f64::from(*a) * f64::from(*b))
-                .sum::<f64>()
+            dot(&buffers.features, &d_features) + dot(&buffers.weights, &d_weights)
         };
         let mut buffers = CompositeBuffers::default();
         buffers.forward(&rows, &deltas, N);
         let mut d_rows = vec![0.0; rows.len()];
         buffers.backward(&rows, (&d_features, &d_weights), N, &mut d_rows);
         for i in 0..rows.len() {
-            let h = 1e-2;
-            let (mut up, mut down) = (rows.clone(), rows.clone());
-            up[i] += h;
-            down[i] -= h;
-            let numeric = (loss(&up) - loss(&down)) / f64::from(2.0 * h);
-            assert!(
-                (f64::from(d_rows[i]) - numeric).abs() < 1e-3 + 1e-2 * numeric.abs(),
-                "{i}: {} against {numeric}",
-                d_rows[i]
-            );
+            let numeric = slope(&mut rows, |rows| &mut rows[i], 1e-2, |rows| loss(rows));
+            assert_agrees(&i.to_string(), d_rows[i], numeric, (1e-2, 1e-3));
         }
     }
 

@@ -188,16 +188,6 @@ impl DensityGrid {
                 .collect(),
         )
     }
-
-    /// Number of cells of both grids.
-    pub fn len(&self) -> usize {
-        self.cells.len()
-    }
-
-    /// Never true: the grids have a fixed size.
-    pub fn is_empty(&self) -> bool {
-        self.cells.is_empty()
-    }
 }
 
 #[cfg(test)]
@@ -239,7 +229,7 @@ mod tests {
 
     #[test]
     fn a_cell_contains_its_points() {
-        for index in (0..DensityGrid::default().len()).step_by(7919) {
+        for index in (0..DensityGrid::default().cells.len()).step_by(7919) {
             let back = cell_index(DensityGrid::point_in_cell(index, [0.5; 3]));
             let point = DensityGrid::point_in_cell(index, [0.5; 3]);
             // Outer cells inside the inner box are never used.

@@ -109,7 +109,7 @@ impl FieldBatch {
         self.active.clear();
         self.active_positions.clear();
         self.active_footprints.clear();
-        let n_per_ray = self.samples.n_per_ray();
+        let n_per_ray = self.samples.n_per_ray;
         let mut sizes = vec![0.0_f32; n_per_ray];
         let rays = self.density.d_output.chunks_exact(n_per_ray * WIDTH);
         for (ray, rows) in rays.enumerate() {
@@ -146,7 +146,7 @@ impl FieldBatch {
     /// floor is opaque whatever the density there.
     pub fn observe_densities(&self, mut observe: impl FnMut(u32, f32)) {
         let rows = self.density.output.chunks_exact(WIDTH);
-        let samples = self.samples.cells().iter().zip(self.samples.deltas());
+        let samples = self.samples.cells.iter().zip(&self.samples.deltas);
         for ((&cell, &delta), row) in samples.zip(rows) {
             if delta < OPAQUE_LENGTH {
                 observe(cell, density(row[0]));
@@ -166,14 +166,14 @@ impl FieldBatch {
 
     /// `[n_rays * n_samples]` distances of the samples.
     pub fn distances(&self) -> &[f32] {
-        self.samples.distances()
+        &self.samples.distances
     }
 
     /// Calls `visit(cell)` for the samples of a ray up to where nearly all of its light comes from, in the last forward pass.
     pub fn reached(&self, ray: usize, mut visit: impl FnMut(u32)) {
         let samples = self.samples_of(ray);
         let mut absorbed = 0.0;
-        for (cell, weight) in self.samples.cells()[samples.clone()]
+        for (cell, weight) in self.samples.cells[samples.clone()]
             .iter()
             .zip(&self.weights()[samples])
         {
@@ -188,28 +188,28 @@ impl FieldBatch {
     /// Mean of a value of cells over the light of a ray, in the last forward pass; 0 where it meets nothing.
     pub(in crate::neif) fn mean_over_light(&self, ray: usize, value: impl Fn(u32) -> f32) -> f32 {
         let samples = self.samples_of(ray);
-        let cells = self.samples.cells()[samples.clone()].iter();
-        let weighted = cells.zip(&self.weights()[samples]);
-        let (mean, sum) = weighted.fold((0.0, 0.0), |(mean, sum), (cell, weight)| {
-            (mean + weight * value(*cell), sum + weight)
+        let values = self.samples.cells[samples.clone()].iter();
+        self.weighted(samples, values.map(|cell| value(*cell))).0
+    }
+
+    /// Mean of values of samples by the samples' weights, and the sum of these.
+    fn weighted(&self, samples: Range<usize>, values: impl Iterator<Item = f32>) -> (f32, f32) {
+        let weighted = self.weights()[samples].iter().zip(values);
+        let (moment, sum) = weighted.fold((0.0, 0.0), |(moment, sum), (weight, value)| {
+            (moment + weight * value, sum + weight)
         });
-        mean / sum.max(f32::MIN_POSITIVE)
+        (moment / sum.max(f32::MIN_POSITIVE), sum)
     }
 
     fn samples_of(&self, ray: usize) -> Range<usize> {
-        let n = self.samples.n_per_ray();
+        let n = self.samples.n_per_ray;
         ray * n..(ray + 1) * n
     }
 
     /// Mean distance at which the light of a ray begins, field units, and the ray's opacity, in the last forward pass.
     pub fn end(&self, ray: usize) -> (f32, f32) {
         let samples = self.samples_of(ray);
-        let weighted = self.weights()[samples.clone()].iter();
-        let (moment, opacity) = weighted
-            .zip(&self.distances()[samples])
-            .fold((0.0, 0.0), |(moment, sum), (w, t)| {
-                (moment + w * t, sum + w)
-            });
-        (moment / opacity.max(f32::MIN_POSITIVE), opacity)
+        let distances = self.distances()[samples.clone()].iter();
+        self.weighted(samples, distances.copied())
     }
 }

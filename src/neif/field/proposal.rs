@@ -52,45 +52,38 @@ impl ConeRay {
 /// density there.
 pub const OPAQUE_LENGTH: f32 = 1e30;
 
-/// How samples are placed on a ray.
-#[derive(Clone, Copy, Debug)]
-pub struct Placement {
-    /// Total weight spread evenly over all steps, against at most about 1 for the weights themselves.
-    pub uniform_share: f32,
-    /// Shift of all interval ends, in intervals, `[-0.5, 0.5]`; 0 when rendering.
-    pub shift: f32,
-}
-
 dispatch! {
     /// The interval ends of one ray: `edges`: `[n_samples + 1]` distances, increasing.
-    pub fn place_samples(grid: &DensityGrid, ray: &ConeRay, placement: Placement, edges: &mut [f32]) = place_samples_body
+    ///
+    /// `uniform_share` is the total weight spread evenly over all steps, against at most about 1 for the weights themselves;
+    /// `shift` that of all interval ends, in intervals, `[-0.5, 0.5]`, 0 when rendering.
+    pub fn place_samples(grid: &DensityGrid, ray: &ConeRay, uniform_share: f32, shift: f32, edges: &mut [f32]) = place_samples_body
 }
 
 #[inline(always)]
 fn place_samples_body<I: Isa>(
     grid: &DensityGrid,
     ray: &ConeRay,
-    placement: Placement,
+    uniform_share: f32,
+    shift: f32,
     edges: &mut [f32],
 ) {
     let mut weights = [0.0; N_STEPS];
     let split = split_distance(ray);
     march::<I>(grid, ray, split, &mut weights);
-    let weights = spread_weights(&weights, placement.uniform_share);
+    let weights = spread_weights(&weights, uniform_share);
     match (floor_step(grid, ray, split), edges) {
         (Some(end), [edges @ .., last]) => {
-            invert_cdf(&weights, split, end, placement.shift, edges);
+            invert_cdf(&weights, split, end, shift, edges);
             *last = 2.0 * OPAQUE_LENGTH;
         }
-        (_, edges) => invert_cdf(&weights, split, N_STEPS as f32, placement.shift, edges),
+        (_, edges) => invert_cdf(&weights, split, N_STEPS as f32, shift, edges),
     }
 }
 
-/// What the look-ups along a ray found.
+/// What the [`N_STEPS`] look-ups along a ray found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RaySteps {
-    /// All of them.
-    pub n: usize,
     /// Those in the open that hold next to nothing of the ray's light.
     pub empty: usize,
     /// Those behind something opaque.
@@ -108,7 +101,6 @@ pub fn steps_of_ray(grid: &DensityGrid, ray: &ConeRay) -> RaySteps {
     let end = floor_step(grid, ray, split).unwrap_or(N_STEPS as f32);
     let mut left = 1.0;
     let mut steps = RaySteps {
-        n: N_STEPS,
         empty: 0,
         hidden: 0,
     };
@@ -268,26 +260,28 @@ mod tests {
     }
 
     fn wall_at(x: f32) -> DensityGrid {
-        let cells = (0..DensityGrid::default().len()).map(|index| {
+        let cells = (0..DensityGrid::default().cells().len()).map(|index| {
             let apart = (DensityGrid::point_in_cell(index, [0.5; 3])[0] - x).abs();
             bf16_from_f32(if apart < 0.02 { 1e3 } else { 1e-6 })
         });
         DensityGrid::from_cells(cells.collect()).expect("as many cells")
     }
 
+    fn placed<const N: usize>(
+        grid: &DensityGrid,
+        ray: &ConeRay,
+        uniform_share: f32,
+        shift: f32,
+    ) -> [f32; N] {
+        let mut edges = [0.0; N];
+        place_samples(grid, ray, uniform_share, shift, &mut edges);
+        edges
+    }
+
     #[test]
     fn edges_increase_and_cover_the_ray() {
         for (shift, uniform_share) in [(0.0, 1.0), (0.5, 0.1), (-0.5, 0.1)] {
-            let mut edges = [0.0; 17];
-            place_samples(
-                &wall_at(-0.5),
-                &ray(),
-                Placement {
-                    uniform_share,
-                    shift,
-                },
-                &mut edges,
-            );
+            let edges: [f32; 17] = placed(&wall_at(-0.5), &ray(), uniform_share, shift);
             assert!(edges.windows(2).all(|w| w[0] <= w[1]), "{edges:?}");
             assert!(edges[0] == 0.0 && edges[16] > 40.0, "{edges:?}");
         }
@@ -295,16 +289,7 @@ mod tests {
 
     #[test]
     fn most_samples_fall_on_the_wall() {
-        let mut edges = [0.0; 17];
-        place_samples(
-            &wall_at(-0.5),
-            &ray(),
-            Placement {
-                uniform_share: 0.1,
-                shift: 0.0,
-            },
-            &mut edges,
-        );
+        let edges: [f32; 17] = placed(&wall_at(-0.5), &ray(), 0.1, 0.0);
         let near = edges.iter().filter(|&&t| (t - 1.3).abs() < 0.1).count();
         assert!(near >= 12, "{near} of 17 edges at the wall: {edges:?}");
     }
@@ -330,21 +315,12 @@ mod tests {
             ([1e4, 0.0, 0.0], [1.0, 0.0, 0.0]),
             ([0.0; 3], [0.0, 0.0, 1e-3]),
         ] {
-            let mut edges = [0.0; 9];
             let ray = ConeRay {
                 origin,
                 direction,
                 ..ConeRay::default()
             };
-            place_samples(
-                &grid,
-                &ray,
-                Placement {
-                    uniform_share: 0.5,
-                    shift: 0.0,
-                },
-                &mut edges,
-            );
+            let edges: [f32; 9] = placed(&grid, &ray, 0.5, 0.0);
             assert!(
                 edges.iter().all(|t| t.is_finite()) && edges.windows(2).all(|w| w[0] <= w[1]),
                 "{edges:?}"

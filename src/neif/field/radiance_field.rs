@@ -12,11 +12,11 @@ pub use super::field_batch::{CutOff, FieldBatch, FieldRay};
 use super::proposal::ConeRay;
 use super::samples::SampledRay;
 use crate::neif::kernels::{Baseline, math};
+use crate::neif::networks::grid::Grid;
 use crate::neif::networks::hash_grid::{
-    FEATURES, FeatureColumns, GridConfig, Level, SamplePoints, encode_level, encode_level_bf16,
-    footprint_gradient, scatter_level,
+    GridConfig, Level, SamplePoints, encode_level, encode_level_bf16, footprint_gradient,
 };
-use crate::neif::networks::mlp::{Mlp, Transposed, is_sane_width};
+use crate::neif::networks::mlp::{Mlp, is_sane_width};
 use crate::neif::networks::spherical_harmonics::{N_SH, attenuated_sh};
 
 /// Input width of the colour network: 15 features, opacity, 9 harmonics, padding.
@@ -58,8 +58,9 @@ impl FieldConfig {
 /// Parameters of a field and where they lie.
 #[derive(Clone, Debug)]
 pub struct RadianceField {
-    config: FieldConfig,
-    levels: Vec<Level>,
+    /// The shape.
+    pub config: FieldConfig,
+    grid: Grid,
     /// Density network, colour network, then the levels from coarse to fine.
     pub params: Vec<f32>,
 }
@@ -67,53 +68,53 @@ pub struct RadianceField {
 impl RadianceField {
     /// A field with random networks and nearly zero grid values; `uniform` draws from `[0, 1)`.
     pub fn new(config: FieldConfig, mut uniform: impl FnMut() -> f32) -> Self {
-        let mut field = Self {
-            config,
-            levels: config.grid.levels(),
-            params: Vec::new(),
-        };
-        let n_networks = field.n_network_params();
-        let n_grid: usize = field.levels.iter().map(|l| l.n_entries * FEATURES).sum();
-        field.params = vec![0.0; n_networks + n_grid];
+        let mut field = Self::shaped(config);
+        let mut params = vec![0.0; field.grid.end()];
         let (density, color) = (field.density_net(), field.color_net());
-        let (density_params, rest) = field.params.split_at_mut(density.n_params());
+        let (density_params, rest) = params.split_at_mut(density.n_params());
         density.init(density_params, &mut uniform);
-        color.init(&mut rest[..color.n_params()], &mut uniform);
+        color.init(rest, &mut uniform);
         // Start thin (0.37 per field unit) and grey, so that every sample along a ray gets a gradient.
         let last_bias = density_params.len() - WIDTH;
         density_params[last_bias] = -1.0;
         let color_end = color.n_params();
         rest[color_end - WIDTH..color_end - WIDTH + 3].fill(-1.0);
-        for value in &mut field.params[n_networks..] {
-            *value = (2.0 * uniform() - 1.0) * 1e-2;
-        }
+        field.grid.init(&mut params, &mut uniform);
+        field.params = params;
         field
     }
 
     /// A field from stored parameters; `None` when their number does not fit the configuration.
     pub fn from_params(config: FieldConfig, params: Vec<f32>) -> Option<Self> {
         let field = Self {
-            config,
-            levels: config.grid.levels(),
             params,
+            ..Self::shaped(config)
         };
-        let n_grid: usize = field.levels.iter().map(|l| l.n_entries * FEATURES).sum();
-        (field.params.len() == field.n_network_params() + n_grid).then_some(field)
+        (field.params.len() == field.grid.end()).then_some(field)
     }
 
-    /// The shape.
-    pub fn config(&self) -> &FieldConfig {
-        &self.config
+    fn shaped(config: FieldConfig) -> Self {
+        let grid = Grid {
+            levels: config.grid.levels(),
+            start: 0,
+        };
+        let mut field = Self {
+            config,
+            grid,
+            params: Vec::new(),
+        };
+        field.grid.start = field.density_net().n_params() + field.color_net().n_params();
+        field
     }
 
     /// The grid's levels, coarse to fine.
     pub fn levels(&self) -> &[Level] {
-        &self.levels
+        &self.grid.levels
     }
 
     /// Parameters of both networks: the head of [`Self::params`].
     pub fn n_network_params(&self) -> usize {
-        self.density_net().n_params() + self.color_net().n_params()
+        self.grid.start
     }
 
     /// The density network and the colour network, each with its parameters.
@@ -140,15 +141,6 @@ impl RadianceField {
             n_hidden: self.config.n_hidden,
             n_out: 16,
         }
-    }
-
-    fn level_range(&self, level: usize) -> std::ops::Range<usize> {
-        let start: usize = self.n_network_params()
-            + self.levels[..level]
-                .iter()
-                .map(|l| l.n_entries * FEATURES)
-                .sum::<usize>();
-        start..start + self.levels[level].n_entries * FEATURES
     }
 
     /// Places `n_per_ray` samples on every ray of the batch; `jitter(ray)` gives the shift of the intervals and of the
@@ -193,12 +185,8 @@ impl RadianceField {
 
     /// Weighted features of one level for all samples of a placed batch; `out`: `[n][4]`.
     pub fn encode_level(&self, level: usize, batch: &FieldBatch, out: &mut [f32]) {
-        encode_level(
-            &self.levels[level],
-            &self.params[self.level_range(level)],
-            batch.samples.points(),
-            out,
-        );
+        let table = &self.params[self.grid.table(level)];
+        encode_level(&self.grid.levels[level], table, batch.samples.points(), out);
     }
 
     /// [`Self::encode_level`] from `tables`, the grid's part of the parameters in bf16.
@@ -209,77 +197,51 @@ impl RadianceField {
         batch: &FieldBatch,
         out: &mut [f32],
     ) {
-        let (range, head) = (self.level_range(level), self.n_network_params());
-        encode_level_bf16(
-            &self.levels[level],
-            &tables[range.start - head..range.end - head],
-            batch.samples.points(),
-            out,
-        );
+        let (range, head) = (self.grid.table(level), self.grid.start);
+        let table = &tables[range.start - head..range.end - head];
+        encode_level_bf16(&self.grid.levels[level], table, batch.samples.points(), out);
     }
 
     /// Adds the gradient of one level's values after [`Self::backward`]; `d_table`: the level's part only.
     pub fn scatter_level(&self, level: usize, batch: &FieldBatch, d_table: &mut [f32]) {
-        let layout = FeatureColumns {
-            stride: self.config.grid.n_features(),
-            column: level * FEATURES,
+        let points = SamplePoints {
+            positions: &batch.active_positions,
+            footprints: &batch.active_footprints,
         };
-        scatter_level(
-            &self.levels[level],
-            SamplePoints {
-                positions: &batch.active_positions,
-                footprints: &batch.active_footprints,
-            },
-            &batch.density.d_input,
-            layout,
-            d_table,
-        );
+        self.grid
+            .scatter(level, points, &batch.density.d_input, d_table);
     }
 
     /// Encodes all levels of a placed batch.
     pub fn encode(&self, batch: &mut FieldBatch, scratch: &mut Vec<f32>) {
-        scratch.resize(batch.n() * FEATURES, 0.0);
-        for level in 0..self.levels.len() {
-            self.encode_level(level, batch, scratch);
-            self.insert_level(level, scratch, batch);
-        }
+        let points = batch.samples.points();
+        self.grid
+            .encode(&self.params, points, scratch, &mut batch.features);
     }
 
     /// Puts one level's features (`[n][4]`) into the batch.
     pub fn insert_level(&self, level: usize, encoded: &[f32], batch: &mut FieldBatch) {
-        let width = self.config.grid.n_features();
-        batch.features.resize(batch.n() * width, 0.0);
-        for (row, values) in batch
-            .features
-            .chunks_exact_mut(width)
-            .zip(encoded.chunks_exact(FEATURES))
-        {
-            row[level * FEATURES..(level + 1) * FEATURES].copy_from_slice(values);
-        }
+        let n = batch.n() * self.grid.width();
+        batch.features.resize(n, 0.0);
+        self.grid.insert(level, encoded, &mut batch.features);
     }
 
     /// Writes `batch.radiance` for an encoded batch.
     pub fn forward(&self, batch: &mut FieldBatch) {
-        let (density_params, rest) = self.params.split_at(self.density_net().n_params());
-        self.density_net()
-            .forward(density_params, &batch.features, &mut batch.density);
+        let [(density_net, density_params), (color_net, color_params)] = self.networks();
+        density_net.forward(density_params, &batch.features, &mut batch.density);
         batch.composite.forward(
             &batch.density.output,
-            batch.samples.deltas(),
-            batch.samples.n_per_ray(),
+            &batch.samples.deltas,
+            batch.samples.n_per_ray,
         );
         self.fill_color_input(batch);
-        let color_params = &rest[..self.color_net().n_params()];
-        self.color_net()
-            .forward(color_params, &batch.color_input, &mut batch.color);
+        color_net.forward(color_params, &batch.color_input, &mut batch.color);
+        let rows = batch.color.output.chunks_exact(16);
         batch.radiance.clear();
-        batch.radiance.extend(
-            batch
-                .color
-                .output
-                .chunks_exact(16)
-                .map(|row| [row[0], row[1], row[2]].map(radiance)),
-        );
+        batch
+            .radiance
+            .extend(rows.map(|row| [row[0], row[1], row[2]].map(radiance)));
     }
 
     fn fill_color_input(&self, batch: &mut FieldBatch) {
@@ -304,12 +266,14 @@ impl RadianceField {
     /// Samples whose gradient is below the cut-off of the greatest on their ray are left out.
     pub fn backward(
         &self,
-        transposed: &FieldTransposed,
+        transposed: &[f32],
         batch: &mut FieldBatch,
         cut_off: CutOff,
         d_networks: &mut [f32],
     ) {
-        let (d_density, d_color) = d_networks.split_at_mut(self.density_net().n_params());
+        let n_density = self.density_net().n_params();
+        let (d_density, d_color) = d_networks.split_at_mut(n_density);
+        let (density_transposed, color_transposed) = transposed.split_at(n_density);
         batch.color.d_output.clear();
         batch.color.d_output.resize(batch.rays.len() * 16, 0.0);
         let rows = batch
@@ -318,16 +282,10 @@ impl RadianceField {
             .chunks_exact_mut(16)
             .zip(batch.color.output.chunks_exact(16));
         for ((d_row, row), (d, value)) in rows.zip(batch.d_radiance.iter().zip(&batch.radiance)) {
-            for c in 0..3 {
-                d_row[c] = if row[c].abs() < LOG_RADIANCE_MAX {
-                    d[c] * value[c]
-                } else {
-                    0.0
-                };
-            }
+            radiance_backward(row, (*d, *value), d_row);
         }
         self.color_net().backward(
-            &transposed.color,
+            color_transposed,
             &batch.color_input,
             &mut batch.color,
             d_color,
@@ -339,13 +297,13 @@ impl RadianceField {
         batch.composite.backward(
             &batch.density.output,
             (&batch.color.d_input, &batch.d_weights),
-            batch.samples.n_per_ray(),
+            batch.samples.n_per_ray,
             &mut batch.density.d_output,
         );
         batch.keep_active(cut_off, &self.density_net());
         let width = self.config.grid.n_features();
         self.density_net().backward(
-            &transposed.density,
+            density_transposed,
             &batch.features[..batch.active.len() * width],
             &mut batch.density,
             d_density,
@@ -358,7 +316,7 @@ impl RadianceField {
         let width = self.config.grid.n_features();
         batch.d_lobe_variance.clear();
         batch.d_lobe_variance.resize(batch.rays.len(), 0.0);
-        let n_per_ray = batch.samples.n_per_ray();
+        let n_per_ray = batch.samples.n_per_ray;
         for (row, &sample) in batch.active.iter().enumerate() {
             let index = sample as usize / n_per_ray;
             let ray = &batch.rays[index];
@@ -368,9 +326,9 @@ impl RadianceField {
             }
             let columns = row * width..(row + 1) * width;
             let footprint = batch.active_footprints[row];
-            let t = batch.samples.distances()[sample as usize];
+            let t = batch.samples.distances[sample as usize];
             let d_footprint = footprint_gradient(
-                &self.levels,
+                &self.grid.levels,
                 footprint,
                 &batch.features[columns.clone()],
                 &batch.density.d_input[columns],
@@ -381,13 +339,13 @@ impl RadianceField {
         }
     }
 
-    /// Transposed network weights for [`Self::backward`].
-    pub fn transpose(&self, transposed: &mut FieldTransposed) {
-        let (density_params, rest) = self.params.split_at(self.density_net().n_params());
-        self.density_net()
-            .transpose(density_params, &mut transposed.density);
-        self.color_net()
-            .transpose(&rest[..self.color_net().n_params()], &mut transposed.color);
+    /// Writes the transposed weights for [`Self::backward`] where the networks' parameters have the weights.
+    pub fn transpose(&self, transposed: &mut Vec<f32>) {
+        transposed.resize(self.grid.start, 0.0);
+        let [(density_net, density_params), (color_net, color_params)] = self.networks();
+        let (density, color) = transposed.split_at_mut(density_net.n_params());
+        density_net.transpose(density_params, density);
+        color_net.transpose(color_params, color);
     }
 
     /// Densities (per field unit) at points of the unit cube with the given footprints.
@@ -399,9 +357,8 @@ impl RadianceField {
     ) -> Vec<f32> {
         batch.samples.set_points(points);
         self.encode(batch, scratch);
-        let params = &self.params[..self.density_net().n_params()];
-        self.density_net()
-            .forward(params, &batch.features, &mut batch.density);
+        let [(density_net, params), _] = self.networks();
+        density_net.forward(params, &batch.features, &mut batch.density);
         batch
             .density
             .output
@@ -411,16 +368,25 @@ impl RadianceField {
     }
 }
 
-/// Transposed weights of both networks.
-#[derive(Clone, Debug, Default)]
-pub struct FieldTransposed {
-    density: Transposed,
-    color: Transposed,
-}
-
-fn radiance(log_radiance: f32) -> f32 {
+/// `e^x`, which keeps NaN: clamping would hide it from the non-finite check.
+pub(in crate::neif) fn radiance(log_radiance: f32) -> f32 {
     let nan = log_radiance * 0.0;
     math::exp::<Baseline>(log_radiance.clamp(-LOG_RADIANCE_MAX, LOG_RADIANCE_MAX)) + nan
+}
+
+/// Writes the gradient of the logarithms `row` from that of the radiance `value`; both in the first three columns.
+pub(in crate::neif) fn radiance_backward(
+    row: &[f32],
+    (d, value): ([f32; 3], [f32; 3]),
+    d_row: &mut [f32],
+) {
+    for c in 0..3 {
+        d_row[c] = if row[c].abs() < LOG_RADIANCE_MAX {
+            d[c] * value[c]
+        } else {
+            0.0
+        };
+    }
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use super::cells::cell_index;
 use super::contraction::{contract, unit_cube};
 use super::density_grid::DensityGrid;
-use super::proposal::{ConeRay, OPAQUE_LENGTH, Placement, place_samples};
+use super::proposal::{ConeRay, OPAQUE_LENGTH, place_samples};
 use crate::neif::kernels::{Isa, dispatch};
 use crate::neif::networks::hash_grid::SamplePoints;
 
@@ -13,16 +13,19 @@ const LANES: usize = 8;
 /// Samples of rays, `n_per_ray` each, ray after ray.
 #[derive(Clone, Debug, Default)]
 pub struct RaySamples {
-    n_per_ray: usize,
+    /// Samples a ray.
+    pub(in crate::neif) n_per_ray: usize,
     edges: Vec<f32>,
-    distances: Vec<f32>,
-    deltas: Vec<f32>,
+    /// `[n]` distances along the rays, field units.
+    pub(in crate::neif) distances: Vec<f32>,
+    /// `[n]` lengths of the intervals, field units; 0 where nothing can be, [`OPAQUE_LENGTH`] or more on the floor.
+    pub(in crate::neif) deltas: Vec<f32>,
     /// `[n]` in the unit cube.
     pub(in crate::neif) positions: Vec<[f32; 3]>,
     /// `[n]` standard deviations in cube sides.
     pub(in crate::neif) footprints: Vec<f32>,
-    /// `[n]` cells of the density cache.
-    cells: Vec<u32>,
+    /// `[n]` cells of the density cache that the samples fall into.
+    pub(in crate::neif) cells: Vec<u32>,
 }
 
 /// One ray to place samples on.
@@ -40,26 +43,6 @@ impl RaySamples {
     /// Number of samples of all rays.
     pub fn n(&self) -> usize {
         self.positions.len()
-    }
-
-    /// Samples a ray.
-    pub fn n_per_ray(&self) -> usize {
-        self.n_per_ray
-    }
-
-    /// `[n]` distances along the rays, field units.
-    pub fn distances(&self) -> &[f32] {
-        &self.distances
-    }
-
-    /// `[n]` lengths of the intervals, field units; 0 where nothing can be, [`OPAQUE_LENGTH`] or more on the floor.
-    pub fn deltas(&self) -> &[f32] {
-        &self.deltas
-    }
-
-    /// `[n]` cells of the density cache that the samples fall into.
-    pub fn cells(&self) -> &[u32] {
-        &self.cells
     }
 
     /// Where the samples are and how blurred.
@@ -95,13 +78,10 @@ impl RaySamples {
         self.footprints.resize(n, 0.0);
         self.cells.resize(n, 0);
         for (index, ray) in rays.enumerate() {
-            let placement = Placement {
-                uniform_share,
-                shift: ray.jitter[0],
-            };
-            place_samples(grid, &ray.cone, placement, &mut self.edges);
+            let [shift, inside] = ray.jitter;
+            place_samples(grid, &ray.cone, uniform_share, shift, &mut self.edges);
             let samples = index * n_per_ray..(index + 1) * n_per_ray;
-            let inside = 0.5 + ray.jitter[1];
+            let inside = 0.5 + inside;
             let intervals = self.edges.windows(2);
             let out = self.distances[samples.clone()].iter_mut();
             for ((pair, t), delta) in intervals.zip(out).zip(&mut self.deltas[samples.clone()]) {
@@ -193,7 +173,7 @@ mod tests {
         };
         let mut samples = RaySamples::default();
         samples.place(&grid, 9, 0.1, [ray].into_iter());
-        (samples.distances().to_vec(), samples.deltas().to_vec())
+        (samples.distances, samples.deltas)
     }
 
     #[test]

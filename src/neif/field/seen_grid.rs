@@ -156,7 +156,7 @@ mod tests {
 
     #[test]
     fn every_cell_of_the_cache_has_one() {
-        let all = 0..DensityGrid::default().len() as u32;
+        let all = 0..DensityGrid::default().cells().len() as u32;
         let mut count = vec![0_u8; N_CELLS];
         all.for_each(|cell| count[coarse(cell)] += 1);
         assert!(count.iter().all(|n| *n == 8), "eight to a cell");

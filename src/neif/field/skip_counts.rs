@@ -2,7 +2,7 @@
 
 use super::density_grid::DensityGrid;
 use super::field_batch::FieldBatch;
-use super::proposal::steps_of_ray;
+use super::proposal::{N_STEPS, steps_of_ray};
 use crate::neif::networks::hash_grid::Level;
 
 /// Every so many rays one is walked for what is empty or hidden on it.
@@ -34,7 +34,7 @@ impl SkipCounts {
     pub fn add(&mut self, batch: &FieldBatch, levels: &[Level], density: &DensityGrid) {
         let samples = &batch.samples;
         let n = samples.n() as u64;
-        let n_void = samples.deltas().iter().filter(|d| **d == 0.0).count() as u64;
+        let n_void = samples.deltas.iter().filter(|d| **d == 0.0).count() as u64;
         self.samples += n;
         self.void_samples += n_void;
         self.weak_samples += n.saturating_sub(n_void + batch.active.len() as u64);
@@ -45,7 +45,7 @@ impl SkipCounts {
         }
         for ray in batch.rays.iter().step_by(RAY_STRIDE) {
             let steps = steps_of_ray(density, &ray.cone);
-            self.steps += steps.n as u64;
+            self.steps += N_STEPS as u64;
             self.empty_steps += steps.empty as u64;
             self.hidden_steps += steps.hidden as u64;
         }

@@ -57,7 +57,7 @@ fn linear_body<I: Isa>(x: &[f32], w: &[f32], bias: &[f32], epilogue: Epilogue<'_
     let mut j = 0;
     while j < m {
         let columns = if I::WIDE && j + 2 * LANES <= m { 2 } else { 1 };
-        let init = first_lanes(&bias[j..]);
+        let init = first(&bias[j..]);
         let mut i = 0;
         while i < n {
             let x = &x[i * k..];
@@ -65,12 +65,12 @@ fn linear_body<I: Isa>(x: &[f32], w: &[f32], bias: &[f32], epilogue: Epilogue<'_
             if i + ROWS > n {
                 let end = j + columns * LANES;
                 for j in (j..end).step_by(LANES) {
-                    let sums = linear_block::<I, 1>(x, w, m, j, first_lanes(&bias[j..]));
+                    let sums = linear_block::<I, 1>(x, w, m, j, first(&bias[j..]));
                     store_block(sums, i * m + j, m, epilogue, y);
                 }
                 i += 1;
             } else if columns == 2 {
-                let init = [init, first_lanes(&bias[j + LANES..])];
+                let init = [init, first(&bias[j + LANES..])];
                 let [left, right] = linear_pair::<I>(x, w, m, j, init);
                 store_block(left, at, m, epilogue, y);
                 store_block(right, at + LANES, m, epilogue, y);
@@ -104,7 +104,7 @@ fn linear_block<I: Isa, const R: usize>(
     let mut sums = [init; R];
     for (p, w_row) in w.chunks_exact(m).enumerate() {
         let scalars = std::array::from_fn(|r| rows[r][p]);
-        add_scaled::<I, R>(&mut sums, scalars, first_lanes(&w_row[j..]));
+        add_scaled::<I, R>(&mut sums, scalars, first(&w_row[j..]));
     }
     sums
 }
@@ -124,8 +124,8 @@ fn linear_pair<I: Isa>(
     let (mut left, mut right) = ([init[0]; ROWS], [init[1]; ROWS]);
     for (p, w_row) in w.chunks_exact(m).enumerate() {
         let scalars = std::array::from_fn(|r| rows[r][p]);
-        add_scaled::<I, ROWS>(&mut left, scalars, first_lanes(&w_row[j..]));
-        add_scaled::<I, ROWS>(&mut right, scalars, first_lanes(&w_row[j + LANES..]));
+        add_scaled::<I, ROWS>(&mut left, scalars, first(&w_row[j..]));
+        add_scaled::<I, ROWS>(&mut right, scalars, first(&w_row[j + LANES..]));
     }
     [left, right]
 }
@@ -153,29 +153,25 @@ fn store_block<const R: usize>(
     epilogue: Epilogue<'_>,
     y: &mut [f32],
 ) {
-    for (r, sum) in sums.into_iter().enumerate() {
-        store(at + r * m, sum, epilogue, y);
-    }
-}
-
-#[inline(always)]
-fn store(at: usize, mut sum: [f32; LANES], epilogue: Epilogue<'_>, y: &mut [f32]) {
-    match epilogue {
-        Epilogue::Linear => {}
-        Epilogue::Relu => {
-            for value in &mut sum {
-                // `max` would turn NaN into 0 and hide it from the non-finite check.
-                *value = if *value < 0.0 { 0.0 } else { *value };
+    for (r, mut sum) in sums.into_iter().enumerate() {
+        let at = at + r * m;
+        match epilogue {
+            Epilogue::Linear => {}
+            Epilogue::Relu => {
+                for value in &mut sum {
+                    // `max` would turn NaN into 0 and hide it from the non-finite check.
+                    *value = if *value < 0.0 { 0.0 } else { *value };
+                }
+            }
+            Epilogue::MaskBy(kept) => {
+                let kept: [f32; LANES] = first(&kept[at..]);
+                for c in 0..LANES {
+                    sum[c] = if kept[c] > 0.0 { sum[c] } else { 0.0 };
+                }
             }
         }
-        Epilogue::MaskBy(kept) => {
-            let kept = first_lanes(&kept[at..]);
-            for c in 0..LANES {
-                sum[c] = if kept[c] > 0.0 { sum[c] } else { 0.0 };
-            }
-        }
+        y[at..at + LANES].copy_from_slice(&sum);
     }
-    y[at..at + LANES].copy_from_slice(&sum);
 }
 
 #[inline(always)]
@@ -209,7 +205,7 @@ fn outer_body<I: Isa>(x: &[f32], d_y: &[f32], d_w: &mut [f32], d_bias: &mut [f32
     }
     for (j, sum) in d_bias.as_chunks_mut::<LANES>().0.iter_mut().enumerate() {
         for d_row in d_y.chunks_exact(m) {
-            let d = first_lanes(&d_row[j * LANES..]);
+            let d: [f32; LANES] = first(&d_row[j * LANES..]);
             for c in 0..LANES {
                 sum[c] += d[c];
             }
@@ -230,8 +226,8 @@ fn outer_block<I: Isa, const R: usize>(
 ) {
     let mut sums = load_rows::<R>(d_w, m, i, j);
     for (x_row, d_row) in x.chunks_exact(k).zip(d_y.chunks_exact(m)) {
-        let d = first_lanes(&d_row[j..]);
-        add_scaled::<I, R>(&mut sums, first_values(&x_row[i..]), d);
+        let d = first(&d_row[j..]);
+        add_scaled::<I, R>(&mut sums, first(&x_row[i..]), d);
     }
     store_rows(sums, d_w, m, i, j);
 }
@@ -250,9 +246,9 @@ fn outer_pair<I: Isa, const R: usize>(
     let mut left = load_rows::<R>(d_w, m, i, j);
     let mut right = load_rows::<R>(d_w, m, i, j + LANES);
     for (x_row, d_row) in x.chunks_exact(k).zip(d_y.chunks_exact(m)) {
-        let scalars = first_values(&x_row[i..]);
-        add_scaled::<I, R>(&mut left, scalars, first_lanes(&d_row[j..]));
-        add_scaled::<I, R>(&mut right, scalars, first_lanes(&d_row[j + LANES..]));
+        let scalars = first(&x_row[i..]);
+        add_scaled::<I, R>(&mut left, scalars, first(&d_row[j..]));
+        add_scaled::<I, R>(&mut right, scalars, first(&d_row[j + LANES..]));
     }
     store_rows(left, d_w, m, i, j);
     store_rows(right, d_w, m, i, j + LANES);
@@ -260,7 +256,7 @@ fn outer_pair<I: Isa, const R: usize>(
 
 #[inline(always)]
 fn load_rows<const R: usize>(d_w: &[f32], m: usize, i: usize, j: usize) -> [[f32; LANES]; R] {
-    std::array::from_fn(|r| first_lanes(&d_w[(i + r) * m + j..]))
+    std::array::from_fn(|r| first(&d_w[(i + r) * m + j..]))
 }
 
 #[inline(always)]
@@ -277,12 +273,7 @@ fn store_rows<const R: usize>(
 }
 
 #[inline(always)]
-fn first_lanes(values: &[f32]) -> [f32; LANES] {
-    first_values(values)
-}
-
-#[inline(always)]
-fn first_values<const N: usize>(values: &[f32]) -> [f32; N] {
+fn first<const N: usize>(values: &[f32]) -> [f32; N] {
     let mut block = [0.0; N];
     block.copy_from_slice(&values[..N]);
     block

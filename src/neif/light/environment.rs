@@ -18,35 +18,28 @@ use crate::neif::field::radiance_field::{FieldBatch, FieldConfig, RadianceField}
 use crate::neif::field::seen_grid::SeenGrid;
 use crate::neif::paper::ray_pass::{PaperPlacement, RayLight};
 use crate::neif::paper::{PaperField, PaperFieldConfig};
-use crate::neif::storage::{ParamNames, Storage, read_params};
+use crate::neif::storage::{DISTANT, FieldFormat, GRID, PAPER, Storage, StoredField, header_text};
 
-/// The arrays of the field.
-const NAMES: ParamNames = ParamNames {
+static FORMAT: FieldFormat = FieldFormat {
+    name: "neif-environment-1",
+    header: "environment",
+    out_of_range: "describes a field outside the supported range, or an inner box that is empty or not finite",
     params: "field.params",
     grid: "field.grid",
 };
-/// Marks the metadata of an environment file.
-const FORMAT: &str = "neif-environment-1";
-/// Metadata entry that names the kind of field; a file without it holds a grid.
-pub(in crate::neif) const KIND: &str = "kind";
-/// The kinds, in environment and object files.
-pub(in crate::neif) const GRID: &str = "grid";
-pub(in crate::neif) const PAPER: &str = "paper";
-const DISTANT: &str = "distant";
+/// The array of the density cache.
+const CODES: &str = "density.codes";
 /// Uniform share of the sample placement when rendering: the density cache has settled.
 const UNIFORM_SHARE: f32 = 0.05;
 /// The same for the paper's second pass, in training too: mip-NeRF adds 0.01 to each of 128 weights of sum 1.
 pub const PAPER_UNIFORM_SHARE: f32 = 0.56;
 
 /// What is stored beside the arrays.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Header<C> {
-    name: String,
-    frame: FieldFrame,
-    gamma: f32,
-    n_samples: usize,
-    up: Vec3,
+struct Header<P, C> {
+    #[serde(flatten)]
+    place: P,
     field: C,
 }
 
@@ -81,7 +74,7 @@ pub struct Environment {
 }
 
 /// What an [`Environment`] is made from, beside the field.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EnvironmentPlace {
     /// Shown in lists.
     pub name: String,
@@ -170,7 +163,7 @@ impl Environment {
     /// Whether the environment is infinitely far: then moving or scaling it changes nothing.
     pub fn is_far(&self) -> bool {
         match &self.field {
-            EnvironmentField::Grid { field, .. } => field.config().is_far,
+            EnvironmentField::Grid { field, .. } => field.config.is_far,
             EnvironmentField::Paper(_) => false,
             EnvironmentField::Distant(_) => true,
         }
@@ -262,71 +255,33 @@ impl Environment {
     /// # Errors
     /// When the file is no environment, lacks an array, or holds values that are not finite.
     pub fn load(path: &Path) -> Result<Self, NeifError> {
-        let file = TensorFile::read(path)?;
-        if file.text("format")? != FORMAT {
-            return Err(metadata(
-                path,
-                "format",
-                format!("is not `{FORMAT}`: no environment file"),
-            ));
-        }
-        match kind(&file) {
-            GRID => Self::load_grid(&file, path),
-            PAPER => Self::load_paper(&file, path),
-            DISTANT => Self::load_distant(&file, path),
-            other => Err(unknown_kind(path, other)),
-        }
-    }
-
-    fn load_grid(file: &TensorFile, path: &Path) -> Result<Self, NeifError> {
-        let header: Header<FieldConfig> = read_header(file, path)?;
-        let (place, config) = header.split();
-        check(path, place_is_sane(&place) && config.is_sane())?;
-        let params = read_params(file, path, NAMES)?;
-        let found = params.len();
-        let field = RadianceField::from_params(config, params).ok_or_else(|| NeifError::Shape {
-            file: path.to_owned(),
-            tensor: NAMES.params,
-            found,
-        })?;
-        let n_codes = DensityGrid::default().codes().len();
-        let mut density = DensityGrid::from_codes(file.u16("density.codes", &[n_codes])?)
-            .ok_or_else(|| NeifError::Shape {
-                file: path.to_owned(),
-                tensor: "density.codes",
-                found: n_codes,
-            })?;
-        density.floor = Floor::stored(file)?;
-        density.seen = SeenGrid::stored(file)?;
-        Ok(Self::new(place, field, density))
-    }
-
-    fn load_paper(file: &TensorFile, path: &Path) -> Result<Self, NeifError> {
-        let header: Header<PaperFieldConfig> = read_header(file, path)?;
-        let (place, config) = header.split();
-        check(path, place_is_sane(&place) && config.is_sane())?;
-        let params = read_params(file, path, NAMES)?;
-        let found = params.len();
-        let field = PaperField::from_params(config, params).ok_or_else(|| NeifError::Shape {
-            file: path.to_owned(),
-            tensor: NAMES.params,
-            found,
-        })?;
-        Ok(Self::of_paper(place, field))
-    }
-
-    fn load_distant(file: &TensorFile, path: &Path) -> Result<Self, NeifError> {
-        let header: Header<DistantConfig> = read_header(file, path)?;
-        let (place, config) = header.split();
-        check(path, place_is_sane(&place) && config.is_sane())?;
-        let params = read_params(file, path, NAMES)?;
-        check(path, params.iter().all(|v| *v >= 0.0))?;
-        let light = DistantLight::new(config, &params).ok_or_else(|| NeifError::Shape {
-            file: path.to_owned(),
-            tensor: NAMES.params,
-            found: params.len(),
-        })?;
-        let field = EnvironmentField::Distant(light);
+        let stored = FORMAT.read(path)?;
+        let (place, field) = match stored.kind() {
+            GRID => {
+                let (place, config) = placed(&stored, FieldConfig::is_sane)?;
+                let field = stored.made(|params| RadianceField::from_params(config, params))?;
+                let density = stored_density(&stored.file)?;
+                (place, EnvironmentField::Grid { field, density })
+            }
+            PAPER => {
+                let (place, config) = placed(&stored, PaperFieldConfig::is_sane)?;
+                let field = stored.made(|params| PaperField::from_params(config, params))?;
+                (place, EnvironmentField::Paper(field))
+            }
+            DISTANT => {
+                let (place, config) = placed(&stored, DistantConfig::is_sane)?;
+                let mut is_negative = false;
+                let light = stored.made(|params| {
+                    is_negative = params.iter().any(|v| *v < 0.0);
+                    DistantLight::new(config, &params)
+                });
+                if is_negative {
+                    return Err(stored.out_of_range());
+                }
+                (place, EnvironmentField::Distant(light?))
+            }
+            _ => return Err(stored.unknown_kind()),
+        };
         Ok(Self { place, field })
     }
 
@@ -339,103 +294,55 @@ impl Environment {
         let (kind, header, n_networks) = match &self.field {
             EnvironmentField::Grid { field, density } => {
                 let codes = density.codes();
-                file.insert_u16("density.codes", &[codes.len()], codes);
+                file.insert_u16(CODES, &[codes.len()], codes);
                 density.floor.iter().for_each(|f| f.store(&mut file));
                 density.seen.iter().for_each(|s| s.store(&mut file));
-                (GRID, self.header(*field.config()), field.n_network_params())
+                let header = self.place.header(field.config);
+                (GRID, header, field.n_network_params())
             }
             EnvironmentField::Paper(field) => {
-                (PAPER, self.header(*field.config()), field.params.len())
+                let header = self.place.header(field.config);
+                (PAPER, header, field.params.len())
             }
-            EnvironmentField::Distant(light) => (DISTANT, self.header(*light.config()), 0),
+            EnvironmentField::Distant(light) => (DISTANT, self.place.header(light.config), 0),
         };
-        storage.insert(&mut file, NAMES, self.params(), n_networks);
-        for (key, value) in [("format", FORMAT), (KIND, kind), ("environment", &header)] {
-            file.metadata.insert(key.to_owned(), value.to_owned());
-        }
-        Ok(file.write(path)?)
-    }
-
-    fn header<C: Serialize>(&self, field: C) -> String {
-        let EnvironmentPlace {
-            name,
-            frame,
-            gamma,
-            n_samples,
-            up,
-        } = self.place.clone();
-        serde_json::to_string(&Header {
-            name,
-            frame,
-            gamma,
-            n_samples,
-            up,
-            field,
-        })
-        .expect("plain numbers and strings serialise")
+        let params = (storage, self.params(), n_networks);
+        FORMAT.write(file, path, (kind, header), params)
     }
 }
 
-impl<C> Header<C> {
-    fn split(self) -> (EnvironmentPlace, C) {
-        let place = EnvironmentPlace {
-            name: self.name,
-            frame: self.frame,
-            gamma: self.gamma,
-            n_samples: self.n_samples,
-            up: self.up,
-        };
-        (place, self.field)
+/// Place and shape of a stored field.
+fn placed<C: DeserializeOwned>(
+    stored: &StoredField,
+    is_sane: impl Fn(&C) -> bool,
+) -> Result<(EnvironmentPlace, C), NeifError> {
+    let is_sane = |h: &Header<EnvironmentPlace, C>| h.place.is_sane() && is_sane(&h.field);
+    let Header { place, field } = stored.header(is_sane)?;
+    Ok((place, field))
+}
+
+/// The density of a stored grid.
+fn stored_density(file: &TensorFile) -> Result<DensityGrid, NeifError> {
+    let n_codes = DensityGrid::default().codes().len();
+    let mut density =
+        DensityGrid::from_codes(file.u16(CODES, &[n_codes])?).expect("as many codes as there are");
+    density.floor = Floor::stored(file)?;
+    density.seen = SeenGrid::stored(file)?;
+    Ok(density)
+}
+
+impl EnvironmentPlace {
+    fn is_sane(&self) -> bool {
+        self.frame.center.is_finite()
+            && self.frame.half_side.is_finite()
+            && self.frame.half_side > 0.0
+            && (1..=1024).contains(&self.n_samples)
+            && (0.05..=20.0).contains(&self.gamma)
     }
-}
 
-/// Which kind of field a file holds.
-pub(in crate::neif) fn kind(file: &TensorFile) -> &str {
-    file.metadata.get(KIND).map_or(GRID, String::as_str)
-}
-
-pub(in crate::neif) fn unknown_kind(path: &Path, kind: &str) -> NeifError {
-    metadata(
-        path,
-        KIND,
-        format!("is `{kind}`, which this version does not know"),
-    )
-}
-
-fn read_header<C: DeserializeOwned>(
-    file: &TensorFile,
-    path: &Path,
-) -> Result<Header<C>, NeifError> {
-    serde_json::from_str(file.text("environment")?)
-        .map_err(|e| metadata(path, "environment", e.to_string()))
-}
-
-pub(in crate::neif) fn metadata(path: &Path, field: &'static str, what: String) -> NeifError {
-    NeifError::Metadata {
-        file: path.to_owned(),
-        field,
-        what,
+    fn header(&self, field: impl Serialize) -> String {
+        header_text(&Header { place: self, field })
     }
-}
-
-fn check(path: &Path, is_sane: bool) -> Result<(), NeifError> {
-    if is_sane {
-        return Ok(());
-    }
-    Err(metadata(
-        path,
-        "environment",
-        "describes a field outside the supported range, or an inner box that is empty or not finite"
-            .to_owned(),
-    ))
-}
-
-fn place_is_sane(place: &EnvironmentPlace) -> bool {
-    place.frame.center.is_finite()
-        && place.frame.half_side.is_finite()
-        && place.frame.half_side > 0.0
-        && (1..=1024).contains(&place.n_samples)
-        && (0.05..=20.0).contains(&place.gamma)
 }
 
 #[cfg(test)]

@@ -24,7 +24,7 @@ const LARGEST_BALANCE: f32 = 8.0;
 /// Mean radiance over the sphere around a point in the environment's own coordinates.
 ///
 /// Of a distant picture it is exact; else the mean over 2048 even directions without specks.
-pub fn mean_radiance(environment: &Environment, at: Vec3) -> Vec3 {
+fn mean_radiance(environment: &Environment, at: Vec3) -> Vec3 {
     if let EnvironmentField::Distant(light) = environment.field() {
         return light.mean();
     }

@@ -83,19 +83,20 @@ pub struct LitVertex {
     cos: f32,
     distance: f32,
     curvature: f32,
-    lobe: Lobe,
+    /// Its lobe.
+    pub lobe: Lobe,
     /// Blocked share of the lobe and its derivative by `kappa`.
     share: (f32, f32),
     /// Ray of the lobe's free part, if that is worth one.
-    ray: Option<usize>,
-    /// The same lobe by several cones.
-    split: Option<SplitLobe>,
+    pub ray: Option<usize>,
+    /// The same lobe by several cones, if it is split.
+    pub split: Option<SplitLobe>,
     /// Whether the path goes on.
     goes_on: bool,
     /// What the lobe gathers; known after [`gather`].
     light: Vec3,
-    /// Standard error of that as far as a split lobe's cones disagree; known after [`gather`].
-    doubt: Vec3,
+    /// Standard error of that as far as a split lobe's cones disagree, 0 for one cone; known after [`gather`].
+    pub standard_error: Vec3,
 }
 
 /// A lobe by several cones, each as wide as its share of it ([`super::lobe_cones`]).
@@ -149,21 +150,9 @@ fn vmf_cdf(kappa: f32, angle: f32) -> (f32, f32) {
 
 /// Adds the rays that a path's lobes need to `rays` and its vertices to `lit`; returns how many vertices that are.
 ///
-/// `surfaces(k)` is the index and the material of vertex `k`. The path ends where hardly any light would come from
-/// further on.
+/// `surfaces(k)` is the index and the material of vertex `k`. The first vertex's lobe gets several cones where `split` adds
+/// their rays. The path ends where hardly any light would come from further on.
 pub fn aim(
-    path: &[PathVertex],
-    surfaces: impl Fn(usize) -> (usize, Surface),
-    motion: &EnvironmentFromWorld,
-    frame: &FieldFrame,
-    rays: &mut Vec<FieldRay>,
-    lit: &mut Vec<LitVertex>,
-) -> usize {
-    aim_with(path, surfaces, motion, frame, |_| None, rays, lit)
-}
-
-/// [`aim`], with several cones for the first vertex's lobe where `split` adds their rays.
-pub fn aim_with(
     path: &[PathVertex],
     surfaces: impl Fn(usize) -> (usize, Surface),
     motion: &EnvironmentFromWorld,
@@ -202,7 +191,7 @@ pub fn aim_with(
             split,
             goes_on,
             light: Vec3::ZERO,
-            doubt: Vec3::ZERO,
+            standard_error: Vec3::ZERO,
         });
         if !goes_on {
             return k + 1;
@@ -263,9 +252,9 @@ pub fn gather(
         let free = vertex.ray.map_or(Vec3::ZERO, &incoming);
         vertex.light = free * (1.0 - vertex.share.0) + beyond * vertex.share.0;
         if let Some(split) = vertex.split {
-            let (light, doubt) = split.light(&incoming);
+            let (light, standard_error) = split.light(&incoming);
             vertex.light = vertex.light.lerp(light, split.weight);
-            vertex.doubt = doubt * split.weight;
+            vertex.standard_error = standard_error * split.weight;
         }
         beyond = outgoing(
             &vertex.surface,
@@ -298,32 +287,12 @@ impl SplitLobe {
 }
 
 impl LitVertex {
-    /// The ray of its lobe's free part, if that is worth one.
-    pub fn ray(&self) -> Option<usize> {
-        self.ray
-    }
-
-    /// Its lobe.
-    pub fn lobe(&self) -> &Lobe {
-        &self.lobe
-    }
-
     /// Adds to what a split lobe's blocked cones bring.
     pub fn add_from_object(&mut self, light: Vec3) {
         if let Some(split) = &mut self.split {
             split.from_object += light;
             split.from_object_squared += light * light;
         }
-    }
-
-    /// The same lobe by several cones, if it is split.
-    pub fn split(&mut self) -> Option<&mut SplitLobe> {
-        self.split.as_mut()
-    }
-
-    /// Standard error of what the lobe gathers, as [`gather`] found it; 0 for one cone.
-    pub fn doubt(&self) -> Vec3 {
-        self.doubt
     }
 
     /// What the vertex sends on, given the light that [`gather`] found.

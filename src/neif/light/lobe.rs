@@ -95,32 +95,27 @@ pub struct Lobe {
 impl Lobe {
     /// The narrow lobe of a given variance per transverse axis, in `(0, 0.3]`, by `variance = 1/kappa`: no derivatives.
     pub fn from_variance(variance: f32) -> Self {
-        let kappa = variance.recip().min(KAPPA_MAX);
-        let mean_length = mean_length(kappa);
-        Self {
-            kappa,
-            mean_length,
-            variance: mean_length / kappa,
-            d_variance: 0.0,
-            d_kappa: 0.0,
-        }
+        Self::new(variance.recip().min(KAPPA_MAX), 0.0)
     }
 
     /// The lobe of a perceptual roughness in `[0, 1]`.
     pub fn from_roughness(roughness: f32) -> Self {
         let kappa = kappa_from_roughness(roughness);
-        let mean_length = mean_length(kappa);
         let d_kappa = if kappa < KAPPA_MAX && roughness > 0.0 && roughness < 1.0 {
             -4.0 * kappa / roughness
         } else {
             0.0
         };
-        let d_variance = d_variance_d_kappa(kappa, mean_length) * d_kappa;
+        Self::new(kappa, d_kappa)
+    }
+
+    fn new(kappa: f32, d_kappa: f32) -> Self {
+        let mean_length = mean_length(kappa);
         Self {
             kappa,
             mean_length,
             variance: mean_length / kappa,
-            d_variance,
+            d_variance: d_variance_d_kappa(kappa, mean_length) * d_kappa,
             d_kappa,
         }
     }

@@ -303,17 +303,13 @@ mod tests {
             let n = cones.len() as f32;
             let alpha = roughness * roughness;
             // Half of GGX's microfacets lie within `tan = alpha`, so that half of the light lies within twice that.
-            let inside = cones
+            let inside =
+                |cone: &&LobeCone| cone.axis.angle_between(point.normal) < 2.0 * alpha.atan();
+            let inside: Vec<_> = cones.iter().filter(inside).collect();
+            let share = inside.len() as f32 / n;
+            assert!((share - 0.5).abs() < 0.1, "{roughness}: {share}");
+            let area: f32 = inside
                 .iter()
-                .filter(|cone| cone.axis.angle_between(point.normal) < 2.0 * alpha.atan())
-                .count() as f32;
-            assert!(
-                (inside / n - 0.5).abs() < 0.1,
-                "{roughness}: {inside} of {n}"
-            );
-            let area: f32 = cones
-                .iter()
-                .filter(|cone| cone.axis.angle_between(point.normal) < 2.0 * alpha.atan())
                 .map(|cone| 2.0 * TAU * cone.lobe.variance)
                 .sum();
             let disk = TAU * (1.0 - (2.0 * alpha.atan()).cos());

@@ -70,6 +70,7 @@ pub fn outgoing_backward(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::neif::test_gradients::{assert_agrees, slope};
 
     #[test]
     fn outgoing_gradients_agree_with_finite_differences() {
@@ -79,26 +80,17 @@ mod tests {
             roughness: 0.3,
         };
         let (cos, light, d_out) = (0.4, Vec3::new(1.5, 0.2, 3.0), Vec3::new(0.7, -0.4, 1.2));
-        let loss = |s: &Surface, light: Vec3| outgoing(s, cos, Vec3::ONE, light).dot(d_out);
+        let loss =
+            |s: &Surface, light: Vec3| f64::from(outgoing(s, cos, Vec3::ONE, light).dot(d_out));
         let mut d = Surface::default();
         let d_light = outgoing_backward(&surface, cos, light, d_out, &mut d);
-        let h = 1e-2;
+        Surface::for_each_value(|what, value| {
+            let numeric = slope(&mut { surface }, value, 1e-2, |s| loss(s, light));
+            assert_agrees(what, *value(&mut { d }), numeric, (0.0, 1e-3));
+        });
         for c in 0..3 {
-            let step = Vec3::AXES[c] * h;
-            let shifted = |sign: f32| Surface {
-                diffuse: surface.diffuse + sign * step,
-                ..surface
-            };
-            let numeric = (loss(&shifted(1.0), light) - loss(&shifted(-1.0), light)) / (2.0 * h);
-            assert!((d.diffuse[c] - numeric).abs() < 1e-3, "diffuse {c}");
-            let shifted = |sign: f32| Surface {
-                tint: surface.tint + sign * step,
-                ..surface
-            };
-            let numeric = (loss(&shifted(1.0), light) - loss(&shifted(-1.0), light)) / (2.0 * h);
-            assert!((d.tint[c] - numeric).abs() < 1e-3, "tint {c}");
-            let numeric = (loss(&surface, light + step) - loss(&surface, light - step)) / (2.0 * h);
-            assert!((d_light[c] - numeric).abs() < 1e-3, "light {c}");
+            let numeric = slope(&mut { light }, |l| &mut l[c], 1e-2, |l| loss(&surface, *l));
+            assert_agrees("light", d_light[c], numeric, (0.0, 1e-3));
         }
     }
 

@@ -227,6 +227,7 @@ fn disney_backward(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::neif::test_gradients::{assert_agrees, slope};
 
     /// Unit normal and eye direction, none of them along an axis.
     const POINT: SurfacePoint = SurfacePoint {
@@ -279,25 +280,12 @@ mod tests {
                 d_out,
                 &mut d,
             );
-            let loss = |s: &Surface| radiance_out(brdf, s, &directions, 64).dot(d_out);
-            let h = 2e-3;
-            let check = |what: &str, analytic: f32, moved: &dyn Fn(&mut Surface, f32)| {
-                let at = |by: f32| {
-                    let mut surface = SURFACE;
-                    moved(&mut surface, by);
-                    loss(&surface)
-                };
-                let numeric = (at(h) - at(-h)) / (2.0 * h);
-                assert!(
-                    (analytic - numeric).abs() < 1e-2 * numeric.abs() + 2e-3,
-                    "{brdf:?} {what}: {analytic} against {numeric}"
-                );
-            };
-            for c in 0..3 {
-                check("diffuse", d.diffuse[c], &|s, by| s.diffuse[c] += by);
-                check("tint", d.tint[c], &|s, by| s.tint[c] += by);
-            }
-            check("roughness", d.roughness, &|s, by| s.roughness += by);
+            let loss = |s: &Surface| f64::from(radiance_out(brdf, s, &directions, 64).dot(d_out));
+            Surface::for_each_value(|what, value| {
+                let numeric = slope(&mut { SURFACE }, value, 2e-3, loss);
+                let what = format!("{brdf:?} {what}");
+                assert_agrees(&what, *value(&mut { d }), numeric, (1e-2, 2e-3));
+            });
         }
     }
 

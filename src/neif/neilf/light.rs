@@ -8,19 +8,19 @@ use std::ops::Range;
 
 use glam::Vec3;
 
+use crate::neif::field::radiance_field::{radiance, radiance_backward};
 use crate::neif::kernels::matmul::Epilogue;
-use crate::neif::kernels::{Baseline, math};
+use crate::neif::networks::dense::Dense;
+use crate::neif::networks::grid::Grid;
 use crate::neif::networks::hash_grid::{
     FEATURES, FeatureColumns, GridConfig, Level, SamplePoints, encode_level, scatter_level,
 };
-use crate::neif::paper::network::{Activation, Dense, Stack, StackBuffers};
+use crate::neif::paper::network::{Activation, Stack, StackBuffers};
 
 /// Width of the padded output: three colours are used.
 const N_OUT: usize = 16;
 /// Logarithm of the radiance that training starts with.
 const INITIAL_LOG_RADIANCE: f32 = -1.0;
-/// Radiance is `e^x` with `|x|` up to this, as in the fast field.
-const LOG_RADIANCE_MAX: f32 = 12.0;
 /// Rows that pass through the network together, about: their activations stay in the second cache.
 const TILE: usize = 192;
 
@@ -47,8 +47,8 @@ impl IncidentLightConfig {
 #[derive(Clone, Debug)]
 pub struct IncidentLight {
     config: IncidentLightConfig,
-    /// Those of the directions, then those of the positions.
-    levels: Vec<Level>,
+    /// The levels of the directions, then those of the positions.
+    grid: Grid,
     stack: Stack,
     output: Dense,
     corner: Vec3,
@@ -146,18 +146,19 @@ impl IncidentLight {
             n_out: N_OUT,
             start: stack.end(),
         };
-        let n_grids: usize = levels.iter().map(|l| l.n_entries * FEATURES).sum();
-        let mut params = vec![0.0; output.end() + n_grids];
+        let grid = Grid {
+            levels,
+            start: output.end(),
+        };
+        let mut params = vec![0.0; grid.end()];
         stack.init(&mut params, &mut uniform);
         output.init(&mut params, 1.0, &mut uniform);
         let bias = output.end() - N_OUT;
         params[bias..bias + 3].fill(INITIAL_LOG_RADIANCE);
-        for value in &mut params[output.end()..] {
-            *value = (2.0 * uniform() - 1.0) * 1e-2;
-        }
+        grid.init(&mut params, &mut uniform);
         Self {
             config,
-            levels,
+            grid,
             stack,
             output,
             corner,
@@ -168,12 +169,12 @@ impl IncidentLight {
 
     /// The levels of both grids, in the order of the parameters.
     pub fn levels(&self) -> &[Level] {
-        &self.levels
+        &self.grid.levels
     }
 
     /// Parameters of the network: the head of [`Self::params`].
     pub fn n_network_params(&self) -> usize {
-        self.output.end()
+        self.grid.start
     }
 
     /// Adds a point (world coordinates) with the directions (unit) that its light is asked for.
@@ -209,29 +210,22 @@ impl IncidentLight {
         batch.zeros.resize(n, 0.0);
         batch.features.resize(batch.n_rows() * width, 0.0);
         batch.radiance.resize(batch.n_rows(), Vec3::ZERO);
-        let mut start = self.n_network_params();
-        for (index, level) in self.levels.iter().enumerate() {
-            let end = start + level.n_entries * FEATURES;
+        for (index, level) in self.grid.levels.iter().enumerate() {
             let mut encoded = std::mem::take(&mut batch.encoded);
             let points = self.points_of(index, batch);
             encoded.resize(points.positions.len() * FEATURES, 0.0);
-            encode_level(level, &self.params[start..end], points, &mut encoded);
-            start = end;
-            let columns = index * FEATURES..(index + 1) * FEATURES;
-            let rows = batch.features.chunks_exact_mut(width);
-            let values = encoded.chunks_exact(FEATURES);
+            let table = &self.params[self.grid.table(index)];
+            encode_level(level, table, points, &mut encoded);
             if self.is_of_directions(index) {
-                for (row, values) in rows.zip(values) {
-                    row[columns.clone()].copy_from_slice(values);
-                }
+                self.grid.insert(index, &encoded, &mut batch.features);
             } else {
-                let mut rows = rows;
-                let mut start = 0;
-                for (values, end) in values.zip(&batch.ends) {
-                    for row in rows.by_ref().take(end - start) {
+                let columns = index * FEATURES..(index + 1) * FEATURES;
+                for (point, values) in encoded.chunks_exact(FEATURES).enumerate() {
+                    let rows = batch.rows(point);
+                    let rows = &mut batch.features[rows.start * width..rows.end * width];
+                    for row in rows.chunks_exact_mut(width) {
                         row[columns.clone()].copy_from_slice(values);
                     }
-                    start = *end;
                 }
             }
             batch.encoded = encoded;
@@ -247,8 +241,8 @@ impl IncidentLight {
         self.output
             .forward(&self.params, hidden, Epilogue::Linear, &mut batch.output);
         let values = batch.output.chunks_exact(N_OUT);
-        for (radiance, row) in batch.radiance[rows].iter_mut().zip(values) {
-            *radiance = Vec3::new(row[0], row[1], row[2]).map(radiance_of);
+        for (out, row) in batch.radiance[rows].iter_mut().zip(values) {
+            *out = Vec3::new(row[0], row[1], row[2]).map(radiance);
         }
     }
 
@@ -270,20 +264,12 @@ impl IncidentLight {
             .iter()
             .zip(&batch.radiance[rows.clone()]);
         for ((d_row, row), (d, value)) in d_rows.zip(batch.output.chunks_exact(N_OUT)).zip(values) {
-            for c in 0..3 {
-                if row[c].abs() < LOG_RADIANCE_MAX {
-                    d_row[c] = d[c] * value[c];
-                }
-            }
+            radiance_backward(row, (d.to_array(), value.to_array()), d_row);
         }
         let hidden = batch.network.output();
-        self.output.backward(
-            transposed,
-            hidden,
-            &batch.d_output,
-            d_network,
-            &mut batch.d_hidden,
-        );
+        let (d_rows, all) = ((hidden, &*batch.d_output), Epilogue::Linear);
+        self.output
+            .backward(transposed, d_rows, all, d_network, &mut batch.d_hidden);
         let span = rows.start * width..rows.end * width;
         self.stack.backward(
             transposed,
@@ -304,47 +290,39 @@ impl IncidentLight {
         let n = width - first;
         batch.d_position_features.clear();
         batch.d_position_features.resize(batch.ends.len() * n, 0.0);
-        let mut rows = batch.d_features.chunks_exact(width);
-        let mut start = 0;
-        for (sum, end) in batch
-            .d_position_features
-            .chunks_exact_mut(n)
-            .zip(&batch.ends)
-        {
-            for row in rows.by_ref().take(end - start) {
+        for point in 0..batch.ends.len() {
+            let rows = batch.rows(point);
+            let sum = &mut batch.d_position_features[point * n..(point + 1) * n];
+            let rows = &batch.d_features[rows.start * width..rows.end * width];
+            for row in rows.chunks_exact(width) {
                 for (sum, d) in sum.iter_mut().zip(&row[first..]) {
                     *sum += d;
                 }
             }
-            start = *end;
         }
     }
 
     /// Adds the gradient of one level's values; `d_table`: the level's part only.
     pub fn scatter_level(&self, level: usize, batch: &LightBatch, d_table: &mut [f32]) {
-        let of_directions = self.config.directions.n_features();
-        let (d_features, layout) = if self.is_of_directions(level) {
-            let layout = FeatureColumns {
-                stride: self.config.n_features(),
-                column: level * FEATURES,
-            };
-            (&batch.d_features, layout)
+        let points = self.points_of(level, batch);
+        if self.is_of_directions(level) {
+            let n = points.positions.len() * self.grid.width();
+            self.grid
+                .scatter(level, points, &batch.d_features[..n], d_table);
         } else {
             let layout = FeatureColumns {
                 stride: self.config.positions.n_features(),
-                column: level * FEATURES - of_directions,
+                column: level * FEATURES - self.config.directions.n_features(),
             };
-            (&batch.d_position_features, layout)
-        };
-        let points = self.points_of(level, batch);
-        let n = points.positions.len() * layout.stride;
-        scatter_level(
-            &self.levels[level],
-            points,
-            &d_features[..n],
-            layout,
-            d_table,
-        );
+            let d_features = &batch.d_position_features[..points.positions.len() * layout.stride];
+            scatter_level(
+                &self.grid.levels[level],
+                points,
+                d_features,
+                layout,
+                d_table,
+            );
+        }
     }
 
     /// Transposed weights for [`Self::backward`].
@@ -355,26 +333,16 @@ impl IncidentLight {
     }
 }
 
-/// `e^x`, which keeps NaN: clamping would hide it from the non-finite check.
-fn radiance_of(log_radiance: f32) -> f32 {
-    let nan = log_radiance * 0.0;
-    math::exp::<Baseline>(log_radiance.clamp(-LOG_RADIANCE_MAX, LOG_RADIANCE_MAX)) + nan
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::neif::neilf::brdf::hemisphere;
-    use crate::neif::networks::hash_grid::LEAST_WEIGHT;
-    use crate::neif::paper::network::tests::random;
+    use crate::neif::test_gradients::{agrees, random, slope};
 
     fn field() -> IncidentLight {
         let grid = |finest: u32| GridConfig {
-            n_levels: 4,
-            coarsest: 2,
             finest,
-            log2_table_size: 8,
-            least_weight: LEAST_WEIGHT,
+            ..GridConfig::SMALL
         };
         let config = IncidentLightConfig {
             directions: grid(16),
@@ -430,11 +398,9 @@ mod tests {
             light.backward(&transposed, &mut batch, &tile, &mut gradient[..n]);
         }
         light.sum_positions(&mut batch);
-        let mut start = n;
         for level in 0..light.levels().len() {
-            let end = start + light.levels()[level].n_entries * FEATURES;
-            light.scatter_level(level, &batch, &mut gradient[start..end]);
-            start = end;
+            let table = light.grid.table(level);
+            light.scatter_level(level, &batch, &mut gradient[table]);
         }
         // The greatest gradients of network and grids: the others drown in rounding.
         for range in [0..n, n..light.params.len()] {
@@ -442,16 +408,13 @@ mod tests {
             order.sort_by(|&a, &b| gradient[b].abs().total_cmp(&gradient[a].abs()));
             let mut n_off = 0;
             for &i in order.iter().step_by(3).take(40) {
-                let h = 1e-3;
-                let kept = light.params[i];
-                light.params[i] = kept + h;
-                let up = loss(&light, &mut batch);
-                light.params[i] = kept - h;
-                let down = loss(&light, &mut batch);
-                light.params[i] = kept;
-                let numeric = (up - down) / f64::from(2.0 * h);
-                let error = (f64::from(gradient[i]) - numeric).abs();
-                n_off += usize::from(error > 2e-2 * numeric.abs() + 1e-3);
+                let numeric = slope(
+                    &mut light,
+                    |light| &mut light.params[i],
+                    1e-3,
+                    |light| loss(light, &mut batch),
+                );
+                n_off += usize::from(!agrees(gradient[i], numeric, (2e-2, 1e-3)));
             }
             // A kink between the two evaluations is allowed now and then.
             assert!(n_off <= 3, "{n_off} gradients are off");

@@ -98,6 +98,11 @@ pub struct SamplePoints<'a> {
 }
 
 impl Level {
+    /// Stored values.
+    pub fn n_values(&self) -> usize {
+        self.n_entries * FEATURES
+    }
+
     /// Weight of the level for a footprint of standard deviation `footprint` (cube sides).
     ///
     /// `1 / sqrt(1 + (2.5 footprint·resolution)²)`: near Zip-NeRF's `erf(1/(√8 σ n))`, cheaper, with a plain slope. Below
@@ -323,9 +328,22 @@ pub fn footprint_gradient(
 }
 
 #[cfg(test)]
+impl GridConfig {
+    /// A small grid for tests.
+    pub(crate) const SMALL: Self = Self {
+        n_levels: 4,
+        coarsest: 2,
+        finest: 8,
+        log2_table_size: 8,
+        least_weight: LEAST_WEIGHT,
+    };
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
     use crate::neif::kernels::math::bf16_from_f32;
+    use crate::neif::test_gradients::{assert_agrees, dot, slope};
 
     const CONFIG: GridConfig = GridConfig {
         n_levels: 3,
@@ -336,7 +354,7 @@ mod tests {
     };
 
     fn table(level: &Level) -> Vec<f32> {
-        (0..level.n_entries * FEATURES)
+        (0..level.n_values())
             .map(|i| (i as f32 * 0.7).sin())
             .collect()
     }
@@ -391,23 +409,18 @@ mod tests {
     fn a_dense_level_interpolates_a_linear_function_exactly() {
         let level = CONFIG.levels()[0];
         let side = level.resolution + 1;
-        let mut table = vec![0.0; level.n_entries * FEATURES];
+        let mut table = vec![0.0; level.n_values()];
         for (i, row) in table.chunks_exact_mut(FEATURES).enumerate() {
             let i = i as u32;
             let (x, y, z) = (i % side, i / side % side, i / side / side);
             row[0] = x as f32 + 10.0 * y as f32 + 100.0 * z as f32;
         }
-        let footprints = [0.0; 4];
+        let at = SamplePoints {
+            positions: &POSITIONS,
+            footprints: &[0.0; 4],
+        };
         let mut out = vec![0.0; 16];
-        encode_level(
-            &level,
-            &table,
-            SamplePoints {
-                positions: &POSITIONS,
-                footprints: &footprints,
-            },
-            &mut out,
-        );
+        encode_level(&level, &table, at, &mut out);
         for (p, row) in POSITIONS.iter().zip(out.chunks_exact(4)) {
             let expected = 4.0 * (p[0] + 10.0 * p[1] + 100.0 * p[2]);
             assert!(
@@ -426,16 +439,11 @@ mod tests {
             encode_level(&level, &table, points(), &mut out);
             let d_out: Vec<f32> = (0..out.len()).map(|i| (i as f32 * 1.3).cos()).collect();
             let mut d_table = vec![0.0; table.len()];
-            scatter_level(
-                &level,
-                points(),
-                &d_out,
-                FeatureColumns {
-                    stride: 4,
-                    column: 0,
-                },
-                &mut d_table,
-            );
+            let layout = FeatureColumns {
+                stride: 4,
+                column: 0,
+            };
+            scatter_level(&level, points(), &d_out, layout, &mut d_table);
             let left: f32 = out.iter().zip(&d_out).map(|(a, b)| a * b).sum();
             let right: f32 = table.iter().zip(&d_table).map(|(a, b)| a * b).sum();
             assert!(
@@ -461,20 +469,11 @@ mod tests {
             }
             features
         };
-        let loss = |footprint: f32| {
-            encode(footprint)
-                .iter()
-                .zip(&d)
-                .map(|(a, b)| (a * b) as f64)
-                .sum::<f64>()
-        };
-        let at = 0.03;
-        let analytic = footprint_gradient(&levels, at, &encode(at), &d) as f64;
-        let numeric = (loss(at + 1e-3) - loss(at - 1e-3)) / 2e-3;
-        assert!(
-            (analytic - numeric).abs() < 1e-2 * numeric.abs(),
-            "{analytic} against {numeric}"
-        );
+        let mut at = 0.03;
+        let analytic = footprint_gradient(&levels, at, &encode(at), &d);
+        let loss = |footprint: &f32| dot(&encode(*footprint), &d);
+        let numeric = slope(&mut at, |at| at, 1e-3, loss);
+        assert_agrees("footprint", analytic, numeric, (1e-2, 0.0));
     }
 
     #[test]
@@ -486,15 +485,11 @@ mod tests {
             [f32::INFINITY, 0.5, 0.5],
             [1.0, 1.0, 1.0],
         ];
-        encode_level(
-            &level,
-            &table(&level),
-            SamplePoints {
-                positions: &positions,
-                footprints: &[0.0; 3],
-            },
-            &mut out,
-        );
+        let at = SamplePoints {
+            positions: &positions,
+            footprints: &[0.0; 3],
+        };
+        encode_level(&level, &table(&level), at, &mut out);
         assert!(out.iter().all(|v| v.is_finite()), "{out:?}");
     }
 }

@@ -25,20 +25,17 @@ pub fn attenuated_sh(d: [f32; 3], kappa: f32) -> [f32; N_SH] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::fibonacci_sphere;
 
     #[test]
     fn basis_is_orthonormal() {
         let n = 20_000;
-        let golden = std::f32::consts::PI * (3.0 - 5.0_f32.sqrt());
         let mut gram = [[0.0_f64; N_SH]; N_SH];
-        for i in 0..n {
-            let z = 1.0 - (2.0 * i as f32 + 1.0) / n as f32;
-            let r = (1.0 - z * z).sqrt();
-            let phi = golden * i as f32;
-            let sh = attenuated_sh([r * phi.cos(), r * phi.sin(), z], f32::INFINITY);
+        for d in fibonacci_sphere(n) {
+            let sh = attenuated_sh(d.to_array(), f32::INFINITY);
             for (row, a) in gram.iter_mut().zip(sh) {
                 for (sum, b) in row.iter_mut().zip(sh) {
-                    *sum += f64::from(a * b) * 4.0 * std::f64::consts::PI / f64::from(n);
+                    *sum += f64::from(a * b) * 4.0 * std::f64::consts::PI / n as f64;
                 }
             }
         }

@@ -46,7 +46,7 @@ pub fn encode_backward(encoded: &[f32], d_encoded: &[f32]) -> [f32; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::neif::paper::network::tests::random;
+    use crate::neif::test_gradients::{assert_agrees, dot, random, slope};
 
     const MEAN: [f32; 3] = [0.4, -1.1, 0.05];
     const VARIANCE: [f32; 3] = [0.3, 0.02, 0.0];
@@ -86,27 +86,18 @@ mod tests {
         let d: Vec<f32> = (0..3 * LEVEL_WIDTH)
             .map(|i| (i as f32 * 1.3).cos())
             .collect();
-        let loss = |variance: [f32; 3]| -> f64 {
+        let loss = |variance: &[f32; 3]| -> f64 {
             let mut encoded = [0.0; 3 * LEVEL_WIDTH];
-            encode(MEAN, variance, &mut encoded);
-            let terms = encoded.iter().zip(&d);
-            terms.map(|(a, b)| f64::from(*a) * f64::from(*b)).sum()
+            encode(MEAN, *variance, &mut encoded);
+            dot(&encoded, &d)
         };
         let mut encoded = [0.0; 3 * LEVEL_WIDTH];
         encode(MEAN, VARIANCE, &mut encoded);
         let analytic = encode_backward(&encoded, &d);
         for axis in 0..3 {
-            let at = |h: f32| {
-                let mut moved = VARIANCE;
-                moved[axis] += h;
-                loss(moved)
-            };
-            let numeric = (at(1e-3) - at(-1e-3)) / 2e-3;
-            assert!(
-                (f64::from(analytic[axis]) - numeric).abs() < 1e-2 * numeric.abs() + 1e-3,
-                "axis {axis}: {} against {numeric}",
-                analytic[axis]
-            );
+            let numeric = slope(&mut { VARIANCE }, |v| &mut v[axis], 1e-3, loss);
+            let what = format!("axis {axis}");
+            assert_agrees(&what, analytic[axis], numeric, (1e-2, 1e-3));
         }
     }
 

@@ -9,10 +9,11 @@ use serde::{Deserialize, Serialize};
 
 use super::encoding::{LEVEL_WIDTH, encode, encode_backward};
 use super::gaussian::IntervalGaussian;
-use super::network::{Activation, Dense, MAX_WIDTH, Stack, padded, relu_backward};
+use super::network::{Activation, Stack, is_sane_width, padded};
 use super::ray_pass::{PaperPlacement, RayLight, RayPass, color};
 use crate::neif::field::radiance_field::FieldRay;
 use crate::neif::kernels::matmul::{Epilogue, LANES};
+use crate::neif::networks::dense::Dense;
 
 /// Shape of the network. The default is the paper's, and mip-NeRF's where the paper is silent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -45,12 +46,11 @@ impl Default for PaperFieldConfig {
 impl PaperFieldConfig {
     /// Whether a network of this shape can be made.
     pub fn is_sane(&self) -> bool {
-        let width_ok = |w: usize| w.is_multiple_of(LANES) && (LANES..=MAX_WIDTH / 2).contains(&w);
         (1..=16).contains(&self.position_levels)
             && (1..=8).contains(&self.direction_levels)
             && (1..=16).contains(&self.depth)
-            && width_ok(self.width)
-            && width_ok(self.view_width)
+            && is_sane_width(self.width)
+            && is_sane_width(self.view_width)
     }
 
     fn position_width(&self) -> usize {
@@ -66,7 +66,8 @@ impl PaperFieldConfig {
 /// Parameters of the network and where they lie.
 #[derive(Clone, Debug)]
 pub struct PaperField {
-    config: PaperFieldConfig,
+    /// The shape.
+    pub config: PaperFieldConfig,
     stack: Stack,
     /// Column 0 the density, from 16 on the bottleneck.
     head: Dense,
@@ -117,11 +118,6 @@ impl PaperField {
         }
     }
 
-    /// The shape.
-    pub fn config(&self) -> &PaperFieldConfig {
-        &self.config
-    }
-
     /// Number of parameters.
     pub fn n_params(&self) -> usize {
         self.color.end()
@@ -137,21 +133,19 @@ impl PaperField {
         light.coarse.place(placement);
         self.weigh(ray, &mut light.coarse);
         light.fine.place_by(&light.coarse, placement);
-        self.evaluate(ray, &mut light.fine);
+        self.weigh(ray, &mut light.fine);
+        self.shade(ray, &mut light.fine);
         light.fine.radiance
     }
 
     /// Evaluates both passes, each to its radiance.
     pub fn forward(&self, ray: &FieldRay, placement: PaperPlacement, light: &mut RayLight) {
-        light.coarse.place(placement);
-        self.evaluate(ray, &mut light.coarse);
-        light.fine.place_by(&light.coarse, placement);
-        self.evaluate(ray, &mut light.fine);
+        self.radiance(ray, placement, light);
+        self.shade(ray, &mut light.coarse);
     }
 
-    /// Density, weights, colours and radiance of a placed pass.
-    fn evaluate(&self, ray: &FieldRay, pass: &mut RayPass) {
-        self.weigh(ray, pass);
+    /// Colours and radiance of a pass with weights.
+    fn shade(&self, ray: &FieldRay, pass: &mut RayPass) {
         self.fill_view_input(ray, pass);
         self.view.forward(
             &self.params,
@@ -233,29 +227,17 @@ impl PaperField {
         d_params: &mut [f32],
     ) -> f32 {
         pass.composite_backward(d_radiance, self.head.n_out);
-        self.color.backward(
-            transposed,
-            &pass.view,
-            &pass.d_color,
-            d_params,
-            &mut pass.d_view,
-        );
-        relu_backward(&pass.view, &mut pass.d_view);
-        self.view.backward(
-            transposed,
-            &pass.view_input,
-            &pass.d_view,
-            d_params,
-            &mut pass.d_view_input,
-        );
+        let rows = (pass.view.as_slice(), pass.d_color.as_slice());
+        let mask = Epilogue::MaskBy(&pass.view);
+        self.color
+            .backward(transposed, rows, mask, d_params, &mut pass.d_view);
+        let (rows, all) = ((&*pass.view_input, &*pass.d_view), Epilogue::Linear);
+        self.view
+            .backward(transposed, rows, all, d_params, &mut pass.d_view_input);
         self.split_view_gradient(pass);
-        self.head.backward(
-            transposed,
-            pass.stack.output(),
-            &pass.d_head,
-            d_params,
-            &mut pass.d_stack,
-        );
+        let rows = (pass.stack.output(), pass.d_head.as_slice());
+        self.head
+            .backward(transposed, rows, all, d_params, &mut pass.d_stack);
         self.stack.backward(
             transposed,
             &pass.input,
@@ -326,7 +308,7 @@ fn direction_slope(ray: &FieldRay) -> [f32; 3] {
 mod tests {
     use super::*;
     use crate::neif::field::proposal::ConeRay;
-    use crate::neif::paper::network::tests::random;
+    use crate::neif::test_gradients::{agrees, dot, random, slope};
 
     const D: [f32; 3] = [0.7, -0.3, 1.1];
     const PLACEMENT: PaperPlacement = PaperPlacement {
@@ -367,14 +349,13 @@ mod tests {
             edges: edges.to_vec(),
             ..RayPass::default()
         };
-        field.evaluate(ray, &mut pass);
+        field.weigh(ray, &mut pass);
+        field.shade(ray, &mut pass);
         pass
     }
 
     fn loss(field: &PaperField, ray: &FieldRay, edges: &[f32]) -> f64 {
-        let pass = run(field, ray, edges);
-        let terms = pass.radiance.iter().zip(D);
-        terms.map(|(a, b)| f64::from(*a) * f64::from(b)).sum()
+        dot(&run(field, ray, edges).radiance, &D)
     }
 
     #[test]
@@ -390,23 +371,21 @@ mod tests {
             let d_lobe = field.backward(&transposed, &ray, D, pass, &mut gradient);
             let (mut n_off, mut n) = (0, 0);
             for i in (0..gradient.len()).step_by(13) {
-                let (kept, h) = (field.params[i], 4e-3);
-                field.params[i] = kept + h;
-                let up = loss(&field, &ray, &edges);
-                field.params[i] = kept - h;
-                let down = loss(&field, &ray, &edges);
-                field.params[i] = kept;
-                let numeric = (up - down) / f64::from(2.0 * h);
-                let error = (f64::from(gradient[i]) - numeric).abs();
-                n_off += usize::from(error > 3e-2 * numeric.abs() + 5e-4);
+                let numeric = slope(
+                    &mut field,
+                    |field| &mut field.params[i],
+                    4e-3,
+                    |field| loss(field, &ray, &edges),
+                );
+                n_off += usize::from(!agrees(gradient[i], numeric, (3e-2, 5e-4)));
                 n += 1;
             }
             // A ReLU kink between the two evaluations is allowed now and then.
             assert!(n_off * 25 <= n, "{n_off} of {n} gradients are off");
-            let at = |v: f32| loss(&field, &self::ray(v), &edges);
             // The best of three steps: a kink may lie within the longer ones, rounding spoils the shorter ones.
             let error = |h: f32| {
-                let numeric = (at(0.05 + h) - at(0.05 - h)) / f64::from(2.0 * h);
+                let by_width = |ray: &FieldRay| loss(&field, ray, &edges);
+                let numeric = slope(&mut { ray }, |r| &mut r.cone.lobe_variance, h, by_width);
                 (f64::from(d_lobe) / numeric - 1.0).abs()
             };
             let least = error(2e-4).min(error(1e-3)).min(error(4e-3));

@@ -119,7 +119,7 @@ mod tests {
     use crate::geometry::orthonormal_basis;
     use crate::neif::field::contraction::contract;
     use crate::neif::field::proposal::ConeRay;
-    use crate::neif::paper::network::tests::random;
+    use crate::neif::test_gradients::{assert_agrees, random, slope};
     use glam::Vec3;
 
     fn ray(lobe_variance: f32) -> FieldRay {
@@ -192,12 +192,11 @@ mod tests {
         for (t0, t1) in [(0.3, 0.5), (3.0, 4.0)] {
             let gaussian = IntervalGaussian::new(&ray(0.02), t0, t1);
             for axis in 0..3 {
-                let at = |v: f32| f64::from(IntervalGaussian::new(&ray(v), t0, t1).variance[axis]);
-                let numeric = (at(0.03) - at(0.01)) / 0.02;
-                assert!(
-                    (f64::from(gaussian.d_variance[axis]) - numeric).abs() < 1e-3 * numeric + 1e-6,
-                    "{t0}, axis {axis}"
-                );
+                let at =
+                    |v: &f32| f64::from(IntervalGaussian::new(&ray(*v), t0, t1).variance[axis]);
+                let numeric = slope(&mut 0.02, |v| v, 0.01, at);
+                let what = format!("{t0}, axis {axis}");
+                assert_agrees(&what, gaussian.d_variance[axis], numeric, (1e-3, 1e-6));
             }
         }
     }

@@ -7,17 +7,12 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use super::encoding::{LEVEL_WIDTH, encode};
-use super::network::{Activation, Dense, MAX_WIDTH, Stack, StackBuffers, padded};
+use super::network::{Activation, Stack, StackBuffers, is_sane_width, padded};
 use crate::neif::kernels::math::{sigmoid, softplus};
 use crate::neif::kernels::matmul::{Epilogue, LANES};
-use crate::neif::surface::values::Surface;
+use crate::neif::networks::dense::Dense;
+use crate::neif::surface::values::{DIFFUSE_SHIFT, ROUGHNESS_MIN, ROUGHNESS_SHIFT, Surface};
 
-/// Shift of the diffuse output: training starts at `softplus(-2) = 0.13`, a dark grey, as in the fast model.
-const DIFFUSE_SHIFT: f32 = -2.0;
-/// Shift of the roughness output: training starts at about 0.3, as in the fast model.
-const ROUGHNESS_SHIFT: f32 = -0.85;
-/// Least learned roughness: below it the lobe is narrower than any pixel, and the gradient is lost.
-const ROUGHNESS_MIN: f32 = 0.02;
 /// Output columns: three of the diffuse colour, the specular one, roughness.
 const SPECULAR: usize = 3;
 const ROUGHNESS: usize = 4;
@@ -49,8 +44,7 @@ impl PaperMaterialConfig {
     pub fn is_sane(&self) -> bool {
         (1..=16).contains(&self.position_levels)
             && (1..=16).contains(&self.depth)
-            && self.width.is_multiple_of(LANES)
-            && (LANES..=MAX_WIDTH / 2).contains(&self.width)
+            && is_sane_width(self.width)
     }
 
     /// The point, then its encoding.
@@ -62,7 +56,8 @@ impl PaperMaterialConfig {
 /// Parameters of the network and the cube it lives in.
 #[derive(Clone, Debug)]
 pub struct PaperMaterial {
-    config: PaperMaterialConfig,
+    /// The shape.
+    pub config: PaperMaterialConfig,
     stack: Stack,
     output: Dense,
     /// Lower corner of the cube, world coordinates.
@@ -136,11 +131,6 @@ impl PaperMaterial {
         }
     }
 
-    /// The shape.
-    pub fn config(&self) -> &PaperMaterialConfig {
-        &self.config
-    }
-
     /// Number of parameters.
     pub fn n_params(&self) -> usize {
         self.output.end()
@@ -196,13 +186,9 @@ impl PaperMaterial {
             d_row[ROUGHNESS] =
                 d.roughness * (1.0 - ROUGHNESS_MIN) * slope(row[ROUGHNESS] + ROUGHNESS_SHIFT);
         }
-        self.output.backward(
-            transposed,
-            batch.stack.output(),
-            &batch.d_output,
-            d_params,
-            &mut batch.d_stack,
-        );
+        let (rows, all) = ((batch.stack.output(), &*batch.d_output), Epilogue::Linear);
+        self.output
+            .backward(transposed, rows, all, d_params, &mut batch.d_stack);
         self.stack.backward(
             transposed,
             &batch.input,
@@ -233,7 +219,7 @@ fn activate(row: &[f32]) -> Surface {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::neif::paper::network::tests::random;
+    use crate::neif::test_gradients::{agrees, random, slope};
 
     fn material(params_seed: u32) -> PaperMaterial {
         let config = PaperMaterialConfig {
@@ -261,10 +247,8 @@ mod tests {
         };
         let loss = |material: &PaperMaterial| -> f64 {
             let surfaces = surfaces(material, &points);
-            let terms = surfaces.iter().enumerate().map(|(i, s)| {
-                s.diffuse.dot(d(i).diffuse) + s.tint.dot(d(i).tint) + s.roughness * d(i).roughness
-            });
-            terms.map(f64::from).sum()
+            let surfaces = surfaces.iter().enumerate();
+            surfaces.map(|(i, s)| s.dot(&d(i))).sum()
         };
         let mut batch = PaperMaterialBatch::default();
         material.forward(&points, &mut batch, &mut Vec::new());
@@ -274,15 +258,8 @@ mod tests {
         material.backward(&transposed, &mut batch, &[d(0), d(1)], &mut gradient);
         let (mut n_off, mut n) = (0, 0);
         for i in (0..gradient.len()).step_by(17) {
-            let (kept, h) = (material.params[i], 4e-3);
-            material.params[i] = kept + h;
-            let up = loss(&material);
-            material.params[i] = kept - h;
-            let down = loss(&material);
-            material.params[i] = kept;
-            let numeric = (up - down) / f64::from(2.0 * h);
-            let error = (f64::from(gradient[i]) - numeric).abs();
-            n_off += usize::from(error > 3e-2 * numeric.abs() + 2e-3);
+            let numeric = slope(&mut material, |m| &mut m.params[i], 4e-3, loss);
+            n_off += usize::from(!agrees(gradient[i], numeric, (3e-2, 2e-3)));
             n += 1;
         }
         // The softplus bends within a hundredth: a step across it is allowed now and then.

@@ -1,11 +1,9 @@
-//! Deep networks over a block of rows: dense layers, and the stack of equal ones with a skip connection.
+//! Deep networks over a block of rows: a stack of equal dense layers with a skip connection.
 
 use crate::neif::kernels::math::softplus;
-use crate::neif::kernels::matmul::{Epilogue, LANES, linear, linear_backward_weights, transpose};
+use crate::neif::kernels::matmul::{Epilogue, LANES};
+use crate::neif::networks::dense::{Dense, MAX_WIDTH};
 
-/// Widest row of any layer; the input gradient of a layer is a product with this zero bias.
-pub const MAX_WIDTH: usize = 2048;
-static NO_BIAS: [f32; MAX_WIDTH] = [0.0; MAX_WIDTH];
 /// Sharpness of the softplus between layers, as in IDR: nearly a `ReLU`, and smooth.
 const SOFTPLUS_BETA: f32 = 100.0;
 
@@ -14,74 +12,9 @@ pub fn padded(width: usize) -> usize {
     width.next_multiple_of(LANES)
 }
 
-/// A fully connected layer and where its weights (`[n_in][n_out]`) and biases lie in a parameter vector.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Dense {
-    /// Input width, a multiple of 16.
-    pub n_in: usize,
-    /// Output width, a multiple of 16.
-    pub n_out: usize,
-    /// First parameter.
-    pub start: usize,
-}
-
-impl Dense {
-    /// One past the last parameter.
-    pub fn end(&self) -> usize {
-        self.bias_start() + self.n_out
-    }
-
-    fn bias_start(&self) -> usize {
-        self.start + self.n_in * self.n_out
-    }
-
-    /// Uniform weights of variance `gain / fan_in` (2 before a `ReLU`, 1 at an output), zero biases.
-    pub fn init(&self, params: &mut [f32], gain: f32, uniform: &mut impl FnMut() -> f32) {
-        let bound = (3.0 * gain / self.n_in as f32).sqrt();
-        for w in &mut params[self.start..self.bias_start()] {
-            *w = (2.0 * uniform() - 1.0) * bound;
-        }
-        params[self.bias_start()..self.end()].fill(0.0);
-    }
-
-    /// `y = epilogue(x·w + b)` for rows `x` (`[n][n_in]`).
-    pub fn forward(&self, params: &[f32], x: &[f32], epilogue: Epilogue<'_>, y: &mut Vec<f32>) {
-        y.resize(x.len() / self.n_in * self.n_out, 0.0);
-        linear(
-            x,
-            &params[self.start..self.bias_start()],
-            &params[self.bias_start()..self.end()],
-            epilogue,
-            y,
-        );
-    }
-
-    /// Adds to `d_params` and writes `d_x`, from `d_y`; `transposed` is what [`Self::transpose`] wrote.
-    pub fn backward(
-        &self,
-        transposed: &[f32],
-        x: &[f32],
-        d_y: &[f32],
-        d_params: &mut [f32],
-        d_x: &mut Vec<f32>,
-    ) {
-        let (d_w, d_b) = d_params[self.start..self.end()].split_at_mut(self.n_in * self.n_out);
-        linear_backward_weights(x, d_y, d_w, d_b);
-        d_x.resize(x.len(), 0.0);
-        linear(
-            d_y,
-            &transposed[self.start..self.bias_start()],
-            &NO_BIAS[..self.n_in],
-            Epilogue::Linear,
-            d_x,
-        );
-    }
-
-    /// Writes the transposed weights where `params` has the weights.
-    pub fn transpose(&self, params: &[f32], transposed: &mut [f32]) {
-        let range = self.start..self.bias_start();
-        transpose(&params[range.clone()], self.n_out, &mut transposed[range]);
-    }
+/// Whether a layer may be so wide, also where it reads an input beside another layer.
+pub fn is_sane_width(width: usize) -> bool {
+    width.is_multiple_of(LANES) && (LANES..=MAX_WIDTH / 2).contains(&width)
 }
 
 /// What happens between two layers.
@@ -219,7 +152,9 @@ impl Stack {
                 _ if index == self.skip_layer() => &buffers.joined,
                 _ => &buffers.outputs[index - 1],
             };
-            layer.backward(transposed, x, &buffers.d_output, d_params, &mut buffers.d_x);
+            let rows = (x, buffers.d_output.as_slice());
+            let all = Epilogue::Linear;
+            layer.backward(transposed, rows, all, d_params, &mut buffers.d_x);
             if index == 0 {
                 for (sum, d) in buffers.d_input.iter_mut().zip(&buffers.d_x) {
                     *sum += d;
@@ -249,7 +184,11 @@ impl Stack {
 /// Multiplies `d` by the slope of the activation, which follows from its output.
 fn activation_backward(activation: Activation, output: &[f32], d: &mut [f32]) {
     match activation {
-        Activation::Relu => relu_backward(output, d),
+        Activation::Relu => {
+            for (d, y) in d.iter_mut().zip(output) {
+                *d = if *y > 0.0 { *d } else { 0.0 };
+            }
+        }
         Activation::Softplus => {
             for (d, y) in d.iter_mut().zip(output) {
                 // sigmoid(beta x) = 1 - e^(-beta y).
@@ -259,25 +198,10 @@ fn activation_backward(activation: Activation, output: &[f32], d: &mut [f32]) {
     }
 }
 
-/// Zeroes `d` where the `ReLU` gave zero.
-pub fn relu_backward(output: &[f32], d: &mut [f32]) {
-    for (d, y) in d.iter_mut().zip(output) {
-        *d = if *y > 0.0 { *d } else { 0.0 };
-    }
-}
-
 #[cfg(test)]
-pub(crate) mod tests {
+mod tests {
     use super::*;
-
-    /// Numbers in `[0, 1)` that look random and are always the same.
-    pub(crate) fn random(seed: u32) -> impl FnMut() -> f32 {
-        let mut state = seed.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
-        move || {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            (state >> 8) as f32 / (1 << 24) as f32
-        }
-    }
+    use crate::neif::test_gradients::{agrees, dot, random, slope};
 
     #[test]
     fn the_paper_s_stack_has_its_skip_behind_the_fifth_layer() {
@@ -293,13 +217,12 @@ pub(crate) mod tests {
             let mut uniform = random(1);
             let mut params = vec![0.0; stack.end()];
             stack.init(&mut params, &mut uniform);
-            let input: Vec<f32> = (0..5 * 16).map(|_| uniform() - 0.5).collect();
+            let mut input: Vec<f32> = (0..5 * 16).map(|_| uniform() - 0.5).collect();
             let d_output: Vec<f32> = (0..5 * 32).map(|_| uniform() - 0.5).collect();
             let loss = |params: &[f32], input: &[f32]| -> f64 {
                 let mut buffers = StackBuffers::default();
                 stack.forward(params, input, &mut buffers);
-                let terms = buffers.output().iter().zip(&d_output);
-                terms.map(|(a, b)| f64::from(*a) * f64::from(*b)).sum()
+                dot(buffers.output(), &d_output)
             };
             let mut buffers = StackBuffers::default();
             stack.forward(&params, &input, &mut buffers);
@@ -307,28 +230,17 @@ pub(crate) mod tests {
             stack.transpose(&params, &mut transposed);
             let mut d_params = vec![0.0; params.len()];
             stack.backward(&transposed, &input, &d_output, &mut buffers, &mut d_params);
-            let h = 2e-3;
             let mut n_off = 0;
-            let mut check = |analytic: f32, up: f64, down: f64| {
-                let numeric = (up - down) / f64::from(2.0 * h);
-                let error = (f64::from(analytic) - numeric).abs();
-                n_off += usize::from(error > 2e-2 * numeric.abs() + 3e-3);
+            let mut check = |analytic: f32, numeric: f64| {
+                n_off += usize::from(!agrees(analytic, numeric, (2e-2, 3e-3)));
             };
             for i in (0..params.len()).step_by(31) {
-                let at = |h: f32| {
-                    let mut moved = params.clone();
-                    moved[i] += h;
-                    loss(&moved, &input)
-                };
-                check(d_params[i], at(h), at(-h));
+                let numeric = slope(&mut params, |p| &mut p[i], 2e-3, |p| loss(p, &input));
+                check(d_params[i], numeric);
             }
             for i in (0..input.len()).step_by(3) {
-                let at = |h: f32| {
-                    let mut moved = input.clone();
-                    moved[i] += h;
-                    loss(&params, &moved)
-                };
-                check(buffers.d_input[i], at(h), at(-h));
+                let numeric = slope(&mut input, |x| &mut x[i], 2e-3, |x| loss(&params, x));
+                check(buffers.d_input[i], numeric);
             }
             // A kink between the two evaluations is allowed now and then.
             assert!(n_off <= 4, "{activation:?}: {n_off} gradients are off");

@@ -141,22 +141,24 @@ pub struct EnvironmentFromWorld {
 impl EnvironmentTransform {
     /// The same with a turn after its rotation; where the translation puts it stays.
     pub fn turned(&self, turn: Quat) -> Self {
-        let [x, y, z] = self.rotate_deg.to_array().map(f32::to_radians);
-        let (z, y, x) = (turn * Quat::from_euler(EulerRot::ZYX, z, y, x)).to_euler(EulerRot::ZYX);
+        let (z, y, x) = (turn * self.rotation()).to_euler(EulerRot::ZYX);
         Self {
             rotate_deg: Vec3::new(x, y, z).map(f32::to_degrees),
             ..*self
         }
     }
 
-    /// The inverse motion, as rays need it.
-    pub fn environment_from_world(&self) -> EnvironmentFromWorld {
+    fn rotation(&self) -> Quat {
         let [x, y, z] = self.rotate_deg.to_array().map(f32::to_radians);
         // glam's ZYX order with (z, y, x) is R = Rz·Ry·Rx: X is applied first.
-        let world_from_environment = Quat::from_euler(EulerRot::ZYX, z, y, x);
+        Quat::from_euler(EulerRot::ZYX, z, y, x)
+    }
+
+    /// The inverse motion, as rays need it.
+    pub fn environment_from_world(&self) -> EnvironmentFromWorld {
         let exposure = self.exposure_ev.clamp(-LARGEST_EXPOSURE, LARGEST_EXPOSURE);
         EnvironmentFromWorld {
-            rotation: world_from_environment.inverse(),
+            rotation: self.rotation().inverse(),
             translate: self.translate,
             // A zero scale would put every point at infinity.
             inverse_scale: 1.0 / self.scale.abs().max(1e-6),

@@ -5,21 +5,14 @@
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use super::values::Surface;
+use super::values::{DIFFUSE_SHIFT, ROUGHNESS_MIN, ROUGHNESS_SHIFT, Surface};
 use crate::neif::kernels::math::{sigmoid, softplus};
-use crate::neif::networks::hash_grid::{
-    FEATURES, FeatureColumns, GridConfig, Level, SamplePoints, encode_level, scatter_level,
-};
-use crate::neif::networks::mlp::{Mlp, MlpBuffers, Transposed, is_sane_width};
+use crate::neif::networks::grid::Grid;
+use crate::neif::networks::hash_grid::{GridConfig, Level, SamplePoints};
+use crate::neif::networks::mlp::{Mlp, MlpBuffers, is_sane_width};
 use crate::neif::paper::material::PaperMaterialBatch;
 
 const N_OUT: usize = 16;
-/// Shift of the diffuse output: training starts at `softplus(-2) = 0.13`, a dark grey.
-const DIFFUSE_SHIFT: f32 = -2.0;
-/// Shift of the roughness output: training starts at about 0.3.
-const ROUGHNESS_SHIFT: f32 = -0.85;
-/// Least learned roughness: below it the lobe is narrower than any pixel, and the gradient is lost.
-const ROUGHNESS_MIN: f32 = 0.02;
 
 /// Shape of a surface field.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -48,8 +41,10 @@ impl MaterialConfig {
 /// Parameters of a surface field and the cube it lives in.
 #[derive(Clone, Debug)]
 pub struct Material {
-    config: MaterialConfig,
-    levels: Vec<Level>,
+    /// The shape.
+    pub config: MaterialConfig,
+    net: Mlp,
+    grid: Grid,
     /// Lower corner of the cube, world coordinates.
     pub corner: Vec3,
     /// Side of the cube, world units.
@@ -81,22 +76,11 @@ impl Material {
         side: f32,
         mut uniform: impl FnMut() -> f32,
     ) -> Self {
-        let corner = center - Vec3::splat(0.5 * side);
-        let mut material = Self {
-            config,
-            levels: config.grid.levels(),
-            corner,
-            side,
-            params: Vec::new(),
-        };
-        let n_network = material.n_network_params();
-        material.params = vec![0.0; n_network + material.n_grid_params()];
-        material
-            .net()
-            .init(&mut material.params[..n_network], &mut uniform);
-        for value in &mut material.params[n_network..] {
-            *value = (2.0 * uniform() - 1.0) * 1e-2;
-        }
+        let mut material = Self::shaped(config, center - Vec3::splat(0.5 * side), side);
+        let mut params = vec![0.0; material.grid.end()];
+        material.net.init(&mut params, &mut uniform);
+        material.grid.init(&mut params, &mut uniform);
+        material.params = params;
         material
     }
 
@@ -108,51 +92,49 @@ impl Material {
         params: Vec<f32>,
     ) -> Option<Self> {
         let material = Self {
-            config,
-            levels: config.grid.levels(),
-            corner,
-            side,
             params,
+            ..Self::shaped(config, corner, side)
         };
-        (material.params.len() == material.n_network_params() + material.n_grid_params())
-            .then_some(material)
+        (material.params.len() == material.grid.end()).then_some(material)
     }
 
-    /// The shape.
-    pub fn config(&self) -> &MaterialConfig {
-        &self.config
+    fn shaped(config: MaterialConfig, corner: Vec3, side: f32) -> Self {
+        let net = Mlp {
+            n_in: config.grid.n_features(),
+            n_hidden: config.n_hidden,
+            n_out: N_OUT,
+        };
+        let grid = Grid {
+            levels: config.grid.levels(),
+            start: net.n_params(),
+        };
+        Self {
+            config,
+            net,
+            grid,
+            corner,
+            side,
+            params: Vec::new(),
+        }
     }
 
     /// The grid's levels, coarse to fine.
     pub fn levels(&self) -> &[Level] {
-        &self.levels
+        &self.grid.levels
     }
 
     /// Parameters of the network: the head of [`Self::params`].
     pub fn n_network_params(&self) -> usize {
-        self.net().n_params()
+        self.grid.start
     }
 
     /// The network with its parameters.
     pub fn network(&self) -> (Mlp, &[f32]) {
-        (self.net(), &self.params[..self.n_network_params()])
-    }
-
-    fn n_grid_params(&self) -> usize {
-        self.levels.iter().map(|l| l.n_entries * FEATURES).sum()
-    }
-
-    fn net(&self) -> Mlp {
-        Mlp {
-            n_in: self.config.grid.n_features(),
-            n_hidden: self.config.n_hidden,
-            n_out: N_OUT,
-        }
+        (self.net, &self.params[..self.grid.start])
     }
 
     /// Evaluates the surface at `points`, world coordinates.
     pub fn forward(&self, points: &[Vec3], batch: &mut MaterialBatch, scratch: &mut Vec<f32>) {
-        let width = self.config.grid.n_features();
         batch.positions.clear();
         batch.positions.extend(
             points
@@ -161,30 +143,14 @@ impl Material {
         );
         batch.footprints.clear();
         batch.footprints.resize(points.len(), 0.0);
-        batch.features.resize(points.len() * width, 0.0);
-        scratch.resize(points.len() * FEATURES, 0.0);
-        let mut start = self.n_network_params();
-        for (index, level) in self.levels.iter().enumerate() {
-            let end = start + level.n_entries * FEATURES;
-            let at = SamplePoints {
-                positions: &batch.positions,
-                footprints: &batch.footprints,
-            };
-            encode_level(level, &self.params[start..end], at, scratch);
-            start = end;
-            for (row, values) in batch
-                .features
-                .chunks_exact_mut(width)
-                .zip(scratch.chunks_exact(FEATURES))
-            {
-                row[index * FEATURES..(index + 1) * FEATURES].copy_from_slice(values);
-            }
-        }
-        self.net().forward(
-            &self.params[..self.n_network_params()],
-            &batch.features,
-            &mut batch.net,
-        );
+        let at = SamplePoints {
+            positions: &batch.positions,
+            footprints: &batch.footprints,
+        };
+        self.grid
+            .encode(&self.params, at, scratch, &mut batch.features);
+        self.net
+            .forward(&self.params, &batch.features, &mut batch.net);
         batch.surfaces.clear();
         batch
             .surfaces
@@ -197,12 +163,7 @@ impl Material {
     }
 
     /// Adds the network's gradient to `d_network` and keeps the features' gradient for [`Self::scatter_level`].
-    pub fn backward(
-        &self,
-        transposed: &Transposed,
-        batch: &mut MaterialBatch,
-        d_network: &mut [f32],
-    ) {
+    pub fn backward(&self, transposed: &[f32], batch: &mut MaterialBatch, d_network: &mut [f32]) {
         batch.net.d_output.clear();
         batch.net.d_output.resize(batch.net.output.len(), 0.0);
         let rows = batch
@@ -222,7 +183,7 @@ impl Material {
             let s = (value.roughness - ROUGHNESS_MIN) / (1.0 - ROUGHNESS_MIN);
             d_row[6] = d.roughness * (1.0 - ROUGHNESS_MIN) * s * (1.0 - s);
         }
-        self.net()
+        self.net
             .backward(transposed, &batch.features, &mut batch.net, d_network);
     }
 
@@ -232,17 +193,13 @@ impl Material {
             positions: &batch.positions,
             footprints: &batch.footprints,
         };
-        let layout = FeatureColumns {
-            stride: self.config.grid.n_features(),
-            column: level * FEATURES,
-        };
-        scatter_level(&self.levels[level], at, &batch.net.d_input, layout, d_table);
+        self.grid.scatter(level, at, &batch.net.d_input, d_table);
     }
 
-    /// Transposed network weights for [`Self::backward`].
-    pub fn transpose(&self, transposed: &mut Transposed) {
-        self.net()
-            .transpose(&self.params[..self.n_network_params()], transposed);
+    /// Writes the transposed weights for [`Self::backward`] where the network's parameters have the weights.
+    pub fn transpose(&self, transposed: &mut Vec<f32>) {
+        transposed.resize(self.grid.start, 0.0);
+        self.net.transpose(&self.params, transposed);
     }
 }
 
@@ -257,26 +214,20 @@ fn activate(row: &[f32]) -> Surface {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::neif::test_gradients::{assert_agrees, random, slope};
+
+    const CONFIG: MaterialConfig = MaterialConfig {
+        grid: GridConfig {
+            log2_table_size: 9,
+            ..GridConfig::SMALL
+        },
+        n_hidden: 16,
+        rgb_tint: true,
+    };
 
     #[test]
     fn gradients_agree_with_finite_differences() {
-        let grid = GridConfig {
-            n_levels: 4,
-            coarsest: 2,
-            finest: 8,
-            log2_table_size: 9,
-            least_weight: 0.05,
-        };
-        let config = MaterialConfig {
-            grid,
-            n_hidden: 16,
-            rgb_tint: true,
-        };
-        let mut state = 3_u32;
-        let mut material = Material::new(config, Vec3::ZERO, 2.0, || {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            (state >> 8) as f32 / (1 << 24) as f32
-        });
+        let mut material = Material::new(CONFIG, Vec3::ZERO, 2.0, random(3));
         let n_network = material.n_network_params();
         for (i, value) in material.params[n_network..].iter_mut().enumerate() {
             *value = (i as f32 * 0.7).sin();
@@ -290,29 +241,19 @@ mod tests {
         let loss = |material: &Material| {
             let mut batch = MaterialBatch::default();
             material.forward(&points, &mut batch, &mut Vec::new());
-            let terms = batch.surfaces.iter().enumerate();
-            terms
-                .map(|(i, s)| {
-                    f64::from(
-                        s.diffuse.dot(d(i).diffuse)
-                            + s.tint.dot(d(i).tint)
-                            + s.roughness * d(i).roughness,
-                    )
-                })
-                .sum::<f64>()
+            let surfaces = batch.surfaces.iter().enumerate();
+            surfaces.map(|(i, s)| s.dot(&d(i))).sum::<f64>()
         };
         let mut batch = MaterialBatch::default();
         material.forward(&points, &mut batch, &mut Vec::new());
         batch.d_surfaces = vec![d(0), d(1)];
-        let mut transposed = Transposed::default();
+        let mut transposed = Vec::new();
         material.transpose(&mut transposed);
         let mut gradient = vec![0.0; material.params.len()];
         material.backward(&transposed, &mut batch, &mut gradient[..n_network]);
-        let mut start = n_network;
         for level in 0..4 {
-            let end = start + material.levels[level].n_entries * FEATURES;
-            material.scatter_level(level, &batch, &mut gradient[start..end]);
-            start = end;
+            let table = material.grid.table(level);
+            material.scatter_level(level, &batch, &mut gradient[table]);
         }
         let touched = (n_network..gradient.len()).filter(|&i| gradient[i].abs() > 1e-4);
         for i in (0..n_network)
@@ -320,40 +261,14 @@ mod tests {
             .chain(touched)
             .collect::<Vec<_>>()
         {
-            let (kept, h) = (material.params[i], 1e-2);
-            material.params[i] = kept + h;
-            let up = loss(&material);
-            material.params[i] = kept - h;
-            let down = loss(&material);
-            material.params[i] = kept;
-            let numeric = (up - down) / f64::from(2.0 * h);
-            assert!(
-                (f64::from(gradient[i]) - numeric).abs() < 2e-2 * numeric.abs() + 2e-3,
-                "{i}: {} against {numeric}",
-                gradient[i]
-            );
+            let numeric = slope(&mut material, |m| &mut m.params[i], 1e-2, loss);
+            assert_agrees(&i.to_string(), gradient[i], numeric, (2e-2, 2e-3));
         }
     }
 
     #[test]
     fn training_starts_from_a_grey_glossy_surface() {
-        let grid = GridConfig {
-            n_levels: 4,
-            coarsest: 2,
-            finest: 8,
-            log2_table_size: 9,
-            least_weight: 0.05,
-        };
-        let material = Material::new(
-            MaterialConfig {
-                grid,
-                n_hidden: 16,
-                rgb_tint: true,
-            },
-            Vec3::ZERO,
-            2.0,
-            || 0.4,
-        );
+        let material = Material::new(CONFIG, Vec3::ZERO, 2.0, || 0.4);
         let mut batch = MaterialBatch::default();
         material.forward(&[Vec3::ZERO], &mut batch, &mut Vec::new());
         let s = batch.surfaces[0];

@@ -14,18 +14,17 @@ use super::values::Surface;
 use crate::data::files::tensor_file::TensorFile;
 use crate::geometry::SurfaceTracer;
 use crate::neif::NeifError;
-use crate::neif::light::environment::{GRID, KIND, PAPER, kind, metadata, unknown_kind};
 use crate::neif::light::lobe::perceptual_roughness;
 use crate::neif::paper::{PaperMaterial, PaperMaterialConfig};
-use crate::neif::storage::{ParamNames, Storage, read_params};
+use crate::neif::storage::{FieldFormat, GRID, PAPER, Storage, StoredField, header_text};
 
-/// The arrays of the surface.
-const NAMES: ParamNames = ParamNames {
+static FORMAT: FieldFormat = FieldFormat {
+    name: "neif-object-1",
+    header: "object",
+    out_of_range: "describes a field outside the supported range",
     params: "material.params",
     grid: "material.grid",
 };
-/// Marks the metadata of an object file.
-const FORMAT: &str = "neif-object-1";
 
 /// Mesh and material, shared between threads.
 #[derive(Clone, Debug)]
@@ -88,37 +87,21 @@ impl SurfaceField {
     /// # Errors
     /// When the file is no object file, lacks an array, or holds values that are not finite.
     pub fn load(path: &Path) -> Result<Self, NeifError> {
-        let file = TensorFile::read(path)?;
-        if file.text("format")? != FORMAT {
-            return Err(metadata(
-                path,
-                "format",
-                format!("is not `{FORMAT}`: no object file"),
-            ));
+        let stored = FORMAT.read(path)?;
+        match stored.kind() {
+            GRID => {
+                let h = stored_header(&stored, MaterialConfig::is_sane)?;
+                let made = |params| Material::from_params(h.material, h.corner, h.side, params);
+                stored.made(made).map(Self::Grid)
+            }
+            PAPER => {
+                let h = stored_header(&stored, PaperMaterialConfig::is_sane)?;
+                let made =
+                    |params| PaperMaterial::from_params(h.material, h.corner, h.side, params);
+                stored.made(made).map(Self::Paper)
+            }
+            _ => Err(stored.unknown_kind()),
         }
-        match kind(&file) {
-            GRID => Self::load_grid(&file, path),
-            PAPER => Self::load_paper(&file, path),
-            other => Err(unknown_kind(path, other)),
-        }
-    }
-
-    fn load_grid(file: &TensorFile, path: &Path) -> Result<Self, NeifError> {
-        let header: Header<MaterialConfig> = read_header(file, path)?;
-        let params = header.params(file, path, header.material.is_sane())?;
-        let found = params.len();
-        Material::from_params(header.material, header.corner, header.side, params)
-            .map(Self::Grid)
-            .ok_or_else(|| shape_error(path, found))
-    }
-
-    fn load_paper(file: &TensorFile, path: &Path) -> Result<Self, NeifError> {
-        let header: Header<PaperMaterialConfig> = read_header(file, path)?;
-        let params = header.params(file, path, header.material.is_sane())?;
-        let found = params.len();
-        PaperMaterial::from_params(header.material, header.corner, header.side, params)
-            .map(Self::Paper)
-            .ok_or_else(|| shape_error(path, found))
     }
 
     /// Writes the file whole or not at all, grid values as `storage` says.
@@ -126,85 +109,51 @@ impl SurfaceField {
     /// # Errors
     /// When the system refuses, e.g. because the disk is full.
     pub fn save(&self, path: &Path, storage: Storage) -> Result<(), NeifError> {
-        let mut file = TensorFile::default();
         let (kind, header, n_networks) = match self {
             Self::Grid(m) => {
-                let header = header_text(m.corner, m.side, *m.config());
+                let header = header(m.corner, m.side, m.config);
                 (GRID, header, m.n_network_params())
             }
             Self::Paper(m) => {
-                let header = header_text(m.corner, m.side, *m.config());
+                let header = header(m.corner, m.side, m.config);
                 (PAPER, header, m.params.len())
             }
         };
-        for (key, value) in [("format", FORMAT), (KIND, kind), ("object", &header)] {
-            file.metadata.insert(key.to_owned(), value.to_owned());
-        }
-        storage.insert(&mut file, NAMES, self.params(), n_networks);
-        Ok(file.write(path)?)
+        let params = (storage, self.params(), n_networks);
+        FORMAT.write(TensorFile::default(), path, (kind, header), params)
     }
 }
 
-impl<C> Header<C> {
-    /// The stored parameters, unless the header makes no sense.
-    fn params(&self, file: &TensorFile, path: &Path, is_sane: bool) -> Result<Vec<f32>, NeifError> {
-        let has_cube = self.corner.is_finite() && self.side.is_finite() && self.side > 0.0;
-        if !is_sane || !has_cube {
-            let what = "describes a field outside the supported range".to_owned();
-            return Err(metadata(path, "object", what));
-        }
-        read_params(file, path, NAMES)
-    }
-}
-
-fn header_text(corner: Vec3, side: f32, material: impl Serialize) -> String {
-    let header = Header {
+fn header(corner: Vec3, side: f32, material: impl Serialize) -> String {
+    header_text(&Header {
         corner,
         side,
         material,
-    };
-    serde_json::to_string(&header).expect("plain numbers serialise")
+    })
 }
 
-fn read_header<C: DeserializeOwned>(
-    file: &TensorFile,
-    path: &Path,
+/// The header of a stored material.
+fn stored_header<C: DeserializeOwned>(
+    stored: &StoredField,
+    is_sane: impl Fn(&C) -> bool,
 ) -> Result<Header<C>, NeifError> {
-    serde_json::from_str(file.text("object")?).map_err(|e| metadata(path, "object", e.to_string()))
-}
-
-fn shape_error(path: &Path, found: usize) -> NeifError {
-    NeifError::Shape {
-        file: path.to_owned(),
-        tensor: NAMES.params,
-        found,
-    }
+    let has_cube = |h: &Header<C>| h.corner.is_finite() && h.side.is_finite() && h.side > 0.0;
+    stored.header(|h| has_cube(h) && is_sane(&h.material))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::neif::networks::hash_grid::{GridConfig, LEAST_WEIGHT};
+    use crate::neif::networks::hash_grid::GridConfig;
 
     #[test]
     fn a_saved_material_comes_back_the_same() {
-        let grid = GridConfig {
-            n_levels: 4,
-            coarsest: 2,
-            finest: 8,
-            log2_table_size: 8,
-            least_weight: LEAST_WEIGHT,
+        let config = MaterialConfig {
+            grid: GridConfig::SMALL,
+            n_hidden: 16,
+            rgb_tint: true,
         };
-        let grid = Material::new(
-            MaterialConfig {
-                grid,
-                n_hidden: 16,
-                rgb_tint: true,
-            },
-            Vec3::ONE,
-            2.0,
-            || 0.7,
-        );
+        let grid = Material::new(config, Vec3::ONE, 2.0, || 0.7);
         let config = PaperMaterialConfig {
             depth: 2,
             width: 16,

@@ -110,7 +110,7 @@ impl Aim<'_> {
             let split = self.split_lobe(path, roughness, (first, of_pixel), rays, blocked)?;
             Some(SplitLobe { weight, ..split })
         };
-        let n = light_path::aim_with(path, surface, self.motion, self.frame, split, rays, lit);
+        let n = light_path::aim(path, surface, self.motion, self.frame, split, rays, lit);
         first..first + n
     }
 

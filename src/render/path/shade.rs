@@ -10,7 +10,7 @@ use crate::geometry::Camera;
 use crate::neif::EditedSurfaces;
 use crate::neif::field::radiance_field::FieldBatch;
 use crate::neif::light::environment::EnvironmentField;
-use crate::neif::light::light_path::{self, LitVertex, PathVertex};
+use crate::neif::light::light_path::{self, PathVertex};
 use crate::neif::light::lobe_cones::PathOfPixel;
 use crate::neif::light::shading::{fresnel, outgoing};
 use crate::neif::surface::object::ObjectModel;
@@ -303,7 +303,7 @@ fn lobe_light(
     if let Some(highlights) = scene.highlights() {
         for ((path, &start), lit) in paths.iter().zip(starts).zip(&lit) {
             let roughness = scratch.edited.surfaces()[start].roughness;
-            if let Some(split) = scratch.lit[lit.start].split() {
+            if let Some(split) = &mut scratch.lit[lit.start].split {
                 let cones = &mut scratch.radiance[split.rays()];
                 let at = (&path[0].point, roughness);
                 split.from_lamps = highlights.take(&object.tracer, at, cones) * motion.gain;
@@ -317,7 +317,10 @@ fn lobe_light(
         .map(|lit| {
             let vertices = &mut vertices[lit];
             let light = light_path::gather(vertices, gain, incoming);
-            (light, vertices.first().map_or(Vec3::ZERO, LitVertex::doubt))
+            (
+                light,
+                vertices.first().map_or(Vec3::ZERO, |v| v.standard_error),
+            )
         })
         .collect()
 }

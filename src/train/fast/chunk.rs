@@ -225,6 +225,7 @@ impl Chunk {
                 |k| (start + k, self.material.surfaces[start + k]),
                 &still,
                 context.frame,
+                |_| None,
                 &mut self.batch.rays,
                 &mut self.lit,
             );

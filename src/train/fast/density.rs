@@ -30,7 +30,7 @@ impl Fast {
         let mut random = SlotRandom::new(now.config.seed, now.step, u64::MAX);
         let (cells, points): (Vec<usize>, Vec<_>) = (0..N_PROBES)
             .map(|_| {
-                let cell = random.index(self.density.len());
+                let cell = random.index(self.density.cells().len());
                 let u = [random.uniform(), random.uniform(), random.uniform()];
                 let place = unit_cube(contract(DensityGrid::point_in_cell(cell, u)).0);
                 (cell, (place, 0.0))
@@ -56,7 +56,7 @@ impl Part for DensityGrid {
     fn update(&mut self, _now: &Now<'_>) {}
 
     fn store(&self, file: &mut TensorFile) {
-        file.insert_u16(CELLS, &[self.len()], self.cells().to_vec());
+        file.insert_u16(CELLS, &[self.cells().len()], self.cells().to_vec());
         if let Some(floor) = self.floor {
             floor.store(file);
         }
@@ -64,7 +64,7 @@ impl Part for DensityGrid {
     }
 
     fn restore(&mut self, file: &TensorFile) -> Result<(), TrainError> {
-        let cells = file.u16(CELLS, &[self.len()])?.to_vec();
+        let cells = file.u16(CELLS, &[self.cells().len()])?.to_vec();
         let mut density = Self::from_cells(cells).ok_or_else(|| TrainError::Checkpoint {
             file: file.origin().to_owned(),
             what: "has another density grid",

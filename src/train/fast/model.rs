@@ -17,7 +17,6 @@ use crate::neif::field::radiance_field::{FieldBatch, RadianceField};
 use crate::neif::field::seen_grid::SeenGrid;
 use crate::neif::light::environment::EnvironmentPlace;
 use crate::neif::networks::hash_grid::FEATURES;
-use crate::neif::networks::mlp::Transposed;
 use crate::neif::surface::object::Material;
 use crate::train::TrainError;
 use crate::train::config::{PhotoFit, TrainConfig};
@@ -170,6 +169,7 @@ impl Fast {
 
     fn context<'a>(&'a self, now: &Now<'a>) -> StepContext<'a> {
         let explored = now.step as f32 / now.config.exploration_steps.max(1) as f32;
+        let material = self.material.as_ref();
         let Photos {
             exposures, poses, ..
         } = &self.photos;
@@ -181,8 +181,8 @@ impl Fast {
             field_transposed: &self.field.transposed,
             density: &self.density,
             batch_size: self.work.batch_size,
-            material: self.material.as_ref().map(|m| &m.value),
-            material_transposed: self.material.as_ref().map_or(&EMPTY, |m| &m.transposed),
+            material: material.map(|m| &m.value),
+            material_transposed: material.map_or(&[], |m| &m.transposed),
             display: self.display.display(),
             gains: self.gains().unwrap_or_default(),
             finds_exposures: exposures.as_ref().is_some_and(|e| e.are_sought(now.step)),
@@ -311,8 +311,6 @@ impl Fast {
         }
     }
 }
-
-static EMPTY: Transposed = Transposed::EMPTY;
 
 impl Model for Fast {
     fn format(&self) -> &'static str {

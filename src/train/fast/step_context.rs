@@ -5,9 +5,8 @@ use glam::Vec3;
 use super::batch_size::BatchSize;
 use crate::neif::field::contraction::FieldFrame;
 use crate::neif::field::density_grid::DensityGrid;
-use crate::neif::field::radiance_field::{FieldTransposed, RadianceField};
+use crate::neif::field::radiance_field::RadianceField;
 use crate::neif::light::display::Display;
-use crate::neif::networks::mlp::Transposed;
 use crate::neif::surface::material::Material;
 use crate::train::config::TrainConfig;
 use crate::train::pixels::store::PixelStore;
@@ -21,11 +20,11 @@ pub(in crate::train) struct StepContext<'a> {
     pub(in crate::train) pixels: &'a PixelStore,
     pub(in crate::train) frame: &'a FieldFrame,
     pub(in crate::train) field: &'a RadianceField,
-    pub(in crate::train) field_transposed: &'a FieldTransposed,
+    pub(in crate::train) field_transposed: &'a [f32],
     pub(in crate::train) density: &'a DensityGrid,
     pub(in crate::train) batch_size: BatchSize,
     pub(in crate::train) material: Option<&'a Material>,
-    pub(in crate::train) material_transposed: &'a Transposed,
+    pub(in crate::train) material_transposed: &'a [f32],
     pub(in crate::train) display: Display,
     /// What each photo's exposure multiplies radiance by; empty where all are alike.
     pub(in crate::train) gains: &'a [Vec3],

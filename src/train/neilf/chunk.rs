@@ -13,7 +13,6 @@ use crate::neif::light::shading::SurfacePoint;
 use crate::neif::neilf::brdf::{Sum, metallic};
 use crate::neif::neilf::light::LightBatch;
 use crate::neif::neilf::{Brdf, IncidentLight};
-use crate::neif::networks::mlp::Transposed;
 use crate::neif::surface::material::{Material, MaterialBatch};
 use crate::neif::surface::values::Surface;
 use crate::train::config::TrainConfig;
@@ -35,7 +34,7 @@ pub(super) struct StepContext<'a> {
     pub(super) light: &'a IncidentLight,
     pub(super) light_transposed: &'a [f32],
     pub(super) material: &'a Material,
-    pub(super) material_transposed: &'a Transposed,
+    pub(super) material_transposed: &'a [f32],
     pub(super) display: Display,
     pub(super) step: u64,
 }

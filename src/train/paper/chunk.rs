@@ -189,6 +189,7 @@ impl Chunk {
                 |_| (slot, self.surfaces[slot]),
                 &still,
                 context.frame,
+                |_| None,
                 &mut self.rays,
                 &mut self.lit,
             );

@@ -56,7 +56,7 @@ fn clear_air(density: &mut DensityGrid, dataset: &Dataset, frame: &FieldFrame, f
         let p_world = frame.world_from_field(p_field);
         p_world.distance(frame.center) < reach && views.showing(p_world) < SEEN_BY
     };
-    let cells: Vec<usize> = (0..density.len())
+    let cells: Vec<usize> = (0..density.cells().len())
         .into_par_iter()
         .filter(is_unseen)
         .collect();

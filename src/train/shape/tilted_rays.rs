@@ -83,7 +83,7 @@ impl TiltedRays {
         (pixel, share): (usize, f32),
         batch: &mut FieldBatch,
     ) {
-        let Some(upright) = lit.ray() else {
+        let Some(upright) = lit.ray else {
             return;
         };
         let (sin, cos) = (random.uniform() * std::f32::consts::TAU).sin_cos();
@@ -95,7 +95,7 @@ impl TiltedRays {
         };
         let still = EnvironmentTransform::default().environment_from_world();
         let axis = leaning.reflected();
-        let ray = first_lobe_ray(&leaning, axis, lit.lobe(), &still, context.frame);
+        let ray = first_lobe_ray(&leaning, axis, &lit.lobe, &still, context.frame);
         batch.rays.push(ray);
         self.rays.push(TiltedRay {
             point: index,

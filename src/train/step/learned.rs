@@ -6,33 +6,27 @@ use super::adam::{Adam, store_bf16};
 use super::now::Now;
 use super::part::{Part, finite, insert};
 use crate::data::files::tensor_file::TensorFile;
-use crate::neif::field::radiance_field::{FieldTransposed, RadianceField};
+use crate::neif::field::radiance_field::RadianceField;
 use crate::neif::neilf::IncidentLight;
-use crate::neif::networks::mlp::Transposed;
 use crate::neif::paper::{PaperField, PaperMaterial};
 use crate::neif::surface::material::Material;
 use crate::train::TrainError;
 
 /// A field as the optimiser sees it: one vector, first the networks' parameters, then the grids'.
 pub(in crate::train) trait Network: fmt::Debug {
-    /// Its weights as the backward pass reads them.
-    type Transposed: Default + fmt::Debug;
-
     /// All parameters.
     fn params(&self) -> &[f32];
     /// The same, to be changed.
     fn params_mut(&mut self) -> &mut [f32];
     /// How many of them are the networks'.
     fn n_head(&self) -> usize;
-    /// Writes the transposed weights.
-    fn write_transposed(&self, out: &mut Self::Transposed);
+    /// Writes its networks' transposed weights, as the backward pass reads them.
+    fn write_transposed(&self, out: &mut Vec<f32>);
 }
 
 macro_rules! networks {
-    ($($field:ty: $n_head:ident, $transposed:ty;)*) => {$(
+    ($($field:ty: $n_head:ident;)*) => {$(
         impl Network for $field {
-            type Transposed = $transposed;
-
             fn params(&self) -> &[f32] {
                 &self.params
             }
@@ -42,7 +36,7 @@ macro_rules! networks {
             fn n_head(&self) -> usize {
                 self.$n_head()
             }
-            fn write_transposed(&self, out: &mut $transposed) {
+            fn write_transposed(&self, out: &mut Vec<f32>) {
                 self.transpose(out);
             }
         }
@@ -50,11 +44,11 @@ macro_rules! networks {
 }
 
 networks! {
-    RadianceField: n_network_params, FieldTransposed;
-    Material: n_network_params, Transposed;
-    PaperField: n_params, Vec<f32>;
-    PaperMaterial: n_params, Vec<f32>;
-    IncidentLight: n_network_params, Vec<f32>;
+    RadianceField: n_network_params;
+    Material: n_network_params;
+    PaperField: n_params;
+    PaperMaterial: n_params;
+    IncidentLight: n_network_params;
 }
 
 /// A field under training: its moments, gradient and transposed weights.
@@ -66,7 +60,7 @@ pub(in crate::train) struct Learned<N: Network> {
     adam: Adam,
     /// Zero between steps: [`Adam::update`] clears it.
     pub(in crate::train) gradient: Vec<f32>,
-    pub(in crate::train) transposed: N::Transposed,
+    pub(in crate::train) transposed: Vec<f32>,
     /// The grids in bf16, where they are read from there: half the cache lines.
     pub(in crate::train) rounded: Vec<u16>,
 }
@@ -79,7 +73,7 @@ impl<N: Network> Learned<N> {
             name,
             adam: Adam::new(n),
             gradient: vec![0.0; n],
-            transposed: N::Transposed::default(),
+            transposed: Vec::new(),
             rounded: Vec::new(),
             value,
         };

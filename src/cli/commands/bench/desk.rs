@@ -151,7 +151,7 @@ impl Desk {
                 request: frame.request,
                 scale: frame.scale,
                 is_last: frame.is_last,
-                cpu_secs: frame.cpu_secs,
+                cpu_secs: frame.output.cpu_secs,
             });
         }
     }

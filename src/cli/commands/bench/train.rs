@@ -9,7 +9,7 @@ use neif::neif::kernels::peak;
 use neif::neif::networks::hash_grid::{
     FEATURES, FeatureColumns, SamplePoints, encode_level, scatter_level,
 };
-use neif::neif::networks::mlp::{Mlp, MlpBuffers, Transposed};
+use neif::neif::networks::mlp::{Mlp, MlpBuffers};
 use neif::train::config::TrainConfig;
 use neif::train::{Fast, Stage, Trainer};
 use serde::Serialize;
@@ -217,7 +217,7 @@ fn kernels(config: &TrainConfig) -> Vec<Kernel> {
         (0..n).map(|i| (i as f32 * 0.37).sin() * scale).collect()
     };
     let params = wave(net.n_params(), 0.2);
-    let mut transposed = Transposed::default();
+    let mut transposed = vec![0.0; params.len()];
     net.transpose(&params, &mut transposed);
     let input = wave(N_SAMPLES * net.n_in, 1.0);
     let mut buffers = MlpBuffers::default();

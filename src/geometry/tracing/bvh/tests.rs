@@ -33,6 +33,13 @@ fn tracer_of(scale: f32, center: Vec3) -> SurfaceTracer {
     SurfaceTracer::new(Arc::new(ellipsoid(center, radii, 12)))
 }
 
+fn toward(origin: Vec3, target: Vec3) -> Ray {
+    Ray {
+        origin,
+        direction: (target - origin).normalize_or_zero(),
+    }
+}
+
 #[test]
 fn triangles_upon_and_within_each_other_are_hit_like_others() {
     for (n, ratio, times) in [(500, 0.97, 1), (600, 0.9, 20), (400, 1.0, 1)] {
@@ -41,11 +48,7 @@ fn triangles_upon_and_within_each_other_are_hit_like_others() {
         let mesh = Mesh::new(corners, None, triangles.collect()).unwrap();
         let tracer = SurfaceTracer::new(Arc::new(mesh));
         for direction in fibonacci_sphere(500) {
-            let origin = Vec3::splat(2.0);
-            let ray = Ray {
-                origin,
-                direction: (direction.abs() * ratio - origin).normalize_or_zero(),
-            };
+            let ray = toward(Vec3::splat(2.0), direction.abs() * ratio);
             let expected = brute_force(tracer.mesh(), &ray).map(|t| t as f32);
             let hit = tracer.intersect(&ray, 0.0, f32::INFINITY).map(|hit| hit.t);
             let is_same = hit.zip(expected).map(|(a, b)| (a - b).abs() < 1e-5);
@@ -65,11 +68,7 @@ fn hits_agree_with_brute_force_at_every_scale() {
         let mut n_hits = 0;
         for (i, from) in fibonacci_sphere(400).into_iter().enumerate() {
             let aim = fibonacci_sphere(401)[(i * 37) % 401] * (0.8 * scale);
-            let origin = center + 3.0 * scale * from;
-            let ray = Ray {
-                origin,
-                direction: (center + aim - origin).normalize_or_zero(),
-            };
+            let ray = toward(center + 3.0 * scale * from, center + aim);
             let expected = brute_force(tracer.mesh(), &ray);
             let hit = tracer.intersect(&ray, 0.0, f32::INFINITY);
             assert_eq!(hit.is_some(), expected.is_some(), "scale {scale}, ray {i}");
@@ -99,12 +98,11 @@ fn rays_that_leave_a_convex_surface_never_meet_it_however_far_away_it_is() {
         let mut n_hits = 0;
         for (i, from) in fibonacci_sphere(2000).into_iter().enumerate() {
             let aim = fibonacci_sphere(401)[(i * 37) % 401] * 0.8;
-            let origin = center + 3.0 * from;
-            let direction = (center + aim - origin).normalize_or_zero();
-            let Some(hit) = tracer.intersect(&Ray { origin, direction }, 0.0, 9.0) else {
+            let ray = toward(center + 3.0 * from, center + aim);
+            let Some(hit) = tracer.intersect(&ray, 0.0, 9.0) else {
                 continue;
             };
-            let cos = hit.geometric_normal.dot(direction);
+            let cos = hit.geometric_normal.dot(ray.direction);
             // Rays closer to the surface have no bound; those lobes are half below the horizon anyway.
             if cos > -0.2 {
                 continue;
@@ -112,7 +110,7 @@ fn rays_that_leave_a_convex_surface_never_meet_it_however_far_away_it_is() {
             n_hits += 1;
             let mirrored = Ray {
                 origin: hit.position,
-                direction: direction - 2.0 * cos * hit.geometric_normal,
+                direction: ray.direction - 2.0 * cos * hit.geometric_normal,
             };
             let start = tracer.self_distance();
             assert!(
@@ -131,10 +129,7 @@ fn no_ray_slips_through_an_edge_or_a_vertex() {
     for triangle in &mesh.triangles {
         let [a, b, c] = triangle.map(|v| mesh.positions[v as usize]);
         for aim in [a, 0.5 * (a + b), 0.3 * b + 0.7 * c] {
-            let ray = Ray {
-                origin: Vec3::new(0.01, 0.02, -0.01),
-                direction: (aim - Vec3::new(0.01, 0.02, -0.01)).normalize_or_zero(),
-            };
+            let ray = toward(Vec3::new(0.01, 0.02, -0.01), aim);
             assert!(tracer.occluded(&ray, 0.0, f32::INFINITY), "towards {aim}");
         }
     }
@@ -170,10 +165,7 @@ fn faces_wound_inward_still_take_their_side_from_the_vertex_normals() {
         .map(|[a, b, c]| [*a, *c, *b])
         .collect();
     let mesh = Mesh::new(sphere.positions, Some(sphere.normals), inverted).unwrap();
-    let ray = Ray {
-        origin: 3.0 * Vec3::X,
-        direction: Vec3::NEG_X,
-    };
+    let ray = toward(3.0 * Vec3::X, Vec3::ZERO);
     let hit = SurfaceTracer::new(Arc::new(mesh))
         .intersect(&ray, 0.0, 9.0)
         .unwrap();
@@ -186,10 +178,7 @@ fn faces_wound_inward_still_take_their_side_from_the_vertex_normals() {
 #[test]
 fn the_interval_limits_the_search() {
     let tracer = tracer_of(1.0, Vec3::ZERO);
-    let ray = Ray {
-        origin: 3.0 * Vec3::X,
-        direction: Vec3::NEG_X,
-    };
+    let ray = toward(3.0 * Vec3::X, Vec3::ZERO);
     let near = tracer.intersect(&ray, 0.0, 10.0).unwrap().t;
     assert!((near - 2.0).abs() < 1e-4, "near side at {near}");
     let far = tracer.intersect(&ray, 2.5, 10.0).unwrap().t;
@@ -207,10 +196,7 @@ fn the_interval_limits_the_search() {
 fn a_single_triangle_is_a_mesh_too() {
     let mesh = Mesh::new(vec![Vec3::ZERO, Vec3::X, Vec3::Y], None, vec![[0, 1, 2]]).unwrap();
     let tracer = SurfaceTracer::new(Arc::new(mesh));
-    let ray = Ray {
-        origin: Vec3::new(0.25, 0.5, 1.0),
-        direction: Vec3::NEG_Z,
-    };
+    let ray = toward(Vec3::new(0.25, 0.5, 1.0), Vec3::new(0.25, 0.5, 0.0));
     let hit = tracer.intersect(&ray, 0.0, 2.0).unwrap();
     assert!(
         (hit.u - 0.25).abs() < 1e-5 && (hit.v - 0.5).abs() < 1e-5,

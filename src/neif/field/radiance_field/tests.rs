@@ -1,29 +1,29 @@
 //! Tests of `radiance_field`.
 
 use super::*;
+use crate::neif::test_gradients::{agrees, assert_agrees, dot, random, slope};
 
 fn field() -> RadianceField {
     let grid = GridConfig {
-        n_levels: 4,
         coarsest: 4,
         finest: 32,
         log2_table_size: 10,
-        least_weight: 0.05,
+        ..GridConfig::SMALL
     };
-    let mut state = 7_u32;
-    RadianceField::new(
-        FieldConfig {
-            grid,
-            n_hidden: 32,
-            view_dependent: true,
-            integrated: true,
-            is_far: false,
-        },
-        move || {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            (state >> 8) as f32 / (1 << 24) as f32
-        },
-    )
+    let config = FieldConfig {
+        grid,
+        n_hidden: 32,
+        view_dependent: true,
+        integrated: true,
+        is_far: false,
+    };
+    let mut field = RadianceField::new(config, random(7));
+    // Grid values of order one, so that the features matter.
+    let n_networks = field.n_network_params();
+    for (i, value) in field.params[n_networks..].iter_mut().enumerate() {
+        *value = (i as f32 * 0.77).sin() * 0.5;
+    }
+    field
 }
 
 fn rays(lobe_variance: f32) -> Vec<FieldRay> {
@@ -60,36 +60,28 @@ const D: [[f32; 3]; 2] = [[0.7, -0.3, 1.1], [0.2, 0.9, -0.5]];
 
 fn loss(field: &RadianceField, lobe_variance: f32) -> f64 {
     let batch = run(field, lobe_variance);
-    batch
-        .radiance
-        .iter()
-        .flatten()
-        .zip(D.iter().flatten())
-        .map(|(a, b)| f64::from(*a) * f64::from(*b))
-        .sum()
+    dot(batch.radiance.as_flattened(), D.as_flattened())
+}
+
+/// What a backward pass leaves, and the gradients of the networks.
+fn gone_back(field: &RadianceField) -> (FieldBatch, Vec<f32>) {
+    let mut batch = run(field, 0.02);
+    batch.d_radiance = D.to_vec();
+    let mut transposed = Vec::new();
+    field.transpose(&mut transposed);
+    let mut gradient = vec![0.0; field.n_network_params()];
+    field.backward(&transposed, &mut batch, CutOff::default(), &mut gradient);
+    (batch, gradient)
 }
 
 #[test]
 fn gradients_of_all_parameters_agree_with_finite_differences() {
     let mut field = field();
-    // Grid values of order one, so that the features matter.
     let n_networks = field.n_network_params();
-    for (i, value) in field.params[n_networks..].iter_mut().enumerate() {
-        *value = (i as f32 * 0.77).sin() * 0.5;
-    }
-    let mut batch = run(&field, 0.02);
-    batch.d_radiance = D.to_vec();
-    let mut transposed = FieldTransposed::default();
-    field.transpose(&mut transposed);
-    let mut gradient = vec![0.0; field.params.len()];
-    field.backward(
-        &transposed,
-        &mut batch,
-        CutOff::default(),
-        &mut gradient[..n_networks],
-    );
+    let (batch, mut gradient) = gone_back(&field);
+    gradient.resize(field.params.len(), 0.0);
     for level in 0..4 {
-        let range = field.level_range(level);
+        let range = field.grid.table(level);
         field.scatter_level(level, &batch, &mut gradient[range]);
     }
     let touched: Vec<usize> = (n_networks..gradient.len())
@@ -100,15 +92,13 @@ fn gradients_of_all_parameters_agree_with_finite_differences() {
     let mut n_off = 0;
     let checked: Vec<usize> = (0..n_networks).step_by(61).chain(touched).collect();
     for &i in &checked {
-        let (kept, h) = (field.params[i], 2e-3);
-        field.params[i] = kept + h;
-        let up = loss(&field, 0.02);
-        field.params[i] = kept - h;
-        let down = loss(&field, 0.02);
-        field.params[i] = kept;
-        let numeric = (up - down) / f64::from(2.0 * h);
-        let error = (f64::from(gradient[i]) - numeric).abs();
-        n_off += usize::from(error > 3e-2 * numeric.abs() + 2e-3);
+        let numeric = slope(
+            &mut field,
+            |field| &mut field.params[i],
+            2e-3,
+            |field| loss(field, 0.02),
+        );
+        n_off += usize::from(!agrees(gradient[i], numeric, (3e-2, 2e-3)));
     }
     // A ReLU kink between the two evaluations is allowed now and then.
     assert!(
@@ -120,27 +110,10 @@ fn gradients_of_all_parameters_agree_with_finite_differences() {
 
 #[test]
 fn lobe_width_gradient_agrees_with_finite_differences() {
-    let mut field = field();
-    let n_networks = field.n_network_params();
-    for (i, value) in field.params[n_networks..].iter_mut().enumerate() {
-        *value = (i as f32 * 0.77).sin() * 0.5;
-    }
-    let mut batch = run(&field, 0.02);
-    batch.d_radiance = D.to_vec();
-    let mut transposed = FieldTransposed::default();
-    field.transpose(&mut transposed);
-    field.backward(
-        &transposed,
-        &mut batch,
-        CutOff::default(),
-        &mut vec![0.0; n_networks],
-    );
+    let field = field();
+    let (batch, _) = gone_back(&field);
     // A wider difference meets a ReLU's kink.
     let numeric = (loss(&field, 0.0202) - loss(&field, 0.0198)) / 0.0004;
-    let analytic = f64::from(batch.d_lobe_variance[0]);
-    assert!(
-        (analytic - numeric).abs() < 3e-2 * numeric.abs(),
-        "{analytic} against {numeric}"
-    );
+    assert_agrees("lobe", batch.d_lobe_variance[0], numeric, (3e-2, 0.0));
     assert_eq!(batch.d_lobe_variance[1], 0.0, "a pixel's ray has no lobe");
 }

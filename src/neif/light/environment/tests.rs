@@ -1,26 +1,20 @@
 //! Tests of `environment`.
 
+use std::path::PathBuf;
+
 use super::*;
-use crate::neif::networks::hash_grid::{GridConfig, LEAST_WEIGHT};
+use crate::neif::networks::hash_grid::GridConfig;
+use crate::neif::storage::KIND;
 
 fn environment() -> Environment {
-    let grid = GridConfig {
-        n_levels: 4,
-        coarsest: 2,
-        finest: 8,
-        log2_table_size: 8,
-        least_weight: LEAST_WEIGHT,
+    let config = FieldConfig {
+        grid: GridConfig::SMALL,
+        n_hidden: 16,
+        view_dependent: true,
+        integrated: true,
+        is_far: false,
     };
-    let field = RadianceField::new(
-        FieldConfig {
-            grid,
-            n_hidden: 16,
-            view_dependent: true,
-            integrated: true,
-            is_far: false,
-        },
-        || 0.3,
-    );
+    let field = RadianceField::new(config, || 0.3);
     Environment::new(place(), field, DensityGrid::default())
 }
 
@@ -38,11 +32,21 @@ fn place() -> EnvironmentPlace {
     }
 }
 
-#[test]
-fn a_saved_environment_comes_back_the_same() {
+/// A folder with the environment's file, and the path of that.
+fn saved(environment: &Environment, storage: Storage) -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("environment.safetensors");
-    environment().save(&path, Storage::F32).unwrap();
+    environment.save(&path, storage).unwrap();
+    (folder, path)
+}
+
+fn refusal(path: &Path) -> String {
+    Environment::load(path).unwrap_err().to_string()
+}
+
+#[test]
+fn a_saved_environment_comes_back_the_same() {
+    let (_folder, path) = saved(&environment(), Storage::F32);
     let back = Environment::load(&path).unwrap();
     assert_eq!(back.place, environment().place);
     assert_eq!(back.params(), environment().params());
@@ -51,32 +55,28 @@ fn a_saved_environment_comes_back_the_same() {
 
 #[test]
 fn a_saved_environment_keeps_its_floor() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("environment.safetensors");
     let mut over_a_floor = environment();
     let laid = Floor::new(Vec3::new(0.0, 0.0, -0.3), Vec3::Z);
     match &mut over_a_floor.field {
         EnvironmentField::Grid { density, .. } => density.floor = Some(laid),
         _ => panic!("a grid"),
     }
-    over_a_floor.save(&path, Storage::F16).unwrap();
+    let (_folder, path) = saved(&over_a_floor, Storage::F16);
     assert_eq!(Environment::load(&path).unwrap().floor(), Some(laid));
     let mut file = TensorFile::read(&path).unwrap();
     file.insert_f32("floor", &[4], vec![0.0; 4]);
     file.write(&path).unwrap();
-    let error = Environment::load(&path).unwrap_err().to_string();
+    let error = refusal(&path);
     assert!(error.contains("floor"), "{error}");
 }
 
 #[test]
 fn half_precision_makes_a_smaller_file_of_nearly_the_same_field() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name);
-    environment().save(&path("single"), Storage::F32).unwrap();
-    environment().save(&path("half"), Storage::F16).unwrap();
-    let size = |name: &str| std::fs::metadata(path(name)).unwrap().len();
-    assert!(size("half") < size("single"), "{}", size("half"));
-    let back = Environment::load(&path("half")).unwrap();
+    let (_folder, single) = saved(&environment(), Storage::F32);
+    let (_folder, half) = saved(&environment(), Storage::F16);
+    let size = |path: &Path| std::fs::metadata(path).unwrap().len();
+    assert!(size(&half) < size(&single), "{}", size(&half));
+    let back = Environment::load(&half).unwrap();
     assert_eq!(back.params().len(), environment().params().len());
     for (a, b) in back.params().iter().zip(environment().params()) {
         assert!((a - b).abs() <= 1e-3 * b.abs(), "{a}, not {b}");
@@ -91,9 +91,7 @@ fn the_paper_s_field_comes_back_as_one() {
         ..PaperFieldConfig::default()
     };
     let paper = Environment::of_paper(place(), PaperField::new(config, || 0.3));
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("environment.safetensors");
-    paper.save(&path, Storage::F32).unwrap();
+    let (_folder, path) = saved(&paper, Storage::F32);
     let back = Environment::load(&path).unwrap();
     assert!(matches!(back.field, EnvironmentField::Paper(_)), "the kind");
     assert_eq!(back.params(), paper.params());
@@ -101,9 +99,7 @@ fn the_paper_s_field_comes_back_as_one() {
 
 #[test]
 fn a_file_without_a_kind_holds_a_grid_and_an_unknown_kind_is_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("environment.safetensors");
-    environment().save(&path, Storage::F32).unwrap();
+    let (_folder, path) = saved(&environment(), Storage::F32);
     let mut file = TensorFile::read(&path).unwrap();
     file.metadata.remove(KIND);
     file.write(&path).unwrap();
@@ -111,19 +107,30 @@ fn a_file_without_a_kind_holds_a_grid_and_an_unknown_kind_is_refused() {
     assert_eq!(old.params(), environment().params());
     file.metadata.insert(KIND.to_owned(), "splats".to_owned());
     file.write(&path).unwrap();
-    let error = Environment::load(&path).unwrap_err().to_string();
+    let error = refusal(&path);
     assert!(error.contains("splats"), "{error}");
+    file.metadata.remove(KIND);
+    let header = file.metadata.get_mut("environment").unwrap();
+    *header = header.replace("gamma", "gama");
+    file.write(&path).unwrap();
+    let error = refusal(&path);
+    assert!(error.contains("gam"), "{error}");
+    let header = file.metadata.get_mut("environment").unwrap();
+    *header = header
+        .replace("gama", "gamma")
+        .replacen('{', "{\"dusk\":1,", 1);
+    file.write(&path).unwrap();
+    let error = refusal(&path);
+    assert!(error.contains("dusk"), "{error}");
 }
 
 #[test]
 fn damaged_files_are_refused_by_name() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("environment.safetensors");
-    environment().save(&path, Storage::F32).unwrap();
+    let (_folder, path) = saved(&environment(), Storage::F32);
     let bytes = std::fs::read(&path).unwrap();
     for length in [0, 5, 100, bytes.len() / 2, bytes.len() - 1] {
         std::fs::write(&path, &bytes[..length]).unwrap();
-        let error = Environment::load(&path).unwrap_err().to_string();
+        let error = refusal(&path);
         assert!(error.contains("environment.safetensors"), "{error}");
     }
     let mut broken = environment();
@@ -132,11 +139,6 @@ fn damaged_files_are_refused_by_name() {
     };
     field.params[7] = f32::NAN;
     broken.save(&path, Storage::F32).unwrap();
-    assert!(
-        Environment::load(&path)
-            .unwrap_err()
-            .to_string()
-            .contains("field.params"),
-        "the tensor must be named"
-    );
+    let error = refusal(&path);
+    assert!(error.contains("field.params"), "{error}");
 }

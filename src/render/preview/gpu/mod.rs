@@ -180,10 +180,10 @@ impl GpuRenderer {
         };
         let object = self.object.as_ref();
         let material = object.and_then(|(object, _)| match &*object.material {
-            SurfaceField::Grid(material) => Some(material.config()),
+            SurfaceField::Grid(material) => Some(&material.config),
             SurfaceField::Paper(_) => None,
         });
-        let source = programs::source(field.config(), material);
+        let source = programs::source(&field.config, material);
         if self.programs.as_ref().is_none_or(|p| p.source != source) {
             self.programs = Some(Programs::new(&self.gpu, source));
         }
