@@ -37,11 +37,11 @@ pub(in crate::train) struct NormalEvidence {
 impl NormalEvidence {
     /// Nothing is known in the box.
     pub(in crate::train) fn new(bounds: &Aabb) -> Self {
-        let nothing = ScalarGrid::over(bounds, N_CELLS, 0.0);
+        let nothing = || ScalarGrid::over(bounds, N_CELLS, 0.0);
         Self {
-            errors: nothing.clone(),
-            slopes: nothing.clone(),
-            counts: nothing,
+            errors: nothing(),
+            slopes: nothing(),
+            counts: nothing(),
         }
     }
 
@@ -99,10 +99,8 @@ mod tests {
 
     #[test]
     fn normals_are_as_sure_as_pixels_are_right_and_steep() {
-        let bounds = Aabb {
-            min: Vec3::ZERO,
-            max: Vec3::ONE,
-        };
+        let [min, max] = [Vec3::ZERO, Vec3::ONE];
+        let bounds = Aabb { min, max };
         let mut evidence = NormalEvidence::new(&bounds);
         let [mirror, matt, unseen] = [0.2, 0.5, 0.8].map(Vec3::splat);
         assert_eq!(evidence.deviation(mirror), f32::INFINITY);

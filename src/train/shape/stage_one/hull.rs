@@ -4,10 +4,11 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::silhouette::Silhouette;
+use super::{GoOn, StageOneError, unless_cancelled, widened};
 use crate::geometry::{Aabb, ScalarGrid};
 
 /// Views from which one may be wrong about a point without carving it away.
-const VIEWS_FOR_DOUBT: usize = 12;
+const VIEWS_FOR_OUTLIER: usize = 12;
 /// A point of the object is seen by at least one of this many views.
 const FEWEST_OF: usize = 6;
 /// The distance of points that are not the object for other reasons than a silhouette, scene units.
@@ -23,10 +24,7 @@ const SEARCHES: usize = 4;
 /// distance. One view of many may err: the second largest of the views' distances counts.
 fn outside_by(silhouettes: &[Silhouette], p: Vec3) -> f32 {
     let (mut largest, mut second, mut n) = (f32::NEG_INFINITY, f32::NEG_INFINITY, 0);
-    for silhouette in silhouettes {
-        let Some(by) = silhouette.outside_by(p) else {
-            continue;
-        };
+    for by in silhouettes.iter().filter_map(|s| s.outside_by(p)) {
         n += 1;
         if by > largest {
             second = largest;
@@ -39,19 +37,19 @@ fn outside_by(silhouettes: &[Silhouette], p: Vec3) -> f32 {
     if n < (silhouettes.len() / FEWEST_OF).max(2) {
         return largest.max(FAR);
     }
-    if n >= VIEWS_FOR_DOUBT {
+    if n >= VIEWS_FOR_OUTLIER {
         second
     } else {
         largest
     }
 }
 
-/// Fills `grid` with the distance to the hull; false when asked to stop.
+/// Fills `grid` with the distance to the hull.
 pub(super) fn fill(
     silhouettes: &[Silhouette],
     grid: &mut ScalarGrid,
-    go_on: &(dyn Fn() -> bool + Sync),
-) -> bool {
+    go_on: GoOn<'_>,
+) -> Result<(), StageOneError> {
     let frame = ScalarGrid {
         origin: grid.origin,
         cell: grid.cell,
@@ -71,7 +69,7 @@ pub(super) fn fill(
                 }
             }
         });
-    go_on()
+    unless_cancelled(go_on)
 }
 
 /// Distances to the hull up to `reach` cells from the surface of a grid, at the same nodes; beyond, it bounds nothing.
@@ -90,10 +88,15 @@ pub(super) fn near(silhouettes: &[Silhouette], surface: &ScalarGrid, reach: f32)
 
 /// Leaves nothing outside `bounds`: where no camera looks from, the hull has no end.
 pub(super) fn cut(grid: &mut ScalarGrid, bounds: &Aabb) {
+    let beyond = |p: Vec3| (p - bounds.center()).abs() - 0.5 * bounds.extent();
+    raise(grid, |p| beyond(p).max_element());
+}
+
+/// Leaves nothing in `grid` below what `least` says of the place.
+pub(super) fn raise(grid: &mut ScalarGrid, least: impl Fn(Vec3) -> f32) {
     for node in 0..grid.values.len() {
-        let beyond =
-            (grid.position(grid.place(node)) - bounds.center()).abs() - 0.5 * bounds.extent();
-        grid.values[node] = grid.values[node].max(beyond.max_element());
+        let least = least(grid.position(grid.place(node)));
+        grid.values[node] = grid.values[node].max(least);
     }
 }
 
@@ -127,31 +130,28 @@ fn fill_block(
 /// have nothing in common or leave the object unbounded.
 pub(super) fn bounds(
     silhouettes: &[Silhouette],
-    go_on: &(dyn Fn() -> bool + Sync),
-) -> Option<Aabb> {
-    let mut search = first_box(silhouettes)?;
+    go_on: GoOn<'_>,
+) -> Result<Option<Aabb>, StageOneError> {
+    let Some(mut search) = first_box(silhouettes) else {
+        return Ok(None);
+    };
     for _ in 0..SEARCHES {
         let mut grid = ScalarGrid::over(&search, SEARCH_CELLS, 0.0);
-        if !fill(silhouettes, &mut grid, go_on) {
-            return None;
-        }
+        fill(silhouettes, &mut grid, go_on)?;
         let slack = grid.cell;
         let inside = (0..grid.values.len()).filter(|i| grid.values[*i] < slack);
         let found = Aabb::from_points(inside.map(|i| grid.position(grid.place(i))));
         if found.is_empty() {
-            return None;
+            return Ok(None);
         }
-        let closer = Aabb {
-            min: found.min - slack,
-            max: found.max + slack,
-        };
+        let closer = widened(&found, slack);
         let shrinks = closer.extent().max_element() < 0.8 * search.extent().max_element();
         search = closer;
         if !shrinks {
             break;
         }
     }
-    Some(search)
+    Ok(Some(search))
 }
 
 /// A cube that holds the object: around the point nearest to the middles of all silhouettes, as
