@@ -124,13 +124,9 @@ impl Poses {
         if !self.are_corrected {
             return self.given.clone();
         }
-        let corrected = |(camera, correction): (&Camera, &Correction)| {
-            correction.corrected(camera, self.half_side)
-        };
-        self.given
-            .iter()
-            .zip(&self.corrections)
-            .map(corrected)
+        let pairs = self.given.iter().zip(&self.corrections);
+        pairs
+            .map(|(camera, correction)| correction.corrected(camera, self.half_side))
             .collect()
     }
 
@@ -159,7 +155,9 @@ impl Poses {
         if !self.are_sought(step) {
             return false;
         }
-        self.add(rows);
+        for row in rows {
+            self.sums[row.view].add(row);
+        }
         let is_time = step.is_multiple_of(EVERY);
         if is_time {
             self.correct();
@@ -167,25 +165,14 @@ impl Poses {
         is_time
     }
 
-    /// Takes up equations.
-    fn add<'a>(&mut self, rows: impl Iterator<Item = &'a PoseRow>) {
-        for row in rows {
-            self.sums[row.view].add(row);
-        }
-    }
-
     /// Corrects all poses by what was taken up since the last time.
     fn correct(&mut self) {
         let mut changes = Vec::with_capacity(self.given.len());
-        for ((sums, correction), camera) in self
-            .sums
-            .iter_mut()
-            .zip(&mut self.corrections)
-            .zip(&self.given)
-        {
+        let photos = self.sums.iter_mut().zip(&mut self.corrections);
+        for ((sums, correction), camera) in photos.zip(&self.given) {
             let before = *correction;
             let used = if self.are_corrected {
-                *correction
+                before
             } else {
                 Correction::default()
             };
@@ -241,21 +228,15 @@ impl Poses {
 
     /// `[n_views][6]`, as they are kept.
     pub(in crate::train) fn state(&self) -> Vec<f32> {
-        let numbers = |c: &Correction| [c.turn, c.shift].map(|v| v.as_vec3().to_array());
-        self.corrections
-            .iter()
-            .flat_map(numbers)
-            .flatten()
-            .collect()
+        let vectors = self.corrections.iter().flat_map(|c| [c.turn, c.shift]);
+        vectors.flat_map(|v| v.as_vec3().to_array()).collect()
     }
 
     /// Keeps what was taken up since the last correction, `[n_views][Sums::LEN]` bits, and what was decided.
     pub(in crate::train) fn store_sums(&self, file: &mut TensorFile) {
-        let mut bits: Vec<u64> = self.sums.iter().flat_map(|sums| sums.to_bits()).collect();
-        bits.extend([
-            u64::from(self.noise.to_bits()),
-            u64::from(self.are_corrected),
-        ]);
+        let decided = [self.noise.to_bits(), u32::from(self.are_corrected)].map(u64::from);
+        let sums = self.sums.iter().flat_map(|sums| sums.to_bits());
+        let bits: Vec<u64> = sums.chain(decided).collect();
         file.insert_u64(SUMS, &[bits.len()], bits);
     }
 
