@@ -2,10 +2,12 @@
 
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 use glam::Vec3;
 
 use super::config::TrainConfig;
+use super::step::trainer::Trainer;
 use crate::color::srgb_from_linear;
 use crate::data::{Dataset, Mask, Photo, Split, View};
 use crate::geometry::{Camera, Mesh, Ray, SurfaceTracer, fibonacci_sphere};
@@ -94,6 +96,14 @@ pub(super) fn sphere_on_a_floor(
         view.photo = painted(size, color);
     }
     dataset
+}
+
+/// Traces a trainer's pixels anew, all of them.
+pub(super) fn retrace(trainer: &mut Trainer, dataset: &Dataset) {
+    let goes_on = AtomicBool::new(false);
+    trainer
+        .retrace(dataset, usize::MAX, &goes_on, &|_| ())
+        .expect("nobody cancels");
 }
 
 /// The ray through the middle of a camera's `i`-th pixel.

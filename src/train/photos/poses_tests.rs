@@ -12,7 +12,7 @@ use crate::train::placement::given_cameras;
 use crate::train::random::SlotRandom;
 use crate::train::shape::retracing::RETRACE_AT;
 use crate::train::step::trainer::Trainer;
-use crate::train::test_scene::{small_fields, sphere_in_a_box};
+use crate::train::test_scene::{retrace, small_fields, sphere_in_a_box};
 
 /// The scene, its training cameras turned and moved by a pixel or two, and the right cameras.
 fn shaken(n_views: usize, size: u32) -> (Dataset, Vec<Camera>) {
@@ -54,12 +54,6 @@ fn off_at<const N: usize>(
         })
     });
     off.sum::<f32>() / (N * right.len()) as f32
-}
-
-fn retrace(trainer: &mut Trainer, dataset: &Dataset) {
-    trainer
-        .retrace(dataset, usize::MAX, &AtomicBool::new(false), &|_| ())
-        .unwrap();
 }
 
 fn trainer(dataset: &Dataset, fit: PhotoFit) -> Trainer {

@@ -32,11 +32,9 @@ pub(in crate::train) fn clear_lines_of_sight(
     let cell = DensityGrid::inner_cell() * frame.half_side;
     let sight = |view: &&View| Sight::of(view, tracer, cell);
     let sights: Vec<Sight> = views.par_iter().map(sight).collect();
-    let cells: Vec<Vec<usize>> = (0..INNER_SIDE / LAYERS)
-        .into_par_iter()
-        .map(|slab| clear_cells(&sights, frame, slab * LAYERS))
-        .collect();
-    density.hollow_cells(cells.into_iter().flatten());
+    let slabs = (0..INNER_SIDE / LAYERS).into_par_iter();
+    let cells = slabs.flat_map_iter(|slab| clear_cells(&sights, frame, slab * LAYERS));
+    density.hollow_cells(cells.collect::<Vec<usize>>());
 }
 
 /// How far a photo sees before it meets the object, by blocks of pixels.

@@ -57,11 +57,8 @@ fn clear_air(density: &mut DensityGrid, dataset: &Dataset, frame: &FieldFrame, f
         let p_world = frame.world_from_field(p_field);
         p_world.distance(frame.center) < reach && n_showing(&photos, p_world) < SEEN_BY
     };
-    let cells: Vec<usize> = (0..density.len())
-        .into_par_iter()
-        .filter(is_unseen)
-        .collect();
-    density.hollow_cells(cells);
+    let cells = (0..density.len()).into_par_iter().filter(is_unseen);
+    density.hollow_cells(cells.collect::<Vec<usize>>());
 }
 
 /// Inner cells along the first part of the way from `eye` to `point`, up to the share `end` of it; some more than once.

@@ -10,7 +10,7 @@ use crate::data::Dataset;
 use crate::geometry::Mesh;
 use crate::train::config::{Normals, TrainConfig};
 use crate::train::step::trainer::Trainer;
-use crate::train::test_scene::{small_fields, sphere_in_a_box};
+use crate::train::test_scene::{retrace, small_fields, sphere_in_a_box};
 
 /// The sphere with ripples in its normals.
 fn bent_sphere(n_views: usize, size: u32) -> Dataset {
@@ -43,12 +43,6 @@ fn train(trainer: &mut Trainer, steps: std::ops::Range<u32>, end: u32) {
             "step {step}"
         );
     }
-}
-
-fn retrace(trainer: &mut Trainer, dataset: &Dataset) {
-    trainer
-        .retrace(dataset, usize::MAX, &AtomicBool::new(false), &|_| ())
-        .unwrap();
 }
 
 fn mesh(trainer: &mut Trainer) -> Arc<Mesh> {

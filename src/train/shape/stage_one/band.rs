@@ -113,19 +113,14 @@ impl Band {
     pub(super) fn evenness(&self, v: &[f32], scale: f32) -> Vec<[f32; 6]> {
         let weights = |(i, neighbours): (usize, &[u32; 6])| {
             neighbours.map(|n| {
-                let are_inner = self.is_inner(i as u32) && self.is_inner(n);
-                if are_inner {
-                    cauchy_weight(v[i] - v[n as usize], scale)
-                } else {
-                    0.0
+                if !self.is_inner(i as u32) || !self.is_inner(n) {
+                    return 0.0;
                 }
+                cauchy_weight(v[i] - v[n as usize], scale)
             })
         };
-        self.neighbours
-            .par_iter()
-            .enumerate()
-            .map(weights)
-            .collect()
+        let slots = self.neighbours.par_iter().enumerate();
+        slots.map(weights).collect()
     }
 
     /// `out = own v + D v`: `D v` is the sum of the weighted differences to the neighbours, half the gradient of the sum of

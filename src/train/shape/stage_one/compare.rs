@@ -40,10 +40,8 @@ pub fn compare(mesh: &Arc<Mesh>, reference: &Arc<Mesh>, cameras: &[Camera]) -> M
         let back = indices[0].mean_distance(&points[1]);
         0.5 * (there + back) / f64::from(diameter)
     };
-    let by_camera: Vec<_> = cameras
-        .par_iter()
-        .map(|camera| look(&pair, camera))
-        .collect();
+    let looks = cameras.par_iter().map(|camera| look(&pair, camera));
+    let by_camera: Vec<_> = looks.collect();
     let (mut seen, mut angles) = ([Vec::new(), Vec::new()], Vec::new());
     for ([a, b], degrees) in by_camera {
         seen[0].extend(a);

@@ -157,32 +157,29 @@ pub(super) fn bounds(
 /// A cube that holds the object: around the point nearest to the middles of all silhouettes, as
 /// wide as the widest of them seen from there, doubled.
 fn first_box(silhouettes: &[Silhouette]) -> Option<Aabb> {
-    let discs: Vec<_> = silhouettes.iter().map(Silhouette::disc).collect();
-    let rays: Vec<_> = silhouettes
-        .iter()
-        .zip(&discs)
-        .map(|(s, disc)| s.ray(disc.0))
-        .collect();
+    // The ray through the middle of each, and the angle that it reaches to from there.
+    let cone = |silhouette: &Silhouette| {
+        let (middle, reach_px) = silhouette.disc();
+        let angle = reach_px * silhouette.camera.pixel_angle();
+        (silhouette.ray(middle), angle)
+    };
+    let cones: Vec<_> = silhouettes.iter().map(cone).collect();
     // Least squares over the distances to the rays: sum (I - d dT) (p - o) = 0.
     let (mut matrix, mut right) = (glam::DMat3::ZERO, glam::DVec3::ZERO);
-    for ray in &rays {
+    for (ray, _) in &cones {
         let d = ray.direction.as_dvec3();
         let across = glam::DMat3::IDENTITY - glam::DMat3::from_cols(d * d.x, d * d.y, d * d.z);
         matrix += across;
         right += across * ray.origin.as_dvec3();
     }
     // Parallel rays meet nowhere.
-    if matrix.determinant() < 1e-6 * (rays.len() as f64).powi(3) {
+    if matrix.determinant() < 1e-6 * (cones.len() as f64).powi(3) {
         return None;
     }
     let middle = (matrix.inverse() * right).as_vec3();
-    let radii = silhouettes
+    let radii = cones
         .iter()
-        .zip(&discs)
-        .map(|(silhouette, (_, reach_px))| {
-            let camera = &silhouette.camera;
-            reach_px * camera.pixel_angle() * camera.position().distance(middle)
-        });
+        .map(|(ray, angle)| angle * ray.origin.distance(middle));
     let radius = 2.0 * radii.fold(0.0, f32::max);
     (middle.is_finite() && radius > 0.0 && radius.is_finite()).then(|| Aabb {
         min: middle - radius,

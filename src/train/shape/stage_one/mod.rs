@@ -323,10 +323,8 @@ impl Job<'_> {
             error_px
         };
         let finest = bounds.extent().max_element() / (CELL_ERRORS * error_px * pixel);
-        let n_cells = self
-            .options
-            .n_cells
-            .min((finest as usize).max(FEWEST_CELLS));
+        let n_finest = (finest as usize).max(FEWEST_CELLS);
+        let n_cells = self.options.n_cells.min(n_finest);
         Draft::of(silhouettes, error_px, pixel, |s| hull(s, n_cells))
     }
 
@@ -373,10 +371,8 @@ impl Job<'_> {
     fn from_points(&self) -> Result<Option<Mesh>, StageOneError> {
         let maps = point_maps::maps(self.dataset, self.go_on);
         unless_cancelled(self.go_on)?;
-        let views: Vec<_> = maps
-            .iter()
-            .map(|(map, view)| Depths::known(map, view))
-            .collect();
+        let views = maps.iter().map(|(map, view)| Depths::known(map, view));
+        let views: Vec<_> = views.collect();
         let n_cells = self.options.n_cells.min(POINT_CELLS);
         let Some(Fused { mut grid, .. }) = self.fused(&views, n_cells, 1.0)? else {
             return Ok(None);

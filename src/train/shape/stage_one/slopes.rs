@@ -51,17 +51,13 @@ struct Around {
 
 impl Normals {
     /// At the nodes around the mesh's vertices; outlines err by `outline_error` cells.
-    pub(super) fn around(known: KnownNormals<'_>, grid: &ScalarGrid, outline_error: f32) -> Self {
-        let KnownNormals {
-            mesh,
-            deviations,
-            errors,
-        } = known;
-        let seen = errors.iter().copied().filter(|e| *e > 0.0);
-        let usual = middle_or(1.0, seen.collect());
+    pub(super) fn around(seen: KnownNormals<'_>, grid: &ScalarGrid, outline_error: f32) -> Self {
+        let (mesh, errors) = (seen.mesh, seen.errors);
+        let above_zero = errors.iter().copied().filter(|e| *e > 0.0);
+        let usual = middle_or(1.0, above_zero.collect());
         let mut nodes = vec![Around::default(); grid.values.len()];
         for (vertex, position) in mesh.positions.iter().enumerate() {
-            let deviation = (TRUSTED * deviations[vertex]).max(LEAST_DEVIATION);
+            let deviation = (TRUSTED * seen.deviations[vertex]).max(LEAST_DEVIATION);
             let weight = EQUALLY_SURE * (outline_error / deviation).powi(2);
             let weight = if weight < LEAST_WEIGHT { 0.0 } else { weight };
             let corners = grid.corners(*position);

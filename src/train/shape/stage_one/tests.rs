@@ -297,10 +297,8 @@ fn what_is_known_of_normals_opens_the_necks_of_uncertain_outlines() {
     let (without, _) = off(refit(&nothing, &unseen, true));
     let (after, angle) = off(refit(&deviations, &unseen, true));
     // Photos contradict the necks.
-    let contradicted: Vec<f32> = deviations
-        .iter()
-        .map(|deviation| if deviation.is_finite() { 0.01 } else { 0.1 })
-        .collect();
+    let error = |deviation: &f32| if deviation.is_finite() { 0.01 } else { 0.1 };
+    let contradicted: Vec<f32> = deviations.iter().map(error).collect();
     let (opened, _) = off(refit(&deviations, &contradicted, true));
     assert!(
         opened < 0.9 * after,

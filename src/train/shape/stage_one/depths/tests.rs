@@ -136,18 +136,12 @@ fn masks_part_the_object_from_what_it_stands_on() {
         difference.chamfer_visible < 0.003 && difference.chamfer < 0.004,
         "{difference:?}"
     );
-    let bounds = mesh.bounds();
-    assert!(
-        bounds.extent().max_element() < 1.1,
-        "no floor: {:?}",
-        bounds.extent()
-    );
+    let extent = mesh.bounds().extent();
+    assert!(extent.max_element() < 1.1, "no floor: {extent:?}");
+    // Without masks what it stands on belongs to it.
     let (mesh, _) = made(Ground::Floor, false, 0.0, 1);
-    assert!(
-        mesh.bounds().extent().x > 1.5,
-        "without masks what it stands on belongs to it: {:?}",
-        mesh.bounds()
-    );
+    let extent = mesh.bounds().extent();
+    assert!(extent.x > 1.5, "with the floor: {extent:?}");
 }
 
 /// Points of the object and of a floor below it, and which of them each view sees.
@@ -159,10 +153,8 @@ fn cloud(dataset: &Dataset) -> PointCloud {
             origin: CENTER + 5.0 * d,
             direction: -d,
         };
-        tracer
-            .intersect(&from, 0.0, f32::INFINITY)
-            .unwrap()
-            .position
+        let hit = tracer.intersect(&from, 0.0, f32::INFINITY);
+        hit.unwrap().position
     });
     let floor = fibonacci_sphere(100)
         .into_iter()
