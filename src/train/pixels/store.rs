@@ -435,7 +435,9 @@ mod tests {
         let mut store = collected(&dataset, |_| ());
         let given = given_cameras(&dataset);
         let mut moved = given.clone();
-        moved.iter_mut().for_each(|camera| camera.cx += 0.5);
+        for camera in &mut moved {
+            camera.cx += 0.5;
+        }
         let mut random = SlotRandom::new(1, 0, 0);
         let (mut vertices, mut n, mut changed) = (Vec::new(), 0, 0.0_f32);
         for _ in 0..300 {

@@ -201,16 +201,16 @@ pub fn make_mesh(
         go_on: &go_on,
         on_progress: &on_progress,
     };
-    let draft = job.from_depths()?;
+    let draft = job.draft_from_depths()?;
     if draft.is_none()
         && !has_masks(dataset)
-        && let Some(mesh) = job.from_points()?
+        && let Some(mesh) = job.mesh_from_points()?
     {
         return Ok(mesh);
     }
     let Draft { mut phi, evidence } = match draft {
         Some(draft) => draft,
-        None => job.from_masks()?,
+        None => job.draft_from_masks()?,
     };
     on_news(Making::Surface(&phi));
     on_progress(0.2);
@@ -295,7 +295,7 @@ struct Job<'a> {
 
 impl Job<'_> {
     /// The hull of the silhouettes.
-    fn from_masks(&self) -> Result<Draft, StageOneError> {
+    fn draft_from_masks(&self) -> Result<Draft, StageOneError> {
         let silhouettes = silhouettes(self.dataset)?;
         (self.on_progress)(0.05);
         let bounds = hull::bounds(&silhouettes, self.go_on)?;
@@ -330,7 +330,7 @@ impl Job<'_> {
 
     /// What the depth maps show, within the hull of the silhouettes where there are masks too; `None` where there are too few
     /// maps, or too few that can be read.
-    fn from_depths(&self) -> Result<Option<Draft>, StageOneError> {
+    fn draft_from_depths(&self) -> Result<Option<Draft>, StageOneError> {
         let maps = fusion::depth_views(self.dataset);
         let Some(fused) = self.fused(&maps, self.options.n_cells, 0.15)? else {
             return Ok(None);
@@ -368,7 +368,7 @@ impl Job<'_> {
 
     /// The mesh of what the reconstruction's points show of the object, without the floor that it stands on, on a grid no finer
     /// than they are; `None` where there are too few.
-    fn from_points(&self) -> Result<Option<Mesh>, StageOneError> {
+    fn mesh_from_points(&self) -> Result<Option<Mesh>, StageOneError> {
         let maps = point_maps::maps(self.dataset, self.go_on);
         unless_cancelled(self.go_on)?;
         let views = maps.iter().map(|(map, view)| Depths::known(map, view));

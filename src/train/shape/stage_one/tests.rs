@@ -139,7 +139,7 @@ fn draft(dataset: &Dataset, n_cells: usize) -> Draft {
         go_on: &|| true,
         on_progress: &|_| (),
     };
-    job.from_masks().unwrap()
+    job.draft_from_masks().unwrap()
 }
 
 /// A mesh whose necks are those of each node's own creases, on cells of two errors of the outlines.
