@@ -49,7 +49,7 @@ impl Prepared {
         let mesh = refinement::mesh_to_refine(config, dataset);
         let tracer = mesh.map(|mesh| Arc::new(SurfaceTracer::new(mesh)));
         let given = given_cameras(dataset);
-        let outlines = OutlineFit::new(dataset, &given, tracer.as_deref());
+        let outlines = OutlineFit::new(dataset, &given, tracer.as_deref(), usize::MAX);
         let frame = field_frame(dataset, config.inner_box_scale);
         let poses = Poses::of(dataset, &frame, config.refine_poses, &outlines.shifts);
         let mut options = pixel_options(config, tracer.is_some(), outlines.error_px);
@@ -95,7 +95,7 @@ pub(super) fn retrace_pixels(
     on_progress: &(dyn Fn(f32) + Sync),
 ) -> Result<(), TrainError> {
     let cameras = pixels.cameras();
-    let outlines = OutlineFit::of_views(dataset, &cameras, tracer, OUTLINE_VIEWS);
+    let outlines = OutlineFit::new(dataset, &cameras, tracer, OUTLINE_VIEWS);
     let options = PixelOptions {
         most_objects,
         choice,

@@ -26,9 +26,22 @@ pub(super) fn middle(values: &mut [f32]) -> f32 {
     *values.select_nth_unstable_by(half, f32::total_cmp).1
 }
 
+/// The same, or `none` where there are none.
+pub(super) fn middle_or(none: f32, mut values: Vec<f32>) -> f32 {
+    if values.is_empty() {
+        return none;
+    }
+    middle(&mut values)
+}
+
 /// Share of a sum of squares that is more than the errors' own, 0 to 1 (James and Stein 1961).
 pub(super) fn share_beyond(found: f32, errors: f32) -> f32 {
     (1.0 - errors / found.max(f32::MIN_POSITIVE)).max(0.0)
+}
+
+/// Weight of an error in a least sum of squares that outliers do not bend (a Cauchy loss): 1 of none, a half of `scale`.
+pub(super) fn cauchy_weight(error: f32, scale: f32) -> f32 {
+    1.0 / (1.0 + (error / scale).powi(2))
 }
 
 /// The standard deviation of the normal distribution that `values` are of, but for fewer than half of them; 0 of none.

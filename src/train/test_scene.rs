@@ -2,10 +2,13 @@
 
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 use glam::Vec3;
 
 use super::config::TrainConfig;
+use super::fast::Fast;
+use super::step::trainer::Trainer;
 use crate::color::srgb_from_linear;
 use crate::data::{Dataset, Mask, Photo, Split, View};
 use crate::geometry::{Camera, Mesh, Ray, SurfaceTracer, fibonacci_sphere};
@@ -80,30 +83,45 @@ pub(super) fn sphere_on_a_floor(
     dataset.train.retain(|view| view.camera.position().z > 0.2);
     for (index, view) in dataset.train.iter_mut().enumerate() {
         let color = |i: u32| {
-            let ray = view
-                .camera
-                .ray((i % size) as f32 + 0.5, (i / size) as f32 + 0.5);
+            let ray = middle_ray(&view.camera, i);
             let distance = (FLOOR - ray.origin.z) / ray.direction.z;
             let wave = |p: Vec3| 0.15 + 0.05 * (3.0 * p.x).sin() * (2.0 * p.y).cos();
-            let seen = match view
-                .mask
-                .as_ref()
-                .is_some_and(|mask| mask.is_object(i as usize))
-            {
+            let mask = view.mask.as_ref();
+            let seen = match mask.is_some_and(|mask| mask.is_object(i as usize)) {
                 true => 0.1,
-                false if distance > 0.0 => wave(ray.origin + distance * ray.direction),
+                false if distance > 0.0 => wave(ray.at(distance)),
                 false => 0.5 + 0.3 * (9.0 * ray.direction.x).sin(),
             };
-            let code = |v: f32| (srgb_from_linear(v).clamp(0.0, 1.0) * 65535.0).round() as u16;
-            (seen * gain(index)).to_array().map(code)
+            seen * gain(index)
         };
-        view.photo = Photo::Ldr {
-            width: size,
-            height: size,
-            pixels: (0..size * size).map(color).collect(),
-        };
+        view.photo = painted(size, color);
     }
     dataset
+}
+
+/// Traces a trainer's pixels anew, all of them.
+pub(super) fn retrace(trainer: &mut Trainer<Fast>, dataset: &Dataset) {
+    let goes_on = AtomicBool::new(false);
+    trainer
+        .retrace(dataset, usize::MAX, &goes_on, &|_| ())
+        .expect("nobody cancels");
+}
+
+/// The ray through the middle of a camera's `i`-th pixel.
+pub(super) fn middle_ray(camera: &Camera, i: u32) -> Ray {
+    let (x, y) = (i % camera.width, i / camera.width);
+    camera.ray(x as f32 + 0.5, y as f32 + 0.5)
+}
+
+/// A photo of `size` x `size` pixels of these linear colours.
+pub(super) fn painted(size: u32, color: impl Fn(u32) -> Vec3) -> Photo {
+    let code = |v: f32| (srgb_from_linear(v).clamp(0.0, 1.0) * 65535.0).round() as u16;
+    let pixels = (0..size * size).map(|i| color(i).to_array().map(code));
+    Photo::Ldr {
+        width: size,
+        height: size,
+        pixels: pixels.collect(),
+    }
 }
 
 fn view(tracer: &SurfaceTracer, index: usize, n_views: usize, size: u32) -> View {
@@ -116,7 +134,7 @@ fn view(tracer: &SurfaceTracer, index: usize, n_views: usize, size: u32) -> View
         size,
         size,
     );
-    let (mut pixels, mut coverage) = (Vec::new(), Vec::new());
+    let (mut colors, mut coverage) = (Vec::new(), Vec::new());
     for i in 0..size * size {
         let (x, y) = (i % size, i / size);
         let mut sum = Vec3::ZERO;
@@ -128,19 +146,14 @@ fn view(tracer: &SurfaceTracer, index: usize, n_views: usize, size: u32) -> View
             sum += color / 16.0;
             covered += if is_object { 1.0 / 16.0 } else { 0.0 };
         }
-        let code = |v: f32| (srgb_from_linear(v).clamp(0.0, 1.0) * 65535.0).round() as u16;
-        pixels.push(sum.to_array().map(code));
+        colors.push(sum);
         coverage.push((covered * 255.0_f32).round() as u8);
     }
     View {
         name: format!("view {index}"),
         split: Split::Train,
         camera,
-        photo: Photo::Ldr {
-            width: size,
-            height: size,
-            pixels,
-        },
+        photo: painted(size, |i| colors[i as usize]),
         mask: Some(Mask {
             width: size,
             height: size,

@@ -93,7 +93,8 @@ fn baked(
     let albedo = |texels: &[Texel], diffuse: &[Vec3]| match &light {
         Some(light) => {
             let pairs = texels.iter().zip(diffuse);
-            let albedo = pairs.map(|(at, diffuse)| light.surface.albedo(at.position, at.normal, *diffuse));
+            let albedo =
+                pairs.map(|(at, diffuse)| light.surface.albedo(at.position, at.normal, *diffuse));
             albedo.collect()
         }
         // The paper's own model keeps its diffuse part whatever the light.

@@ -20,11 +20,10 @@ const MOST: f32 = 20.0;
 
 /// Exposure and white balance of one photo; runs from before noted more, which is not read.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct PhotoExposure {
-    /// The photo's name.
-    pub name: String,
+struct PhotoExposure {
+    name: String,
     /// What it multiplies radiance by, a colour; their geometric mean over the photos is 1.
-    pub gain: Vec3,
+    gain: Vec3,
 }
 
 /// Those of all training photos.
@@ -54,11 +53,11 @@ impl PhotoExposures {
 
     /// The same photos with other gains, in their order.
     pub(in crate::train) fn with_gains(&self, gains: &[Vec3]) -> Self {
-        let mut photos = self.photos.clone();
-        for (photo, gain) in photos.iter_mut().zip(gains) {
-            photo.gain = *gain;
-        }
-        Self::new(photos)
+        let of_photo = |(photo, gain): (&PhotoExposure, &Vec3)| PhotoExposure {
+            name: photo.name.clone(),
+            gain: *gain,
+        };
+        Self::new(self.photos.iter().zip(gains).map(of_photo).collect())
     }
 
     /// The gain a colour of the view's photo; `None` where it was not trained on, though one of the same name was.
@@ -153,30 +152,19 @@ mod tests {
         let mut view = sphere_in_a_box(2, 8).train.remove(0);
         view.name = "a".to_owned();
         let scene = Scene::new(None, fog(0.2_f32.ln(), 0.0));
-        assert_eq!(
-            photos().gain(&view, &scene),
-            Vec3::new(0.5, 1.0, 2.0),
-            "its own"
-        );
+        let own = photos().gain(&view, &scene);
+        assert_eq!(own, Vec3::new(0.5, 1.0, 2.0), "its own");
         // A held-out photo of the same name is another.
         view.split = Split::Test;
         assert_eq!(photos().trained(&view), None);
-        let n = (view.camera.width * view.camera.height) as usize;
-        let shown = (0..n)
-            .map(|i| Vec3::from(view.photo.linear(i)))
-            .sum::<Vec3>()
-            / n as f32;
+        let n = view.photo.n_pixels();
+        let shown = (0..n).map(|i| Vec3::from(view.photo.linear(i)));
+        let shown = shown.sum::<Vec3>() / n as f32;
         let gain = photos().gain(&view, &scene);
-        assert!(
-            (0.2 * gain - shown).abs().max_element() < 0.02,
-            "{gain} for {shown}"
-        );
+        let off = (0.2 * gain - shown).abs().max_element();
+        assert!(off < 0.02, "{gain} for {shown}");
         let dark = Scene::new(None, fog(-80.0, 0.0));
-        assert_eq!(
-            photos().gain(&view, &dark),
-            Vec3::splat(MOST),
-            "nothing to see"
-        );
+        assert_eq!(photos().gain(&view, &dark), Vec3::splat(MOST), "nothing");
     }
 
     #[test]
@@ -187,16 +175,11 @@ mod tests {
         photos().write(&path).unwrap();
         let read = PhotoExposures::read(&path).unwrap().expect("a file");
         assert_eq!(read.photos, photos().photos);
-        for (bad, what) in [
-            (r#"[{"name":"a","gain":[0,1,1]}]"#, "gain"),
-            (r#"[{"name":"a"}]"#, "gain"),
-        ] {
+        for bad in [r#"[{"name":"a","gain":[0,1,1]}]"#, r#"[{"name":"a"}]"#] {
             std::fs::write(&path, bad).unwrap();
             let message = PhotoExposures::read(&path).unwrap_err().to_string();
-            assert!(
-                message.contains("exposures.json") && message.contains(what),
-                "{message}"
-            );
+            let are_named = ["exposures.json", "gain"].map(|what| message.contains(what));
+            assert_eq!(are_named, [true; 2], "{message}");
         }
     }
 }

@@ -3,7 +3,7 @@
 
 use glam::{Mat2, Vec2};
 
-use crate::train::statistics::{scatter, share_beyond};
+use crate::train::statistics::{cauchy_weight, scatter, share_beyond};
 
 /// Rounds of reweighting in which a shift is found, and what keeps it at nothing, in pieces of the outline.
 const ROUNDS: usize = 4;
@@ -33,7 +33,7 @@ impl PictureShift {
             let (mut matrix, mut right) = (RIDGE * Mat2::IDENTITY, Vec2::ZERO);
             for (place, rest) in off.iter().zip(rests(off, by)) {
                 let (off, slope) = *place;
-                let weight = 1.0 / (1.0 + rest * rest);
+                let weight = cauchy_weight(rest, 1.0);
                 matrix += weight * Mat2::from_cols(slope * slope.x, slope * slope.y);
                 right += weight * off * slope;
             }

@@ -38,8 +38,8 @@ impl PoseRow {
     ) -> Option<Self> {
         // A camera that turns by `w` and moves by `s` sees a point in the direction `d - w x d - s / t`.
         let (turn, shift) = (slope.cross(direction), -slope / distance.max(1e-3));
-        let is_told = opacity >= LEAST_OPACITY && turn.is_finite() && difference.is_finite();
-        is_told.then_some(Self {
+        let is_known = opacity >= LEAST_OPACITY && turn.is_finite() && difference.is_finite();
+        is_known.then_some(Self {
             view,
             slopes: [turn.x, turn.y, turn.z, shift.x, shift.y, shift.z],
             difference,
@@ -91,9 +91,9 @@ impl Sums {
         let by = [self.by_turn, self.by_shift].map(|v| v.to_array());
         let numbers = blocks.as_flattened().iter().chain(by.as_flattened());
         let mut bits = [0; Self::LEN];
-        bits.iter_mut()
-            .zip(numbers)
-            .for_each(|(bits, v)| *bits = v.to_bits());
+        for (bits, v) in bits.iter_mut().zip(numbers) {
+            *bits = v.to_bits();
+        }
         bits
     }
 

@@ -124,13 +124,9 @@ impl Poses {
         if !self.are_corrected {
             return self.given.clone();
         }
-        let corrected = |(camera, correction): (&Camera, &Correction)| {
-            correction.corrected(camera, self.half_side)
-        };
-        self.given
-            .iter()
-            .zip(&self.corrections)
-            .map(corrected)
+        let pairs = self.given.iter().zip(&self.corrections);
+        pairs
+            .map(|(camera, correction)| correction.corrected(camera, self.half_side))
             .collect()
     }
 
@@ -156,13 +152,9 @@ impl Poses {
         step: u64,
         rows: impl Iterator<Item = &'a PoseRow>,
     ) {
-        if self.are_sought(step) {
-            self.add(rows);
+        if !self.are_sought(step) {
+            return;
         }
-    }
-
-    /// Takes up equations.
-    fn add<'a>(&mut self, rows: impl Iterator<Item = &'a PoseRow>) {
         for row in rows {
             self.sums[row.view].add(row);
         }
@@ -171,15 +163,11 @@ impl Poses {
     /// Corrects all poses by what was taken up since the last time.
     fn correct(&mut self) {
         let mut changes = Vec::with_capacity(self.given.len());
-        for ((sums, correction), camera) in self
-            .sums
-            .iter_mut()
-            .zip(&mut self.corrections)
-            .zip(&self.given)
-        {
+        let photos = self.sums.iter_mut().zip(&mut self.corrections);
+        for ((sums, correction), camera) in photos.zip(&self.given) {
             let before = *correction;
             let used = if self.are_corrected {
-                *correction
+                before
             } else {
                 Correction::default()
             };

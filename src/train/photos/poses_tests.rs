@@ -14,12 +14,12 @@ use crate::train::random::SlotRandom;
 use crate::train::scene_model::SceneModel as _;
 use crate::train::shape::retracing::RETRACE_AT;
 use crate::train::step::trainer::Trainer;
-use crate::train::test_scene::{small_fields, sphere_in_a_box};
+use crate::train::test_scene::{retrace, small_fields, sphere_in_a_box};
 
 /// The scene, its training cameras turned and moved by a pixel or two, and the right cameras.
 fn shaken(n_views: usize, size: u32) -> (Dataset, Vec<Camera>) {
     let mut dataset = sphere_in_a_box(n_views, size);
-    let right = dataset.train.iter().map(|view| view.camera).collect();
+    let right = given_cameras(&dataset);
     for (index, view) in dataset.train.iter_mut().enumerate() {
         let mut random = SlotRandom::new(7, index as u64, 0);
         let mut vector =
@@ -35,17 +35,27 @@ fn shaken(n_views: usize, size: u32) -> (Dataset, Vec<Camera>) {
 
 /// By how many pixels cameras show the walls elsewhere than the right ones do, mean over the photos.
 fn off_px(cameras: &[Camera], right: &[Camera]) -> f32 {
-    let off = cameras.iter().zip(right).map(|(camera, right)| {
-        let corners = [(0.2, 0.2), (0.8, 0.3), (0.5, 0.9)];
-        let at_corner = |(x, y): (f32, f32)| {
-            let ray = right.ray(x * right.width as f32, y * right.height as f32);
-            let point = ray.origin + 3.5 * ray.direction;
+    off_at(cameras, right, |camera| {
+        [(0.2, 0.2), (0.8, 0.3), (0.5, 0.9)].map(|(x, y)| {
+            let ray = camera.ray(x * camera.width as f32, y * camera.height as f32);
+            ray.at(3.5)
+        })
+    })
+}
+
+/// The same of the points that `points` makes of the right cameras.
+fn off_at<const N: usize>(
+    cameras: &[Camera],
+    right: &[Camera],
+    points: impl Fn(&Camera) -> [Vec3; N],
+) -> f32 {
+    let off = cameras.iter().zip(right).flat_map(|(camera, right)| {
+        points(right).map(|point| {
             let [a, b] = [camera, right].map(|c| c.project(point).expect("before the camera"));
             a.distance(b)
-        };
-        corners.map(at_corner).iter().sum::<f32>() / 3.0
+        })
     });
-    off.sum::<f32>() / right.len() as f32
+    off.sum::<f32>() / (N * right.len()) as f32
 }
 
 fn trainer(dataset: &Dataset, fit: PhotoFit) -> Trainer<Fast> {
@@ -59,15 +69,13 @@ fn trainer(dataset: &Dataset, fit: PhotoFit) -> Trainer<Fast> {
 #[test]
 fn shaken_cameras_are_put_right_and_kept() {
     let (dataset, right) = shaken(40, 48);
-    let given: Vec<Camera> = dataset.train.iter().map(|view| view.camera).collect();
+    let given = given_cameras(&dataset);
     let mut first = trainer(&dataset, PhotoFit::On);
     let due = RETRACE_AT.map(|at| (at * 1500.0) as u32);
     for step in 0..1500 {
         // As in a run: the object's light paths begin at the corrected cameras.
         if due.contains(&step) {
-            first
-                .retrace(&dataset, usize::MAX, &AtomicBool::new(false), &|_| ())
-                .unwrap();
+            retrace(&mut first, &dataset);
         }
         first.step(step as f32 / 1500.0);
     }
@@ -86,13 +94,9 @@ fn shaken_cameras_are_put_right_and_kept() {
     let off = off_px(&second.model.poses().unwrap().cameras(), &poses.cameras());
     assert!(off < 1e-3, "{off} px lost by the checkpoint");
     // The object's light paths begin at the corrected cameras too.
-    second
-        .retrace(&dataset, usize::MAX, &AtomicBool::new(false), &|_| ())
-        .unwrap();
-    assert_eq!(
-        second.model.pixels.cameras()[3],
-        second.model.poses().unwrap().cameras()[3]
-    );
+    retrace(&mut second, &dataset);
+    let corrected = second.model.poses().unwrap().cameras();
+    assert_eq!(second.model.pixels.cameras()[3], corrected[3]);
 }
 
 #[test]
@@ -100,13 +104,7 @@ fn cameras_begin_where_outlines_show_them_to_be() {
     let (dataset, right) = shaken(40, 48);
     let given = given_cameras(&dataset);
     let begun = trainer(&dataset, PhotoFit::Auto).model.pixels.cameras();
-    let at_object = |cameras: &[Camera]| {
-        let off = cameras.iter().zip(&right).map(|(camera, right)| {
-            let [a, b] = [camera, right].map(|c| c.project(Vec3::ZERO).expect("in front"));
-            a.distance(b)
-        });
-        off.sum::<f32>() / right.len() as f32
-    };
+    let at_object = |cameras: &[Camera]| off_at(cameras, &right, |_| [Vec3::ZERO]);
     let (before, after) = (at_object(&given), at_object(&begun));
     assert!(before > 0.9, "{before} px: nothing to put right");
     assert!(after < 0.4 * before, "{before} px before, {after} px after");

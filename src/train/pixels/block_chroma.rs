@@ -16,7 +16,7 @@ const N_ROUNDS: usize = 8;
 
 /// What the decoded chroma of each block lacks for its mean to be the file's.
 #[derive(Debug)]
-pub(in crate::train) struct BlockChroma {
+pub(super) struct BlockChroma {
     /// Columns and rows of a block.
     size: [usize; 2],
     /// Pixels a row.
@@ -27,7 +27,7 @@ pub(in crate::train) struct BlockChroma {
 
 impl BlockChroma {
     /// Of a photo with such blocks; `None` where each pixel has its own chroma.
-    pub(in crate::train) fn of(photo: &Photo) -> Option<Self> {
+    pub(super) fn of(photo: &Photo) -> Option<Self> {
         let size = photo.chroma_block().map(|n| n as usize);
         if size == [1, 1] {
             return None;
@@ -59,7 +59,7 @@ impl BlockChroma {
     }
 
     /// Pixel `i` of the photo, sRGB, such that its block's mean chroma is the file's.
-    pub(in crate::train) fn srgb(&self, photo: &Photo, i: usize) -> [f32; 3] {
+    pub(super) fn srgb(&self, photo: &Photo, i: usize) -> [f32; 3] {
         (Vec3::from(photo.srgb(i)) + self.lacking[self.block(i)]).to_array()
     }
 
@@ -78,16 +78,15 @@ impl BlockChroma {
         let columns = self.columns();
         let axes = [(columns, 1), (chroma.len() / columns, columns)];
         let mut means = chroma;
-        for ((n, stride), _) in axes
-            .into_iter()
-            .zip(self.size)
-            .filter(|(_, size)| *size == 2)
-        {
+        for ((n, stride), size) in axes.into_iter().zip(self.size) {
+            if size != 2 {
+                continue;
+            }
             let along = |i: usize| {
                 let at = i / stride % n;
-                let before = if at > 0 { i - stride } else { i };
-                let after = if at + 1 < n { i + stride } else { i };
-                OWN * means[i] + NEIGHBOUR * (means[before] + means[after])
+                let before = means[if at > 0 { i - stride } else { i }];
+                let after = means[if at + 1 < n { i + stride } else { i }];
+                OWN * means[i] + NEIGHBOUR * (before + after)
             };
             means = (0..means.len()).map(along).collect();
         }
@@ -128,10 +127,8 @@ mod tests {
             let mut means = [Vec3::ZERO; 2];
             for i in block_around(2 * y * 32 + 2 * x, 32, [2, 2]) {
                 let i = i as usize;
-                for (mean, v) in means
-                    .iter_mut()
-                    .zip([photo.srgb(i), blocks.srgb(&photo, i)])
-                {
+                let pixels = [photo.srgb(i), blocks.srgb(&photo, i)];
+                for (mean, v) in means.iter_mut().zip(pixels) {
                     *mean += 0.25 * Vec3::from(v);
                 }
             }

@@ -6,7 +6,7 @@ use crate::data::View;
 pub(super) const SLOPE_CODES: f32 = 127.0;
 
 /// `exp(-|image gradient|)` at pixel `i`, in 255ths.
-pub(in crate::train) fn smoothness(view: &View, i: usize) -> u8 {
+pub(super) fn smoothness(view: &View, i: usize) -> u8 {
     ((-image_gradient(view, i)).exp() * f32::from(u8::MAX)).round() as u8
 }
 
@@ -21,7 +21,7 @@ fn image_gradient(view: &View, i: usize) -> f32 {
 }
 
 /// Slopes of the colours at pixel `i` by central differences, in [`SLOPE_CODES`]; 0 where a neighbour is not all object.
-pub(in crate::train) fn slopes(view: &View, i: usize, is_object: &[bool]) -> [[i8; 2]; 3] {
+pub(super) fn slopes(view: &View, i: usize, is_object: &[bool]) -> [[i8; 2]; 3] {
     let (width, n) = (view.photo.width() as usize, view.photo.n_pixels());
     let column = i % width;
     let is_inside = column > 0 && column + 1 < width && i >= width && i + width < n;

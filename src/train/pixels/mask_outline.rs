@@ -27,24 +27,20 @@ pub(in crate::train) struct MaskOutline {
 }
 
 impl MaskOutline {
-    /// `None` where the mask shows nothing of the object's edge.
-    pub(in crate::train) fn new(mask: &Mask) -> Option<Self> {
-        Self::measured(mask, distances)
-    }
-
-    /// The same with distances up to `reach` pixels only, which takes a tenth of the time.
-    pub(in crate::train) fn near(mask: &Mask, reach: f32) -> Option<Self> {
-        Self::measured(mask, |size, pieces| distances_near(size, pieces, reach))
-    }
-
-    fn measured(mask: &Mask, distances: impl Fn([usize; 2], &[Piece]) -> Vec<f32>) -> Option<Self> {
+    /// With distances up to `reach` pixels; a few take a tenth of the time of an infinite one. `None` where the mask shows nothing
+    /// of the object's edge.
+    pub(in crate::train) fn new(mask: &Mask, reach: f32) -> Option<Self> {
         let soft = softened(mask);
         let (width, height) = (mask.width as usize, mask.height as usize);
         let pieces = outline_pieces(&soft, width, height);
         if pieces.is_empty() {
             return None;
         }
-        let mut distance = distances([width, height], &pieces);
+        let mut distance = if reach.is_finite() {
+            distances_near([width, height], &pieces, reach)
+        } else {
+            distances([width, height], &pieces)
+        };
         for (distance, soft) in distance.iter_mut().zip(&soft) {
             *distance *= if *soft > 0.5 { 1.0 } else { -1.0 };
         }
@@ -93,31 +89,22 @@ fn softened(mask: &Mask) -> Vec<f32> {
     if n_soft as f32 >= SOFT_SHARE * n_edges as f32 {
         return share;
     }
-    let mut blurred = share;
-    for _ in 0..2 {
-        blurred = blurred_121(&blurred, width, height);
-    }
-    blurred
+    let blurred = |source: &[f32]| blurred_121(source, width, height);
+    blurred(&blurred(&share))
 }
 
 /// Blurred by 1, 2, 1 along both axes.
 fn blurred_121(source: &[f32], width: usize, height: usize) -> Vec<f32> {
-    let pass = |source: &[f32], step: usize, place: &dyn Fn(usize) -> (usize, usize)| -> Vec<f32> {
-        (0..source.len())
-            .map(|i| {
-                let (at, n) = place(i);
-                let before = if at > 0 { source[i - step] } else { source[i] };
-                let after = if at + 1 < n {
-                    source[i + step]
-                } else {
-                    source[i]
-                };
-                0.25 * (before + 2.0 * source[i] + after)
-            })
-            .collect()
+    let along = |source: &[f32], n: usize, stride: usize| -> Vec<f32> {
+        let blurred = |i: usize| {
+            let at = i / stride % n;
+            let before = source[if at > 0 { i - stride } else { i }];
+            let after = source[if at + 1 < n { i + stride } else { i }];
+            0.25 * (before + 2.0 * source[i] + after)
+        };
+        (0..source.len()).map(blurred).collect()
     };
-    let rows = pass(source, 1, &|i| (i % width, width));
-    pass(&rows, width, &|i| (i / width, height))
+    along(&along(source, width, 1), height, width)
 }
 
 /// Marching squares at half coverage between the pixels' centres.
@@ -143,9 +130,7 @@ fn outline_pieces(soft: &[f32], width: usize, height: usize) -> Vec<Piece> {
                     crossings.push(Vec2::new(x as f32 + 0.5, y as f32 + 0.5) + p.lerp(q, t));
                 }
             }
-            for pair in crossings.as_chunks::<2>().0 {
-                pieces.push(*pair);
-            }
+            pieces.extend(crossings.as_chunks::<2>().0);
         }
     }
     pieces
@@ -174,11 +159,22 @@ fn distances_near([width, height]: [usize; 2], pieces: &[Piece], reach: f32) -> 
 /// The same without an end, by carrying the nearest piece from neighbour to neighbour, forth and back.
 fn distances([width, height]: [usize; 2], pieces: &[Piece]) -> Vec<f32> {
     const NONE: u32 = u32::MAX;
+    /// The pixels around one, column and row.
+    const AROUND: [(isize, isize); 8] = [
+        (-1, 0),
+        (-1, -1),
+        (0, -1),
+        (1, -1),
+        (1, 0),
+        (1, 1),
+        (0, 1),
+        (-1, 1),
+    ];
     let mut nearest = vec![NONE; width * height];
     let mut distance = vec![FAR_PX; width * height];
-    let centre = |i: usize| Vec2::new((i % width) as f32 + 0.5, (i / width) as f32 + 0.5);
     let offer = |i: usize, piece: u32, nearest: &mut [u32], distance: &mut [f32]| {
-        let d = distance_to_piece(centre(i), pieces[piece as usize]);
+        let centre = Vec2::new((i % width) as f32, (i / width) as f32) + 0.5;
+        let d = distance_to_piece(centre, pieces[piece as usize]);
         if d < distance[i] {
             distance[i] = d;
             nearest[i] = piece;
@@ -192,32 +188,19 @@ fn distances([width, height]: [usize; 2], pieces: &[Piece]) -> Vec<f32> {
             offer(y * width + x, index as u32, &mut nearest, &mut distance);
         }
     }
-    for round in 0..4 {
-        let is_back = round % 2 == 1;
-        for step in 0..width * height {
-            let i = if is_back {
-                width * height - 1 - step
+    let n = width * height;
+    let forth_and_back = || (0..n).chain((0..n).rev());
+    for i in forth_and_back().chain(forth_and_back()) {
+        for (dx, dy) in AROUND {
+            let x = (i % width).wrapping_add_signed(dx);
+            let y = (i / width).wrapping_add_signed(dy);
+            let piece = if x < width && y < height {
+                nearest[y * width + x]
             } else {
-                step
+                NONE
             };
-            let (x, y) = ((i % width) as isize, (i / width) as isize);
-            for (dx, dy) in [
-                (-1, 0),
-                (-1, -1),
-                (0, -1),
-                (1, -1),
-                (1, 0),
-                (1, 1),
-                (0, 1),
-                (-1, 1),
-            ] {
-                let (x, y) = (x + dx, y + dy);
-                if x >= 0 && y >= 0 && (x as usize) < width && (y as usize) < height {
-                    let piece = nearest[y as usize * width + x as usize];
-                    if piece != NONE {
-                        offer(i, piece, &mut nearest, &mut distance);
-                    }
-                }
+            if piece != NONE {
+                offer(i, piece, &mut nearest, &mut distance);
             }
         }
     }

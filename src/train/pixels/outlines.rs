@@ -77,11 +77,11 @@ impl Sides {
         let mut sides = Self::of_coverage(&mask.coverage);
         let (near, band) = (UNCERTAIN * error_px, NEITHER * error_px);
         let reach = near + band;
-        let Some(outline) = MaskOutline::near(mask, reach) else {
+        let Some(outline) = MaskOutline::new(mask, reach) else {
             return sides;
         };
         let silhouette = traced_near(mask, &outline, camera, tracer, reach);
-        let silhouette = MaskOutline::near(&silhouette, reach);
+        let silhouette = MaskOutline::new(&silhouette, reach);
         for (pixel, by_mask) in outline.distance.iter().enumerate() {
             // Without a silhouette the mesh lies elsewhere.
             let by_mesh = silhouette.as_ref().map_or(0.0, |s| s.distance[pixel]);
@@ -146,17 +146,8 @@ pub(in crate::train) struct OutlineFit {
 }
 
 impl OutlineFit {
-    /// Of the masks of the training views, taken by `cameras`.
+    /// Of the masks of at most so many of the training views, evenly chosen, which `cameras` took.
     pub(in crate::train) fn new(
-        dataset: &Dataset,
-        cameras: &[Camera],
-        tracer: Option<&SurfaceTracer>,
-    ) -> Self {
-        Self::of_views(dataset, cameras, tracer, usize::MAX)
-    }
-
-    /// Of at most so many of the views, evenly chosen.
-    pub(in crate::train) fn of_views(
         dataset: &Dataset,
         cameras: &[Camera],
         tracer: Option<&SurfaceTracer>,
@@ -168,9 +159,9 @@ impl OutlineFit {
         let stride = dataset.train.len().div_ceil(most).max(1);
         let of_view = |(view, camera): (&View, &Camera)| -> Option<_> {
             let mask = view.mask.as_ref()?;
-            let outline = MaskOutline::near(mask, SEARCHED_PX)?;
+            let outline = MaskOutline::new(mask, SEARCHED_PX)?;
             let silhouette = traced_near(mask, &outline, camera, tracer, SEARCHED_PX);
-            let off = off(&outline, &MaskOutline::near(&silhouette, SEARCHED_PX)?);
+            let off = off(&outline, &MaskOutline::new(&silhouette, SEARCHED_PX)?);
             let shift = PictureShift::of(&off);
             Some((shift, rests(&off, shift.by).collect()))
         };
@@ -186,23 +177,21 @@ impl OutlineFit {
 
 /// How far the places of a mask's outline are from a silhouette.
 fn off(outline: &MaskOutline, silhouette: &MaskOutline) -> Vec<Off> {
-    let slope_at = |at: Vec2| {
-        let along =
-            |step: Vec2| silhouette.distance_at(at + step) - silhouette.distance_at(at - step);
-        0.5 * Vec2::new(along(Vec2::X), along(Vec2::Y))
+    let distance = |at: Vec2| silhouette.distance_at(at);
+    let off = |at: &Vec2| {
+        let along = |step: Vec2| distance(*at + step) - distance(*at - step);
+        (
+            distance(*at),
+            0.5 * Vec2::new(along(Vec2::X), along(Vec2::Y)),
+        )
     };
-    let places = outline.middles.iter();
-    places
-        .map(|at| (silhouette.distance_at(*at), slope_at(*at)))
-        .collect()
+    outline.middles.iter().map(off).collect()
 }
 
 /// Standard deviation of the error of outlines that lie `off_px` pixels from a surface's; 0 where sampling explains them.
 pub(in crate::train) fn error_from(off_px: Vec<f32>) -> f32 {
-    let scatter = scatter(off_px);
-    let error = (scatter * scatter - SAMPLING_PX * SAMPLING_PX)
-        .max(0.0)
-        .sqrt();
+    let variance = scatter(off_px).powi(2) - SAMPLING_PX.powi(2);
+    let error = variance.max(0.0).sqrt();
     if error > EXACT_PX { error } else { 0.0 }
 }
 
@@ -229,7 +218,7 @@ pub(in crate::train) mod tests {
 
     /// Moves a mask's outline by a smooth noise of that standard deviation, pixels; another for each `seed`.
     pub(in crate::train) fn wander(mask: &mut Mask, error_px: f32, seed: usize) {
-        let outline = MaskOutline::new(mask).expect("an outline");
+        let outline = MaskOutline::new(mask, f32::INFINITY).expect("an outline");
         let seed = seed as f32;
         // Six plane waves about twenty pixels long, whose squares have a mean of a half.
         let waves: [[f32; 3]; 6] = std::array::from_fn(|k| {
@@ -242,11 +231,8 @@ pub(in crate::train) mod tests {
             let (x, y) = (pixel % outline.size[0], pixel / outline.size[0]);
             let wave = |[u, v, phase]: [f32; 3]| (u * x as f32 + v * y as f32 + phase).sin();
             let moved = error_px * waves.map(wave).iter().sum::<f32>() / 3.0_f32.sqrt();
-            *coverage = if outline.distance[pixel] + moved > 0.0 {
-                255
-            } else {
-                0
-            };
+            let is_object = outline.distance[pixel] + moved > 0.0;
+            *coverage = u8::MAX * u8::from(is_object);
         }
     }
 
@@ -260,7 +246,7 @@ pub(in crate::train) mod tests {
         let tracer = SurfaceTracer::new(Arc::clone(exact.mesh.as_ref().unwrap()));
         let cameras = given_cameras(&exact);
         let fit = |dataset: &Dataset, cameras: &[Camera]| {
-            OutlineFit::new(dataset, cameras, Some(&tracer))
+            OutlineFit::new(dataset, cameras, Some(&tracer), usize::MAX)
         };
         let fitting = fit(&exact, &cameras);
         assert_eq!(fitting.error_px, 0.0);
@@ -268,12 +254,11 @@ pub(in crate::train) mod tests {
         let error_px = fit(&wandering, &cameras).error_px;
         assert!((1.0..1.6).contains(&error_px), "{error_px} pixels");
 
-        let turned = exact.train.iter().map(|view| {
-            let mut camera = view.camera;
+        let mut turned = cameras;
+        for camera in &mut turned {
             camera.cx += 1.5;
-            camera
-        });
-        let turned = fit(&exact, &turned.collect::<Vec<Camera>>());
+        }
+        let turned = fit(&exact, &turned);
         assert_eq!(turned.error_px, 0.0);
         for shift in &turned.shifts {
             assert!(shift.by.distance(Vec2::new(-1.5, 0.0)) < 0.1, "{shift:?}");
@@ -287,19 +272,16 @@ pub(in crate::train) mod tests {
             let by_mask = Sides::new(view, &view.camera, Some(&tracer), 0.0);
             let by_mesh = Sides::new(view, &view.camera, Some(&tracer), error_px);
             let wrong = |sides: &Sides| {
-                let pixels = 0..truth.object.len();
                 let is_wrong = |i: &usize| {
                     (sides.object[*i] && !truth.object[*i])
                         || (sides.background[*i] && !truth.background[*i])
                 };
-                pixels.filter(is_wrong).count()
+                (0..truth.object.len()).filter(is_wrong).count()
             };
             n_wrong += wrong(&by_mesh);
             n_wrong_by_mask += wrong(&by_mask);
-            let sure = by_mesh.object.iter().zip(&by_mesh.background);
-            n_sure += sure
-                .filter(|(object, background)| **object || **background)
-                .count();
+            let sides = by_mesh.object.iter().zip(&by_mesh.background);
+            n_sure += sides.filter(|(a, b)| **a || **b).count();
         }
         assert!(n_wrong_by_mask > 500, "{n_wrong_by_mask} pixels");
         assert!(

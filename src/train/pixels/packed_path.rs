@@ -35,7 +35,7 @@ struct PackedVertex {
 
 /// The light paths of one view's object pixels, one pixel after the other.
 #[derive(Clone, Debug, Default)]
-pub(in crate::train) struct PackedPaths {
+pub(super) struct PackedPaths {
     vertices: Vec<PackedVertex>,
     /// First vertex of each pixel.
     starts: Vec<u32>,
@@ -43,10 +43,7 @@ pub(in crate::train) struct PackedPaths {
 
 impl PackedPaths {
     /// Adds a pixel with its paths; nothing when there are none. Returns whether there are.
-    pub(in crate::train) fn push<'a>(
-        &mut self,
-        paths: impl Iterator<Item = &'a [PathVertex]>,
-    ) -> bool {
+    pub(super) fn push<'a>(&mut self, paths: impl Iterator<Item = &'a [PathVertex]>) -> bool {
         let start = self.vertices.len();
         for path in paths {
             self.vertices.extend(path.iter().map(PackedVertex::new));
@@ -54,20 +51,16 @@ impl PackedPaths {
                 last.flags |= END_OF_PATH;
             }
         }
-        let has_paths = self.vertices.len() > start;
-        if has_paths {
-            self.starts.push(start as u32);
-            self.vertices[start..]
-                .iter_mut()
-                .rev()
-                .take(1)
-                .for_each(|last| last.flags |= END_OF_PIXEL);
-        }
-        has_paths
+        let Some(last) = self.vertices[start..].last_mut() else {
+            return false;
+        };
+        last.flags |= END_OF_PIXEL;
+        self.starts.push(start as u32);
+        true
     }
 
     /// Gives back memory that was reserved for more.
-    pub(in crate::train) fn shrink(&mut self) {
+    pub(super) fn shrink(&mut self) {
         self.vertices.shrink_to_fit();
         self.starts.shrink_to_fit();
     }
@@ -162,12 +155,8 @@ fn pack_unit(n: Vec3) -> [u16; 2] {
 
 fn unpack_unit(bits: [u16; 2]) -> Vec3 {
     let [x, y] = bits.map(|v| f32::from(v) / f32::from(u16::MAX) * 2.0 - 1.0);
-    let z = 1.0 - x.abs() - y.abs();
-    let p = if z < 0.0 {
-        fold(Vec2::new(x, y))
-    } else {
-        Vec2::new(x, y)
-    };
+    let (p, z) = (Vec2::new(x, y), 1.0 - x.abs() - y.abs());
+    let p = if z < 0.0 { fold(p) } else { p };
     p.extend(z).normalize_or(Vec3::Z)
 }
 
@@ -183,11 +172,8 @@ mod tests {
 
     #[test]
     fn unit_vectors_come_back_within_their_precision() {
-        for n in fibonacci_sphere(10_000)
-            .into_iter()
-            .chain(Vec3::AXES)
-            .chain(Vec3::AXES.map(|a| -a))
-        {
+        let axes = Vec3::AXES.into_iter().flat_map(|axis| [axis, -axis]);
+        for n in fibonacci_sphere(10_000).into_iter().chain(axes) {
             let back = unpack_unit(pack_unit(n));
             assert!((back - n).length() < 1e-4, "{n} became {back}");
             assert!((back.length() - 1.0).abs() < 1e-6, "{back} is not unit");
@@ -197,10 +183,8 @@ mod tests {
     #[test]
     fn positive_numbers_of_any_size_come_back_within_their_precision() {
         assert_eq!(unpack_positive(pack_positive(0.0)), 0.0, "zero");
-        assert!(
-            unpack_positive(pack_positive(f32::MAX)).is_finite(),
-            "the largest"
-        );
+        let largest = unpack_positive(pack_positive(f32::MAX));
+        assert!(largest.is_finite(), "{largest}");
         for e in -30..30 {
             let v = 1.37 * 10.0_f32.powi(e);
             let back = unpack_positive(pack_positive(v));
@@ -214,41 +198,33 @@ mod tests {
         let positions = [Vec3::ZERO, Vec3::X, Vec3::new(0.5, -1.0, 0.25)];
         let rings = [[0.0, 1.0], [1.0 / 3.0, 2.0 / 3.0], [0.25, 0.75]];
         let path = |n: usize| -> Vec<PathVertex> {
-            (0..n)
-                .map(|k| {
-                    let from = if k == 0 { eye } else { positions[k - 1] };
-                    PathVertex {
-                        point: SurfacePoint {
-                            position: positions[k],
-                            normal: Vec3::Z,
-                            to_eye: (from - positions[k]).normalize_or_zero(),
-                            base: 0.5,
-                            spread: 0.25,
-                        },
-                        blocked: Blocked {
-                            core: (k % 2) as f32,
-                            rings: rings[k],
-                        },
-                        distance: if k == 0 {
-                            0.0
-                        } else {
-                            (from - positions[k]).length()
-                        },
-                        curvature: 3.0 * k as f32,
-                    }
-                })
-                .collect()
+            let vertex = |k: usize| {
+                let from = if k == 0 { eye } else { positions[k - 1] };
+                let back = from - positions[k];
+                PathVertex {
+                    point: SurfacePoint {
+                        position: positions[k],
+                        normal: Vec3::Z,
+                        to_eye: back.normalize_or_zero(),
+                        base: 0.5,
+                        spread: 0.25,
+                    },
+                    blocked: Blocked {
+                        core: (k % 2) as f32,
+                        rings: rings[k],
+                    },
+                    distance: if k == 0 { 0.0 } else { back.length() },
+                    curvature: 3.0 * k as f32,
+                }
+            };
+            (0..n).map(vertex).collect()
         };
         let pixels: [Vec<Vec<PathVertex>>; 3] = [vec![path(3)], vec![], vec![path(1), path(2)]];
         let mut packed = PackedPaths::default();
         let kept = pixels
             .each_ref()
             .map(|paths| packed.push(paths.iter().map(Vec::as_slice)));
-        assert_eq!(
-            kept,
-            [true, false, true],
-            "pixels without paths are not kept"
-        );
+        assert_eq!(kept, [true, false, true], "those with paths are kept");
         for (pixel, paths) in [&pixels[0], &pixels[2]].into_iter().enumerate() {
             let (mut vertices, mut ranges) = (Vec::new(), Vec::new());
             packed.unpack(pixel, eye, &mut vertices, |range| ranges.push(range));
@@ -258,14 +234,9 @@ mod tests {
             for (a, b) in vertices.iter().zip(&expected) {
                 assert_eq!(a.blocked, b.blocked, "shares are exact");
                 assert_eq!(a.curvature, b.curvature, "few bits suffice here");
-                assert!(
-                    (a.point.to_eye - b.point.to_eye).length() < 1e-6,
-                    "{a:?} against {b:?}"
-                );
-                assert!(
-                    (a.distance - b.distance).abs() < 1e-6,
-                    "{a:?} against {b:?}"
-                );
+                let turned = (a.point.to_eye - b.point.to_eye).length();
+                let farther = (a.distance - b.distance).abs();
+                assert!(turned < 1e-6 && farther < 1e-6, "{a:?} against {b:?}");
             }
         }
     }

@@ -5,7 +5,7 @@ const BLOCK: usize = 8;
 
 /// A set of indices of pixels, in rising order.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(in crate::train) struct PixelSet {
+pub(super) struct PixelSet {
     /// Bit `i % 64` of word `i / 64` for pixel `i`.
     words: Vec<u64>,
     /// Members before each block of words.
@@ -15,7 +15,7 @@ pub(in crate::train) struct PixelSet {
 
 impl PixelSet {
     /// The pixels `i` in `0..n_pixels` for which `is_member(i)`, asked once each in rising order.
-    pub(in crate::train) fn new(n_pixels: usize, mut is_member: impl FnMut(usize) -> bool) -> Self {
+    pub(super) fn new(n_pixels: usize, mut is_member: impl FnMut(usize) -> bool) -> Self {
         let mut words = vec![0_u64; n_pixels.div_ceil(64)];
         for i in 0..n_pixels {
             words[i / 64] |= u64::from(is_member(i)) << (i % 64);
@@ -34,12 +34,12 @@ impl PixelSet {
     }
 
     /// Number of members.
-    pub(in crate::train) fn len(&self) -> usize {
+    pub(super) fn len(&self) -> usize {
         self.n
     }
 
     /// How many members are below pixel `i`; `None` where it is none itself or beyond the picture.
-    pub(in crate::train) fn rank(&self, i: u32) -> Option<usize> {
+    pub(super) fn rank(&self, i: u32) -> Option<usize> {
         let at = i as usize / 64;
         let below = (1_u64 << (i % 64)) - 1;
         let word = *self.words.get(at)?;
@@ -52,7 +52,7 @@ impl PixelSet {
     }
 
     /// The `k`-th member from below, `k` in `0..len()`.
-    pub(in crate::train) fn nth(&self, k: usize) -> u32 {
+    pub(super) fn nth(&self, k: usize) -> u32 {
         assert!(k < self.n, "member {k} of {}", self.n);
         let block = self.before.partition_point(|&before| before as usize <= k) - 1;
         let mut left = k as u32 - self.before[block];
@@ -99,10 +99,6 @@ mod tests {
     #[test]
     fn gaps_of_many_words_are_skipped() {
         let set = PixelSet::new(100_000, |i| i == 3 || i >= 99_998);
-        assert_eq!(
-            [0, 1, 2].map(|k| set.nth(k)),
-            [3, 99_998, 99_999],
-            "members"
-        );
+        assert_eq!([0, 1, 2].map(|k| set.nth(k)), [3, 99_998, 99_999]);
     }
 }

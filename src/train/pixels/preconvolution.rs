@@ -4,6 +4,8 @@
 //! pixels. The paper prints a cone of `3 sigma r0`; matching the blurred pixel needs `r0 sqrt(1 + 12 sigma²)`, i.e. a
 //! variance of `sigma² + 1/12` pixels². Levels from 4 pixels on are stored at half the resolution each.
 
+use glam::{Vec3, Vec4};
+
 use super::pixel_set::PixelSet;
 use super::srgb_codes::SrgbCodes;
 use crate::color::{linear_from_srgb, srgb_from_linear};
@@ -17,7 +19,7 @@ const CODE_MAX: f32 = 65534.0;
 
 /// One level of one photo's background: samples, every `stride` pixels, of the photo blurred by `sigma_px`.
 #[derive(Clone, Debug)]
-pub(in crate::train) struct BlurredImage {
+pub(super) struct BlurredImage {
     width: u32,
     stride: u32,
     sigma_px: f32,
@@ -28,8 +30,7 @@ pub(in crate::train) struct BlurredImage {
 }
 
 /// Linear radiance times weight, and the weight.
-#[derive(Clone, Copy, Default)]
-struct Weighted([f32; 4]);
+type Weighted = Vec4;
 
 /// The pixels of `photo` that are background, sharp and at up to `n_blurred` levels of blur, in which clipped colours count as
 /// [`unclipped`] has them. `keep(level)` is asked for each sample that holds background, in order.
@@ -54,12 +55,9 @@ pub(super) fn blurred_images(
         return levels;
     }
     let linear = linear_by_code();
+    let weigh = |srgb| weigh(srgb, unclipped(srgb, clipped_radiance), &linear);
     let mut weighted: Vec<Weighted> = (0..is_background.len())
-        .map(|i| {
-            sharp(i).map_or_else(Weighted::default, |srgb| {
-                weigh(srgb, unclipped(srgb, clipped_radiance), &linear)
-            })
-        })
+        .map(|i| sharp(i).map_or(Weighted::ZERO, weigh))
         .collect();
     for level in 1..=n_blurred {
         let next = (1 << (level - 1)) as f32;
@@ -73,7 +71,7 @@ pub(super) fn blurred_images(
         let step = (next * next - image.sigma_px * image.sigma_px).sqrt() / image.stride as f32;
         weighted = blur(&weighted, width, height, step);
         (image.width, image.sigma_px) = (width, next);
-        levels.push(image.filled(weighted.len(), |i| unweigh(&weighted[i]), || keep(level)));
+        levels.push(image.filled(weighted.len(), |i| unweigh(weighted[i]), || keep(level)));
     }
     levels
 }
@@ -101,23 +99,20 @@ impl BlurredImage {
     }
 
     /// Number of samples kept.
-    pub(in crate::train) fn len(&self) -> usize {
+    pub(super) fn len(&self) -> usize {
         self.kept.len()
     }
 
     /// Centre of the `k`-th sample in pixels of the photo.
     pub(super) fn position_px(&self, k: usize) -> (f32, f32) {
         let sample = self.kept.nth(k);
-        let (x, y) = (sample % self.width, sample / self.width);
-        (
-            (x as f32 + 0.5) * self.stride as f32,
-            (y as f32 + 0.5) * self.stride as f32,
-        )
+        let middle = |i: u32| (i as f32 + 0.5) * self.stride as f32;
+        (middle(sample % self.width), middle(sample / self.width))
     }
 
     /// The slope of the grey value at the `k`-th sample to the right and downwards, by pixels of the photo; `None` where a
     /// neighbour holds no background or was not kept.
-    pub(in crate::train) fn slope(&self, k: usize) -> Option<[f32; 2]> {
+    pub(super) fn slope(&self, k: usize) -> Option<[f32; 2]> {
         let sample = self.kept.nth(k);
         let grey = |i: u32| {
             let color = self.colors.srgb(self.kept.rank(i)?);
@@ -139,13 +134,9 @@ impl BlurredImage {
     }
 
     /// The `k`-th sample, sRGB in `[0, 1]`.
-    pub(in crate::train) fn srgb(&self, k: usize) -> [f32; 3] {
+    pub(super) fn srgb(&self, k: usize) -> [f32; 3] {
         self.colors.srgb(k)
     }
-}
-
-fn encode(srgb: [f32; 3]) -> [u16; 3] {
-    srgb.map(|v| (v.clamp(0.0, 1.0) * CODE_MAX + 0.5) as u16)
 }
 
 /// Linear value of every 16th code: the photos have 8 bits, and 4096 steps are finer.
@@ -156,40 +147,31 @@ fn linear_by_code() -> Vec<f32> {
 }
 
 fn weigh(srgb: [f32; 3], clipped: f32, linear: &[f32]) -> Weighted {
-    let code = encode(srgb);
-    let [r, g, b] = std::array::from_fn(|c| {
-        if srgb[c] >= CLIPPED {
-            clipped
-        } else {
-            linear[usize::from(code[c]).div_ceil(16)]
+    let radiance = srgb.map(|v| {
+        if v >= CLIPPED {
+            return clipped;
         }
+        let code = (v.clamp(0.0, 1.0) * CODE_MAX + 0.5) as usize;
+        linear[code.div_ceil(16)]
     });
-    Weighted([r, g, b, 1.0])
+    Vec3::from(radiance).extend(1.0)
 }
 
 /// The colour, sRGB, where there is enough background.
-fn unweigh(w: &Weighted) -> Option<[f32; 3]> {
-    let [r, g, b, weight] = w.0;
+fn unweigh(weighted: Weighted) -> Option<[f32; 3]> {
+    let [r, g, b, weight] = weighted.to_array();
     (weight >= MIN_WEIGHT).then(|| [r, g, b].map(|v| srgb_from_linear(v / weight)))
 }
 
 /// Averages of 2 x 2 samples; an odd last row or column is dropped.
 fn halve(image: &[Weighted], width: u32, height: u32) -> Vec<Weighted> {
     let (width, height) = (width as usize, height as usize);
-    let at = |x: usize, y: usize, c: usize| image[y * width + x].0[c];
-    let mut out = Vec::with_capacity(image.len() / 4);
-    for y in 0..height / 2 {
-        for x in 0..width / 2 {
-            let average = |c| {
-                0.25 * (at(2 * x, 2 * y, c)
-                    + at(2 * x + 1, 2 * y, c)
-                    + at(2 * x, 2 * y + 1, c)
-                    + at(2 * x + 1, 2 * y + 1, c))
-            };
-            out.push(Weighted(std::array::from_fn(average)));
-        }
-    }
-    out
+    let average = |(x, y): (usize, usize)| {
+        let i = 2 * (y * width + x);
+        0.25 * (image[i] + image[i + 1] + image[i + width] + image[i + width + 1])
+    };
+    let places = (0..height / 2).flat_map(|y| (0..width / 2).map(move |x| (x, y)));
+    places.map(average).collect()
 }
 
 /// Separable Gaussian; beyond the border there is no weight.
@@ -214,21 +196,17 @@ fn convolve(
     step: usize,
 ) -> Vec<Weighted> {
     let reach = kernel.len() / 2;
-    let mut out = vec![Weighted::default(); image.len()];
+    let mut out = vec![Weighted::ZERO; image.len()];
     for y in 0..height {
         for x in 0..width {
             let (at, end) = if step == 1 { (x, width) } else { (y, height) };
             let (first, last) = (at.saturating_sub(reach), (at + reach).min(end - 1));
             let start = y * width + x - (at - first) * step;
-            let mut sum = [0.0; 4];
+            let mut sum = Weighted::ZERO;
             for (k, i) in (first..=last).enumerate() {
-                let weight = kernel[i + reach - at];
-                let value = image[start + k * step].0;
-                for c in 0..4 {
-                    sum[c] += weight * value[c];
-                }
+                sum += kernel[i + reach - at] * image[start + k * step];
             }
-            out[y * width + x] = Weighted(sum);
+            out[y * width + x] = sum;
         }
     }
     out

@@ -4,7 +4,7 @@ use crate::data::Photo;
 
 /// sRGB colours in `[0, 1]`, quantised.
 #[derive(Clone, Debug)]
-pub(in crate::train) enum SrgbCodes {
+pub(super) enum SrgbCodes {
     /// Of a photo with 8 bits a colour, exact; blurred ones are rounded to them.
     Eight(Vec<[u8; 3]>),
     /// Of any other photo.
@@ -13,7 +13,7 @@ pub(in crate::train) enum SrgbCodes {
 
 impl SrgbCodes {
     /// No colours yet, for those of `photo`.
-    pub(in crate::train) fn like(photo: &Photo) -> Self {
+    pub(super) fn like(photo: &Photo) -> Self {
         match photo {
             Photo::Rgb8 { .. } => Self::Eight(Vec::new()),
             Photo::Ldr { .. } | Photo::Hdr { .. } => Self::Sixteen(Vec::new()),
@@ -21,7 +21,7 @@ impl SrgbCodes {
     }
 
     /// Adds colours, sRGB. Linear photos are cut where a display would cut them, as 8-bit ones were.
-    pub(in crate::train) fn extend(&mut self, colors: impl IntoIterator<Item = [f32; 3]>) {
+    pub(super) fn extend(&mut self, colors: impl IntoIterator<Item = [f32; 3]>) {
         // Casts cut, which is quicker than rounding.
         let code = |v: f32, largest: f32| v.clamp(0.0, 1.0) * largest + 0.5;
         let colors = colors.into_iter();
@@ -36,7 +36,7 @@ impl SrgbCodes {
     }
 
     /// Gives back memory that was reserved for more.
-    pub(in crate::train) fn shrink(&mut self) {
+    pub(super) fn shrink(&mut self) {
         match self {
             Self::Eight(codes) => codes.shrink_to_fit(),
             Self::Sixteen(codes) => codes.shrink_to_fit(),
@@ -45,7 +45,7 @@ impl SrgbCodes {
 
     /// The `k`-th colour.
     #[inline]
-    pub(in crate::train) fn srgb(&self, k: usize) -> [f32; 3] {
+    pub(super) fn srgb(&self, k: usize) -> [f32; 3] {
         match self {
             Self::Eight(codes) => codes[k].map(|c| f32::from(c) / f32::from(u8::MAX)),
             Self::Sixteen(codes) => codes[k].map(|c| f32::from(c) / f32::from(u16::MAX)),

@@ -201,12 +201,12 @@ impl PixelStore {
             let has_own = self.views[pixel.view].places.is_empty();
             if has_own || n_alone > 0 {
                 n_alone -= n_alone.min(1);
-                let told = if has_own {
+                let source = if has_own {
                     ToldChroma::Own
                 } else {
                     ToldChroma::None
                 };
-                drawn.push((pixel, told));
+                drawn.push((pixel, source));
                 continue;
             }
             let block = self.block_of(&pixel).take(n - slot);
@@ -218,13 +218,9 @@ impl PixelStore {
 
     /// The object's pixels that have their chroma in common with one of them, with that, in order.
     fn block_of(&self, pixel: &ObjectPixel) -> impl Iterator<Item = ObjectPixel> {
-        let view = &self.views[pixel.view];
-        let around = block_around(
-            view.places[pixel.index],
-            view.camera.width,
-            view.chroma_block,
-        );
-        let index = pixel.view;
+        let (index, view) = (pixel.view, &self.views[pixel.view]);
+        let place = view.places[pixel.index];
+        let around = block_around(place, view.camera.width, view.chroma_block);
         let known = around.filter_map(|place| view.places.binary_search(&place).ok());
         known.map(move |place| self.object(index, place))
     }
@@ -325,13 +321,11 @@ impl PixelStore {
 
 /// Sums of the numbers before each, and of all.
 fn running_sums(lengths: impl Iterator<Item = usize>) -> Vec<usize> {
-    let mut sum = 0;
-    std::iter::once(0)
-        .chain(lengths.map(|n| {
-            sum += n;
-            sum
-        }))
-        .collect()
+    let mut sums = vec![0];
+    for (i, length) in lengths.enumerate() {
+        sums.push(sums[i] + length);
+    }
+    sums
 }
 
 fn total(before: &[usize]) -> usize {
@@ -354,18 +348,22 @@ mod tests {
     use crate::train::preparation::pixel_options;
     use crate::train::test_scene::{small_fields, sphere_in_a_box};
 
+    /// The pixels of a capture, with options that differ from the usual ones.
+    fn collected(dataset: &Dataset, change: impl Fn(&mut PixelOptions)) -> PixelStore {
+        let tracer = SurfaceTracer::new(Arc::clone(dataset.mesh.as_ref().unwrap()));
+        let mut options = pixel_options(&small_fields(), true, 0.0);
+        change(&mut options);
+        let given = given_cameras(dataset);
+        PixelStore::collect(dataset, &given, Some(&tracer), options, &|| true).unwrap()
+    }
+
     #[test]
     fn of_the_object_about_as_many_are_traced_as_are_wanted() {
         let dataset = sphere_in_a_box(5, 64);
-        let tracer = SurfaceTracer::new(Arc::clone(dataset.mesh.as_ref().unwrap()));
-        let given = given_cameras(&dataset);
         let traced = |most_objects, choice| {
-            let options = PixelOptions {
-                most_objects,
-                choice,
-                ..pixel_options(&small_fields(), true, 0.0)
-            };
-            PixelStore::collect(&dataset, &given, Some(&tracer), options, &|| true).unwrap()
+            collected(&dataset, |options| {
+                (options.most_objects, options.choice) = (most_objects, choice);
+            })
         };
         let all = traced(usize::MAX, 0);
         assert!(all.n_objects() > 2500, "{} pixels", all.n_objects());
@@ -394,15 +392,10 @@ mod tests {
                 chroma_block: [2, 2],
             };
         }
-        let tracer = SurfaceTracer::new(Arc::clone(dataset.mesh.as_ref().unwrap()));
-        let given = given_cameras(&dataset);
         let store = |shared_chroma| {
-            let options = PixelOptions {
-                most_objects: 1000,
-                shared_chroma,
-                ..pixel_options(&small_fields(), true, 0.0)
-            };
-            PixelStore::collect(&dataset, &given, Some(&tracer), options, &|| true).unwrap()
+            collected(&dataset, |options| {
+                (options.most_objects, options.shared_chroma) = (1000, shared_chroma);
+            })
         };
         let (together, singly) = (store(true), store(false));
         let draw =
@@ -417,11 +410,8 @@ mod tests {
                 n_alone += group.len();
                 continue;
             }
-            assert!(
-                matches!(group[0].1, ToldChroma::Mean(_)),
-                "{:?}",
-                group[0].1
-            );
+            let source = group[0].1;
+            assert!(matches!(source, ToldChroma::Mean(_)), "{source:?}");
             let is_same = |pixel: &ObjectPixel| {
                 pixel.view == group[0].0.view && first(pixel) == first(&group[0].0)
             };
@@ -435,26 +425,19 @@ mod tests {
         assert!(4 * n_whole > 3 * n_blocks, "{n_whole} of {n_blocks}");
         let n_sharing = [&together, &singly].map(PixelStore::n_sharing_chroma);
         assert_eq!(n_sharing, [3, 0]);
-        assert!(
-            draw(&singly)
-                .iter()
-                .all(|(_, told)| *told == ToldChroma::Own)
-        );
+        let singly = draw(&singly);
+        assert!(singly.iter().all(|(_, source)| *source == ToldChroma::Own));
     }
 
     #[test]
     fn targets_follow_their_cameras() {
         let dataset = sphere_in_a_box(3, 64);
-        let tracer = SurfaceTracer::new(Arc::clone(dataset.mesh.as_ref().unwrap()));
-        let options = pixel_options(&small_fields(), true, 0.0);
+        let mut store = collected(&dataset, |_| ());
         let given = given_cameras(&dataset);
-        let mut store =
-            PixelStore::collect(&dataset, &given, Some(&tracer), options, &|| true).unwrap();
-        let moved = given.iter().map(|camera| Camera {
-            cx: camera.cx + 0.5,
-            ..*camera
-        });
-        let moved: Vec<Camera> = moved.collect();
+        let mut moved = given.clone();
+        for camera in &mut moved {
+            camera.cx += 0.5;
+        }
         let mut random = SlotRandom::new(1, 0, 0);
         let (mut vertices, mut n, mut changed) = (Vec::new(), 0, 0.0_f32);
         for _ in 0..300 {

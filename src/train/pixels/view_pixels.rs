@@ -42,23 +42,23 @@ pub(in crate::train) struct PixelOptions {
 
 /// The training pixels of one view.
 #[derive(Debug)]
-pub(in crate::train) struct ViewPixels {
-    pub(in crate::train) camera: Camera,
+pub(super) struct ViewPixels {
+    pub(super) camera: Camera,
     /// As it was when the object's light paths were traced.
-    pub(in crate::train) traced: Camera,
+    pub(super) traced: Camera,
     /// Light paths, targets, `exp(-|image gradient|)` in 255ths and slopes in [`super::image_gradient::SLOPE_CODES`] of its object pixels.
-    pub(in crate::train) paths: PackedPaths,
-    pub(in crate::train) targets: SrgbCodes,
-    pub(in crate::train) smoothness: Vec<u8>,
-    pub(in crate::train) slopes: Vec<[[i8; 2]; 3]>,
+    pub(super) paths: PackedPaths,
+    pub(super) targets: SrgbCodes,
+    pub(super) smoothness: Vec<u8>,
+    pub(super) slopes: Vec<[[i8; 2]; 3]>,
     /// Columns and rows of the blocks of pixels that have their chroma in common.
-    pub(in crate::train) chroma_block: [u32; 2],
+    pub(super) chroma_block: [u32; 2],
     /// Which of the photo's pixels the object's are, ascending, where there are such blocks.
-    pub(in crate::train) places: Vec<u32>,
+    pub(super) places: Vec<u32>,
     /// By blur level, sharp first.
-    pub(in crate::train) backgrounds: Vec<BlurredImage>,
+    pub(super) backgrounds: Vec<BlurredImage>,
     /// Whether [`PixelOptions::most_objects`] has left none out.
-    pub(in crate::train) has_all_wanted: bool,
+    pub(super) has_all_wanted: bool,
 }
 
 /// The pixels of all views; backgrounds only of those that `has_backgrounds`. `None` once `on_view` returns false.
@@ -134,8 +134,10 @@ impl ViewPixels {
             for (i, coverage) in (first..).zip(gbuffer.coverage()) {
                 if *coverage >= 1.0 && self.paths.push(gbuffer.paths_at(i)) {
                     let n = i as usize;
-                    let own = |blocks: &BlockChroma| blocks.srgb(&view.photo, n);
-                    let target = blocks.as_ref().map_or_else(|| view.photo.srgb(n), own);
+                    let target = match &blocks {
+                        Some(blocks) => blocks.srgb(&view.photo, n),
+                        None => view.photo.srgb(n),
+                    };
                     self.targets.extend([target]);
                     self.smoothness.push(smoothness(view, n));
                     self.slopes.push(slopes(view, n, is_object));

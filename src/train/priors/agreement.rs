@@ -40,19 +40,14 @@ pub(in crate::train) fn draw(
         let slot = FIRST_SLOT + slot as u64;
         let mut random = SlotRandom::new(context.config.seed, context.step, slot);
         let (position, pixel) = look(context, &mut random);
-        let (axis, point) = (
-            pixel.direction,
-            SurfacePoint {
-                position,
-                ..SurfacePoint::default()
-            },
-        );
+        let axis = pixel.direction;
+        let point = SurfacePoint {
+            position,
+            ..SurfacePoint::default()
+        };
         let span = ROUGHNESS.end - ROUGHNESS.start;
         let roughness = ROUGHNESS.start + span * random.uniform();
-        let (wide, narrow) = (
-            Lobe::from_roughness(roughness),
-            Lobe::from_roughness(roughness * NARROWING),
-        );
+        let [wide, narrow] = [roughness, roughness * NARROWING].map(Lobe::from_roughness);
         let mut push = |axis: Vec3, lobe: &Lobe| {
             let ray = first_lobe_ray(&point, axis, lobe, &still, context.frame);
             batch.rays.push(ray);

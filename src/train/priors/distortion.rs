@@ -6,26 +6,26 @@
 
 use std::ops::Range;
 
+use super::add_weight_gradient;
 use crate::neif::field::radiance_field::FieldBatch;
 
 /// Sum over `rays` of `sum_ij w_i w_j |s_i - s_j|`; adds `scale` times its gradient by the compositing weights to
 /// `batch.d_weights`.
 pub(in crate::train) fn distortion(rays: Range<usize>, scale: f32, batch: &mut FieldBatch) -> f64 {
-    let mut d_weights = std::mem::take(&mut batch.d_weights);
-    d_weights.resize(batch.weights().len(), 0.0);
-    let n = batch.weights().len() / batch.rays.len().max(1);
-    let mut sum = 0.0;
-    for ray in rays {
-        let samples = ray * n..(ray + 1) * n;
-        sum += f64::from(ray_distortion(
-            &batch.weights()[samples.clone()],
-            &batch.distances()[samples.clone()],
-            scale,
-            &mut d_weights[samples],
-        ));
-    }
-    batch.d_weights = d_weights;
-    sum
+    add_weight_gradient(batch, |batch, samples_of, d_weights| {
+        let of_ray = |ray: usize| {
+            let samples = samples_of(ray);
+            let weights = &batch.weights()[samples.clone()];
+            let distances = &batch.distances()[samples.clone()];
+            f64::from(ray_distortion(
+                weights,
+                distances,
+                scale,
+                &mut d_weights[samples],
+            ))
+        };
+        rays.map(of_ray).sum()
+    })
 }
 
 /// The sum over one ray, whose `distances` grow, in linear time: what lies before and behind a sample is summed along.

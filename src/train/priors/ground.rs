@@ -68,27 +68,24 @@ impl SeenGround {
     pub(in crate::train) fn of(dataset: &Dataset) -> Option<Self> {
         let mesh = dataset.mesh.as_ref()?;
         let mut ground = Self::under(mesh, up_direction(dataset), dataset.train.len());
-        let points: Vec<Vec3> = (0..ground.n_points()).map(|i| ground.point(i)).collect();
-        let seen: Vec<Vec<Option<Vec3>>> = dataset
-            .train
-            .par_iter()
-            .map(|view| {
-                if ground.height(view.camera.position()) > 0.0 {
-                    log_colors(view, &points)
-                } else {
-                    vec![None; points.len()]
-                }
-            })
-            .collect();
-        ground.log_gains = relative_log_gains(seen.len(), &pairs_at_points(&seen));
-        ground.shown_in = (0..points.len())
-            .into_par_iter()
-            .map(|i| photos_alike(i, &seen, &ground.log_gains))
-            .collect();
-        let beside: Vec<usize> = (0..points.len()).filter(|i| ground.is_beside(*i)).collect();
-        let is_alike = |i: &&usize| !ground.shown_in[**i].is_empty();
-        let n_alike = beside.iter().filter(is_alike).count();
-        (n_alike as f32 >= LEAST_ALIKE * beside.len() as f32).then_some(ground)
+        let n_points = ground.side * ground.side;
+        let points: Vec<Vec3> = (0..n_points).map(|i| ground.point(i)).collect();
+        let colors = |view: &View| {
+            if ground.height(view.camera.position()) > 0.0 {
+                log_colors(view, &points)
+            } else {
+                vec![None; n_points]
+            }
+        };
+        let seen: Vec<Vec<Option<Vec3>>> = dataset.train.par_iter().map(colors).collect();
+        let log_gains = relative_log_gains(seen.len(), &pairs_at_points(&seen));
+        let shown_in = |i| photos_alike(i, &seen, &log_gains);
+        ground.shown_in = (0..n_points).into_par_iter().map(shown_in).collect();
+        ground.log_gains = log_gains;
+        let beside = || (0..n_points).filter(|i| ground.is_beside(*i));
+        let n_alike = beside().filter(|i| !ground.shown_in[*i].is_empty()).count();
+        let is_there = n_alike as f32 >= LEAST_ALIKE * beside().count() as f32;
+        is_there.then_some(ground)
     }
 
     /// The plane alone, for so many photos.
@@ -151,10 +148,6 @@ impl SeenGround {
         self.height(p_world) > 0.0 && is_inside && 2 * n_alike() > points().count()
     }
 
-    fn n_points(&self) -> usize {
-        self.side * self.side
-    }
-
     /// The `i`-th point, world.
     fn point(&self, i: usize) -> Vec3 {
         let p = self.place(i);
@@ -202,22 +195,21 @@ fn log_colors(view: &View, points: &[Vec3]) -> Vec<Option<Vec3>> {
 
 /// The logarithm of a pixel's colour; `None` near the object, and where it is noise or clipped.
 fn log_color(view: &View, pixel: UVec2) -> Option<Vec3> {
-    let UVec2 { x, y } = pixel;
-    let shows_object = |mask: &Mask| is_near(mask, x, y);
-    if view.mask.as_ref().is_some_and(shows_object) {
+    if view.mask.as_ref().is_some_and(|mask| is_near(mask, pixel)) {
         return None;
     }
-    let color = view.photo.linear((y * view.camera.width + x) as usize);
+    let index = pixel.y * view.camera.width + pixel.x;
+    let color = view.photo.linear(index as usize);
     let is_usable = |v: &f32| *v >= USABLE.start && (view.photo.is_linear_hdr() || *v < USABLE.end);
     let is_usable = color.iter().all(is_usable);
     is_usable.then(|| Vec3::from(color).map(f32::ln))
 }
 
 /// Whether there is some of the object around a pixel.
-fn is_near(mask: &Mask, x: u32, y: u32) -> bool {
+fn is_near(mask: &Mask, pixel: UVec2) -> bool {
     let around = |at: u32, n: u32| at.saturating_sub(HALO)..(at + HALO + 1).min(n);
-    around(y, mask.height).any(|y| {
-        let mut columns = around(x, mask.width);
+    around(pixel.y, mask.height).any(|y| {
+        let mut columns = around(pixel.x, mask.width);
         columns.any(|x| mask.coverage[(y * mask.width + x) as usize] > 0)
     })
 }
@@ -241,11 +233,7 @@ mod tests {
         let mean = (0..n).map(log_gain).sum::<Vec3>() / n as f32;
         for (i, found) in found.iter().enumerate() {
             let apart = (*found - (log_gain(i) - mean)).abs().max_element();
-            assert!(
-                apart < 0.05,
-                "photo {i}: {found}, not {}",
-                log_gain(i) - mean
-            );
+            assert!(apart < 0.05, "photo {i}: {found}, off by {apart}");
         }
     }
 

@@ -7,6 +7,7 @@
 use glam::{Affine3A, UVec2, Vec3};
 use rayon::prelude::*;
 
+use super::some_views;
 use crate::data::{Dataset, View};
 use crate::geometry::{Projector, SurfaceTracer};
 use crate::neif::field::cells::INNER_SIDE;
@@ -27,18 +28,13 @@ pub(in crate::train) fn clear_lines_of_sight(
     frame: &FieldFrame,
     tracer: &SurfaceTracer,
 ) {
-    let stride = dataset.train.len().div_ceil(MOST_PHOTOS).max(1);
-    let views: Vec<&View> = dataset.train.iter().step_by(stride).collect();
+    let views: Vec<&View> = some_views(dataset, MOST_PHOTOS).collect();
     let cell = DensityGrid::inner_cell() * frame.half_side;
-    let sights: Vec<Sight> = views
-        .par_iter()
-        .map(|view| Sight::of(view, tracer, cell))
-        .collect();
-    let cells: Vec<Vec<usize>> = (0..INNER_SIDE / LAYERS)
-        .into_par_iter()
-        .map(|slab| clear_cells(&sights, frame, slab * LAYERS))
-        .collect();
-    density.hollow_cells(cells.into_iter().flatten());
+    let sight = |view: &&View| Sight::of(view, tracer, cell);
+    let sights: Vec<Sight> = views.par_iter().map(sight).collect();
+    let slabs = (0..INNER_SIDE / LAYERS).into_par_iter();
+    let cells = slabs.flat_map_iter(|slab| clear_cells(&sights, frame, slab * LAYERS));
+    density.hollow_cells(cells.collect::<Vec<usize>>());
 }
 
 /// How far a photo sees before it meets the object, by blocks of pixels.
@@ -68,11 +64,8 @@ impl Sight {
             let at = (UVec2::new(i % size.x, i / size.x) * block + block / 2)
                 .min(UVec2::new(camera.width - 1, camera.height - 1));
             let pixel = (at.y * camera.width + at.x) as usize;
-            if view
-                .mask
-                .as_ref()
-                .is_some_and(|mask| !mask.is_object(pixel))
-            {
+            let mask = view.mask.as_ref();
+            if mask.is_some_and(|mask| !mask.is_object(pixel)) {
                 return 0.0;
             }
             let ray = camera.ray(at.x as f32 + 0.5, at.y as f32 + 0.5);
@@ -133,11 +126,8 @@ fn clear_cells(sights: &[Sight], frame: &FieldFrame, first: usize) -> Vec<usize>
             *clear = sight.is_clear(frame.world_from_field(p_field));
         }
         for (i, clear) in is_clear.iter_mut().enumerate() {
-            let (x, y, z) = (
-                i % INNER_SIDE,
-                i / INNER_SIDE % INNER_SIDE,
-                i / INNER_SIDE / INNER_SIDE,
-            );
+            let (x, row) = (i % INNER_SIDE, i / INNER_SIDE);
+            let (y, z) = (row % INNER_SIDE, row / INNER_SIDE);
             let lowest = (z * CORNERS + y) * CORNERS + x;
             *clear |= [0, CORNERS * CORNERS].into_iter().all(|z| {
                 let at = lowest + z;
@@ -146,11 +136,8 @@ fn clear_cells(sights: &[Sight], frame: &FieldFrame, first: usize) -> Vec<usize>
         }
     }
     let start = first * INNER_SIDE * INNER_SIDE;
-    let cells = is_clear.into_iter().enumerate();
-    cells
-        .filter(|(_, clear)| *clear)
-        .map(|(i, _)| start + i)
-        .collect()
+    let cells = (start..).zip(is_clear);
+    cells.filter_map(|(i, clear)| clear.then_some(i)).collect()
 }
 
 #[cfg(test)]

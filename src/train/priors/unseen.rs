@@ -7,13 +7,14 @@
 use std::f32::consts::TAU;
 use std::ops::Range;
 
+use glam::Vec3;
+
+use super::add_weight_gradient;
+use crate::geometry::orthonormal_basis;
+use crate::neif::field::radiance_field::{FieldBatch, FieldRay};
 use crate::train::fast::step_context::StepContext;
 use crate::train::pixels::store::BackgroundSample;
 use crate::train::random::SlotRandom;
-use glam::Vec3;
-
-use crate::geometry::orthonormal_basis;
-use crate::neif::field::radiance_field::{FieldBatch, FieldRay};
 
 /// Angles between neighbouring rays, in pixels.
 const LEAST_PIXELS: f32 = 3.0;
@@ -57,8 +58,9 @@ pub(in crate::train) fn draw(
             let direction = a.direction + k * step;
             let length = direction.length();
             let unit = (direction / length).to_array();
-            let ray = FieldRay::of_pixel(origin, unit, 0.0, a.spread);
-            batch.rays.push(ray);
+            batch
+                .rays
+                .push(FieldRay::of_pixel(origin, unit, 0.0, a.spread));
             length
         });
         triples.push(Triple { first, lengths });
@@ -77,28 +79,25 @@ pub(in crate::train) fn look(
 /// Sum of how much one over the depth bends, as a share of itself; adds `scale` times its gradient by the compositing
 /// weights to `batch.d_weights`. That share counts as a constant: nothing is pulled nearer or farther as such.
 pub(in crate::train) fn bend(triples: &[Triple], scale: f32, batch: &mut FieldBatch) -> f64 {
-    let mut d_weights = std::mem::take(&mut batch.d_weights);
-    d_weights.resize(batch.weights().len(), 0.0);
-    let n = batch.weights().len() / batch.rays.len().max(1);
-    let mut sum = 0.0;
-    for Triple { first, lengths } in triples {
-        let samples = |k: usize| (first + k) * n..(first + k + 1) * n;
-        let nearness = |k: usize, at: usize| lengths[k] / batch.distances()[at].max(LEAST_DEPTH);
-        let mean = [0, 1, 2].map(|k| {
-            samples(k)
-                .map(|at| batch.weights()[at] * nearness(k, at))
-                .sum::<f32>()
-        });
-        let (value, d_middle) = bend_of(mean);
-        sum += f64::from(value);
-        for (k, part) in [-0.5, 1.0, -0.5].into_iter().enumerate() {
-            for at in samples(k) {
-                d_weights[at] += scale * d_middle * part * nearness(k, at);
+    add_weight_gradient(batch, |batch, samples_of, d_weights| {
+        let mut sum = 0.0;
+        for Triple { first, lengths } in triples {
+            let nearness =
+                |k: usize, at: usize| lengths[k] / batch.distances()[at].max(LEAST_DEPTH);
+            let mean = [0, 1, 2].map(|k| {
+                let shares = samples_of(first + k).map(|at| batch.weights()[at] * nearness(k, at));
+                shares.sum::<f32>()
+            });
+            let (value, d_middle) = bend_of(mean);
+            sum += f64::from(value);
+            for (k, part) in [-0.5, 1.0, -0.5].into_iter().enumerate() {
+                for at in samples_of(first + k) {
+                    d_weights[at] += scale * d_middle * part * nearness(k, at);
+                }
             }
         }
-    }
-    batch.d_weights = d_weights;
-    sum
+        sum
+    })
 }
 
 /// How far the middle of three numbers lies off the line between the others, as a share of them, and the derivative

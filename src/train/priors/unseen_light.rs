@@ -8,10 +8,11 @@
 use std::f32::consts::{PI, TAU};
 use std::ops::Range;
 
-use glam::{Affine3A, Vec3};
+use glam::Vec3;
 
+use super::some_projectors;
 use crate::data::Dataset;
-use crate::geometry::{Projector, fibonacci_sphere, orthonormal_basis};
+use crate::geometry::{fibonacci_sphere, orthonormal_basis};
 use crate::neif::field::contraction::FieldFrame;
 use crate::neif::field::radiance_field::{FieldBatch, FieldRay};
 use crate::neif::surface::values::Surface;
@@ -45,23 +46,15 @@ pub(in crate::train) struct UnseenDirections(Vec<Vec3>);
 impl UnseenDirections {
     /// Those that no training photo has in its frame at any of the [`DISTANCES`].
     pub(in crate::train) fn of(dataset: &Dataset, frame: &FieldFrame) -> Self {
-        let stride = dataset.train.len().div_ceil(MOST_PHOTOS).max(1);
-        let views = dataset.train.iter().step_by(stride);
-        let photos: Vec<Projector> = views
-            .map(|view| view.camera.projector(Affine3A::IDENTITY))
-            .collect();
+        let photos = some_projectors(dataset, MOST_PHOTOS);
         let is_unseen = |direction: &Vec3| {
             DISTANCES.iter().all(|distance| {
                 let p_world = frame.world_from_field(*direction * *distance);
                 photos.iter().all(|photo| photo.pixel(p_world).is_none())
             })
         };
-        Self(
-            fibonacci_sphere(N_DIRECTIONS)
-                .into_iter()
-                .filter(is_unseen)
-                .collect(),
-        )
+        let all = fibonacci_sphere(N_DIRECTIONS).into_iter();
+        Self(all.filter(is_unseen).collect())
     }
 
     /// Share of all directions.
@@ -90,12 +83,8 @@ impl UnseenDirections {
             let spacing = (4.0 * PI / N_DIRECTIONS as f32).sqrt();
             let first = beside(spacing);
             let second = (first + beside(APART) - middle).normalize_or(middle);
-            for direction in [first, second] {
-                let (origin, direction) = (origin.to_array(), direction.to_array());
-                batch
-                    .rays
-                    .push(FieldRay::of_pixel(origin, direction, 0.0, width));
-            }
+            let ray = |d: Vec3| FieldRay::of_pixel(origin.to_array(), d.to_array(), 0.0, width);
+            batch.rays.extend([first, second].map(ray));
         }
     }
 }

@@ -3,10 +3,11 @@
 //! A few dozen photos of a room are explained as well by fog in front of each camera. What they show of the floor says
 //! where none can be.
 
-use glam::{Affine3A, Vec3};
+use glam::Vec3;
 use rayon::prelude::*;
 
 use super::ground::SeenGround;
+use super::some_projectors;
 use crate::data::Dataset;
 use crate::geometry::Projector;
 use crate::neif::field::cells::cell_index;
@@ -47,20 +48,17 @@ fn clear_air(density: &mut DensityGrid, dataset: &Dataset, frame: &FieldFrame, f
             density.hollow_cells(cells_between(frame, eye, point, end, 0.5 * cell));
         }
     }
-    let views = Views::of(dataset);
+    let photos = some_projectors(dataset, MOST_CAMERAS);
     let eyes = dataset.train.iter().map(|view| view.camera.position());
     let distances = eyes.map(|eye| eye.distance(frame.center));
     let reach = REACH * distances.fold(0.0, f32::max);
     let is_unseen = |index: &usize| {
         let p_field = Vec3::from(DensityGrid::point_in_cell(*index, [0.5; 3]));
         let p_world = frame.world_from_field(p_field);
-        p_world.distance(frame.center) < reach && views.showing(p_world) < SEEN_BY
+        p_world.distance(frame.center) < reach && n_showing(&photos, p_world) < SEEN_BY
     };
-    let cells: Vec<usize> = (0..density.cells().len())
-        .into_par_iter()
-        .filter(is_unseen)
-        .collect();
-    density.hollow_cells(cells);
+    let cells = (0..density.cells().len()).into_par_iter().filter(is_unseen);
+    density.hollow_cells(cells.collect::<Vec<usize>>());
 }
 
 /// Inner cells along the first part of the way from `eye` to `point`, up to the share `end` of it; some more than once.
@@ -80,25 +78,10 @@ fn cells_between(
     })
 }
 
-/// Cameras of training photos, ready for many points; of very many photos, some.
-struct Views(Vec<Projector>);
-
-impl Views {
-    fn of(dataset: &Dataset) -> Self {
-        let stride = dataset.train.len().div_ceil(MOST_CAMERAS).max(1);
-        let views = dataset.train.iter().step_by(stride);
-        Self(
-            views
-                .map(|view| view.camera.projector(Affine3A::IDENTITY))
-                .collect(),
-        )
-    }
-
-    /// How many photos have a place in their frames.
-    fn showing(&self, p_world: Vec3) -> usize {
-        let shows = |projector: &&Projector| projector.pixel(p_world).is_some();
-        self.0.iter().filter(shows).count()
-    }
+/// How many photos have a place in their frames.
+fn n_showing(photos: &[Projector], p_world: Vec3) -> usize {
+    let shows = |photo: &&Projector| photo.pixel(p_world).is_some();
+    photos.iter().filter(shows).count()
 }
 
 #[cfg(test)]
@@ -138,11 +121,9 @@ mod tests {
         let (density, frame) = cleared(&dataset);
         let eye = dataset.train[0].camera.position();
         let behind = frame.center + (eye - frame.center) * 1.05;
-        assert_eq!(Views::of(&dataset).showing(behind), 0);
-        assert_eq!(
-            Views::of(&dataset).showing(frame.center),
-            dataset.train.len()
-        );
+        let photos = some_projectors(&dataset, MOST_CAMERAS);
+        assert_eq!(n_showing(&photos, behind), 0);
+        assert_eq!(n_showing(&photos, frame.center), dataset.train.len());
         let is_void = |p: Vec3| density.is_void(cell_index(p.to_array()));
         assert!(is_void(frame.field_from_world(behind)));
         assert!(!is_void(Vec3::splat(0.99)), "farther than any camera");

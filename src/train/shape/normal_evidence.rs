@@ -29,66 +29,61 @@ pub(in crate::train) struct NormalRow {
 /// Sums over the pixels that showed a place since they were last traced.
 #[derive(Clone, Debug)]
 pub(in crate::train) struct NormalEvidence {
-    errors: ScalarGrid,
-    slopes: ScalarGrid,
-    counts: ScalarGrid,
+    /// Of errors, of slopes, and of pixels.
+    sums: [ScalarGrid; 3],
 }
 
 impl NormalEvidence {
     /// Nothing is known in the box.
     pub(in crate::train) fn new(bounds: &Aabb) -> Self {
-        let nothing = ScalarGrid::over(bounds, N_CELLS, 0.0);
         Self {
-            errors: nothing.clone(),
-            slopes: nothing.clone(),
-            counts: nothing,
+            sums: std::array::from_fn(|_| ScalarGrid::over(bounds, N_CELLS, 0.0)),
         }
     }
 
     /// Takes up what pixels say; what is not finite says nothing.
     pub(in crate::train) fn add<'a>(&mut self, rows: impl Iterator<Item = &'a NormalRow>) {
         for row in rows.filter(|row| (row.error + row.slope).is_finite()) {
-            let corners = self.counts.corners(row.position);
+            let corners = self.sums[0].corners(row.position);
             for (node, weight) in corners.nodes.iter().zip(corners.weights) {
-                self.errors.values[*node] += weight * row.error;
-                self.slopes.values[*node] += weight * row.slope;
-                self.counts.values[*node] += weight;
+                for (sum, value) in self.sums.iter_mut().zip([row.error, row.slope, 1.0]) {
+                    sum.values[*node] += weight * value;
+                }
             }
         }
     }
 
     /// Standard deviation of the normals at `p`, radians; infinite where no pixel has shown it.
     pub(in crate::train) fn deviation(&self, p: Vec3) -> f32 {
-        let count = self.counts.sample(p);
+        let [_, slope, count] = self.sums.each_ref().map(|sum| sum.sample(p));
         if count <= 0.0 {
             return f32::INFINITY;
         }
-        let error = NOISE + self.error(p);
-        (error / (FLAT + self.slopes.sample(p) / count)).sqrt()
+        ((NOISE + self.error(p)) / (FLAT + slope / count)).sqrt()
     }
 
     /// Mean squared error of the pixels that have shown `p`, 0 where none has.
     pub(in crate::train) fn error(&self, p: Vec3) -> f32 {
-        self.errors.sample(p) / self.counts.sample(p).max(f32::MIN_POSITIVE)
+        let [error, _, count] = self.sums.each_ref().map(|sum| sum.sample(p));
+        error / count.max(f32::MIN_POSITIVE)
     }
 
     /// Forgets all: the surface is another.
     pub(in crate::train) fn clear(&mut self) {
-        for grid in [&mut self.errors, &mut self.slopes, &mut self.counts] {
-            grid.values.fill(0.0);
+        for sum in &mut self.sums {
+            sum.values.fill(0.0);
         }
     }
 
     /// The sums.
     pub(in crate::train) fn state(&self) -> [&[f32]; 3] {
-        [&self.errors, &self.slopes, &self.counts].map(|grid| grid.values.as_slice())
+        self.sums.each_ref().map(|sum| sum.values.as_slice())
     }
 
     /// Goes on from sums as long as those of [`Self::state`].
     pub(in crate::train) fn set_state(&mut self, state: [&[f32]; 3]) {
-        let grids = [&mut self.errors, &mut self.slopes, &mut self.counts];
-        for (grid, values) in grids.into_iter().zip(state) {
-            grid.values.copy_from_slice(values);
+        for (sum, values) in self.sums.iter_mut().zip(state) {
+            sum.values.copy_from_slice(values);
         }
     }
 }
@@ -99,10 +94,8 @@ mod tests {
 
     #[test]
     fn normals_are_as_sure_as_pixels_are_right_and_steep() {
-        let bounds = Aabb {
-            min: Vec3::ZERO,
-            max: Vec3::ONE,
-        };
+        let [min, max] = [Vec3::ZERO, Vec3::ONE];
+        let bounds = Aabb { min, max };
         let mut evidence = NormalEvidence::new(&bounds);
         let [mirror, matt, unseen] = [0.2, 0.5, 0.8].map(Vec3::splat);
         assert_eq!(evidence.deviation(mirror), f32::INFINITY);

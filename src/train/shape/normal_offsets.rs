@@ -90,27 +90,22 @@ impl NormalOffsets {
         // A margin, so that the rim of the cube is never needed.
         let side = 1.05 * bounds.extent().max_element();
         let is_seen = |cells: &u32| side / *cells as f32 >= CELL_PX * pixel;
-        let finer = |cells: u32| {
-            GridConfig {
-                n_levels: 1,
-                coarsest: cells,
-                finest: cells,
-                log2_table_size: LOG2_FINER_TABLE,
-                ..GRID
-            }
-            .levels()
+        let finer = |cells: u32| GridConfig {
+            n_levels: 1,
+            coarsest: cells,
+            finest: cells,
+            log2_table_size: LOG2_FINER_TABLE,
+            ..GRID
         };
-        let finer = FINER.into_iter().filter(is_seen).flat_map(finer);
+        let finer = FINER.into_iter().filter(is_seen).map(finer);
+        let levels = std::iter::once(GRID)
+            .chain(finer)
+            .flat_map(|grid| grid.levels());
         Self {
             corner: bounds.center() - Vec3::splat(0.5 * side),
             side,
             pull: PULL / (1.0 + (outline_error_px / SAMPLING_PX).powi(2)),
-            tables: GRID
-                .levels()
-                .into_iter()
-                .chain(finer)
-                .map(LevelTable::new)
-                .collect(),
+            tables: levels.map(LevelTable::new).collect(),
         }
     }
 
@@ -261,11 +256,8 @@ impl LevelTable {
     /// axes lie, as far as its mean gradient is more than chance: Adam's steps are as long where pixels disagree, and a
     /// mirror shows them as ripples. What no pixel touched is left alone.
     fn update(&mut self, rate: f32, epsilon: f32, pull: f32) {
-        let entries = self
-            .total
-            .as_chunks_mut::<FEATURES>()
-            .0
-            .iter_mut()
+        let totals = self.total.as_chunks_mut::<FEATURES>().0.iter_mut();
+        let entries = totals
             .zip(self.recent.as_chunks_mut::<FEATURES>().0)
             .zip(self.gradient.as_chunks_mut::<FEATURES>().0)
             .zip(self.moments.as_chunks_mut::<FEATURES>().0);
@@ -286,10 +278,8 @@ impl LevelTable {
                 square += d * d;
             }
             moments[3] += (1.0 - BETA2) * (square - moments[3]);
-            let [mean_square, square_mean] = [
-                moments[3] / unbias[1],
-                moments[..3].iter().map(|m| m * m).sum::<f32>() / unbias[0].powi(2),
-            ];
+            let mean_square = moments[3] / unbias[1];
+            let square_mean = moments[..3].iter().map(|m| m * m).sum::<f32>() / unbias[0].powi(2);
             // What chance alone leaves of the mean of gradients that know of no direction.
             let chance = (1.0 - BETA1) / (1.0 + BETA1) * (2.0 - unbias[0]) / unbias[0];
             let sure = share_beyond(square_mean, chance * mean_square);
@@ -331,35 +321,43 @@ mod tests {
     use super::*;
     use crate::train::random::SlotRandom;
 
-    fn cube() -> Aabb {
-        Aabb {
-            min: -Vec3::ONE,
-            max: Vec3::ONE,
+    /// Of the normals in a cube of side 2.
+    fn in_a_cube(error_px: f32, pixel: f32) -> NormalOffsets {
+        let (min, max) = (-Vec3::ONE, Vec3::ONE);
+        NormalOffsets::new(&Aabb { min, max }, error_px, pixel)
+    }
+
+    /// The correction at a place after `n` steps of that rate, by `gradient` of it from so large a share of the pixels.
+    fn learned(
+        offsets: &mut NormalOffsets,
+        (n, rate, share): (usize, f32, f32),
+        mut gradient: impl FnMut(Vec3) -> Vec3,
+    ) -> Vec3 {
+        let mut batch = OffsetBatch::default();
+        let value = |offsets: &NormalOffsets, batch: &mut OffsetBatch| {
+            offsets.evaluate(std::iter::once(Vec3::splat(0.1)), batch);
+            Vec3::from_slice(&batch.values)
+        };
+        for _ in 0..n {
+            let value = value(offsets, &mut batch);
+            batch.add(0, gradient(value), share);
+            offsets.gather(&[&batch]);
+            offsets.update(rate, 1);
         }
+        value(offsets, &mut batch)
     }
 
     #[test]
     fn relief_finer_than_the_mesh_outlives_its_moves() {
-        let learned = |pixel: f32| {
-            let mut offsets = NormalOffsets::new(&cube(), 0.0, pixel);
-            let mut batch = OffsetBatch::default();
-            let at = |offsets: &NormalOffsets, batch: &mut OffsetBatch| {
-                offsets.evaluate(std::iter::once(Vec3::splat(0.1)), batch);
-                batch.values[0]
-            };
-            for _ in 0..10 {
-                at(&offsets, &mut batch);
-                batch.add(0, Vec3::X, 1.0);
-                offsets.gather(&[&batch]);
-                offsets.update(1e-3, 1);
-            }
-            let before = at(&offsets, &mut batch);
+        let around_a_move = |pixel: f32| {
+            let mut offsets = in_a_cube(0.0, pixel);
+            let before = learned(&mut offsets, (10, 1e-3, 1.0), |_| Vec3::X).x;
             offsets.restart();
-            (before, at(&offsets, &mut batch))
+            (before, learned(&mut offsets, (0, 0.0, 0.0), |v| v).x)
         };
-        let (before, after) = learned(0.1);
+        let (before, after) = around_a_move(0.1);
         assert!(before < 0.0 && after == 0.0, "{before} became {after}");
-        let (before, after) = learned(0.002);
+        let (before, after) = around_a_move(0.002);
         let share = after / before;
         // Two of ten levels, less at a point between their corners.
         assert!((0.05..0.4).contains(&share), "{before} became {after}");
@@ -368,16 +366,8 @@ mod tests {
     /// What becomes of a correction that pixels ask for with as much force as the pull at an exact mesh, as its share.
     fn corrected(wanted: f32, error_px: f32) -> f32 {
         let force = PULL / GRID.n_levels as f32;
-        let mut offsets = NormalOffsets::new(&cube(), error_px, 0.1);
-        let mut batch = OffsetBatch::default();
-        for _ in 0..3000 {
-            offsets.evaluate(std::iter::once(Vec3::splat(0.1)), &mut batch);
-            let off = Vec3::from_slice(&batch.values) - wanted * Vec3::X;
-            batch.add(0, force * off, 1.0);
-            offsets.gather(&[&batch]);
-            offsets.update(1e-4, 1);
-        }
-        batch.values[0] / wanted
+        let gradient = |value: Vec3| force * (value - wanted * Vec3::X);
+        learned(&mut in_a_cube(error_px, 0.1), (3000, 1e-4, 1.0), gradient).x / wanted
     }
 
     #[test]
@@ -390,23 +380,16 @@ mod tests {
     #[test]
     fn pixels_that_disagree_bend_nothing() {
         let moved = |sign: &mut dyn FnMut() -> f32| {
-            let mut offsets = NormalOffsets::new(&cube(), 0.0, 0.1);
-            let mut batch = OffsetBatch::default();
-            for _ in 0..200 {
-                offsets.evaluate(std::iter::once(Vec3::splat(0.1)), &mut batch);
-                batch.add(0, sign() * Vec3::X, 1e-3);
-                offsets.gather(&[&batch]);
-                offsets.update(1e-3, 1);
-            }
-            batch.values[0].abs()
+            let gradient = |_| sign() * Vec3::X;
+            learned(&mut in_a_cube(0.0, 0.1), (200, 1e-3, 1e-3), gradient)
+                .x
+                .abs()
         };
         let mut random = SlotRandom::new(1, 0, 0);
         let agreeing = moved(&mut || 1.0);
         let disagreeing = moved(&mut || if random.uniform() < 0.5 { -1.0 } else { 1.0 });
-        assert!(
-            disagreeing < 0.02 * agreeing,
-            "{disagreeing} beside {agreeing}"
-        );
+        let share = disagreeing / agreeing;
+        assert!(share < 0.02, "{disagreeing} beside {agreeing}");
     }
 
     #[test]

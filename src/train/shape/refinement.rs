@@ -13,12 +13,12 @@ use rayon::prelude::*;
 use super::normal_evidence::{NormalEvidence, NormalRow};
 use super::normal_offsets::{NormalOffsets, OffsetBatch};
 use super::stage_one::{self, KnownNormals, StageOneError};
+use crate::data::Dataset;
 use crate::data::files::tensor_file::TensorFile;
-use crate::data::{Dataset, View};
 use crate::geometry::{Aabb, Camera, Mesh, SurfaceTracer};
 use crate::train::TrainError;
 use crate::train::config::{Normals, TrainConfig};
-use crate::train::statistics::middle;
+use crate::train::statistics::middle_or;
 use crate::train::step::now::Now;
 use crate::train::step::part::{Part, finite, insert};
 
@@ -65,13 +65,11 @@ pub(in crate::train) fn mesh_to_refine(
     config: &TrainConfig,
     dataset: &Dataset,
 ) -> Option<Arc<Mesh>> {
-    let mesh = dataset.mesh.as_ref()?;
-    let is_wanted = is_wanted(config, dataset);
-    Some(if is_wanted {
-        with_detail(Arc::clone(mesh), pixel_width(dataset))
-    } else {
-        Arc::clone(mesh)
-    })
+    let mesh = Arc::clone(dataset.mesh.as_ref()?);
+    if is_wanted(config, dataset) {
+        return Some(with_detail(mesh, pixel_width(dataset)));
+    }
+    Some(mesh)
 }
 
 /// Width of the photos' pixels at the object, scene units, in the middle; infinite where there is none.
@@ -79,16 +77,9 @@ fn pixel_width(dataset: &Dataset) -> f32 {
     let Some(bounds) = dataset.object_box() else {
         return f32::INFINITY;
     };
-    let width = |view: &View| {
-        let away = Vec3::from(view.camera.world_from_camera.translation) - bounds.center();
-        away.length() * view.camera.pixel_angle()
-    };
-    let mut widths: Vec<f32> = dataset.train.iter().map(width).collect();
-    if widths.is_empty() {
-        f32::INFINITY
-    } else {
-        middle(&mut widths)
-    }
+    let cameras = dataset.train.iter().map(|view| &view.camera);
+    let widths = cameras.map(|c| c.position().distance(bounds.center()) * c.pixel_angle());
+    middle_or(f32::INFINITY, widths.collect())
 }
 
 /// The same surface with vertices as near to each other as asks for a normal a pixel of this width.

@@ -11,7 +11,7 @@ use crate::geometry::Mesh;
 use crate::train::config::{Normals, TrainConfig};
 use crate::train::fast::Fast;
 use crate::train::step::trainer::Trainer;
-use crate::train::test_scene::{small_fields, sphere_in_a_box};
+use crate::train::test_scene::{retrace, small_fields, sphere_in_a_box};
 
 /// The sphere with ripples in its normals.
 fn bent_sphere(n_views: usize, size: u32) -> Dataset {
@@ -56,9 +56,8 @@ fn mesh(trainer: &mut Trainer<Fast>) -> Arc<Mesh> {
 fn error_deg(mesh: &Mesh) -> f32 {
     let vertices = mesh.positions.iter().zip(&mesh.normals);
     let squares = vertices.map(|(p, n)| p.normalize_or_zero().angle_between(*n).powi(2));
-    (squares.sum::<f32>() / mesh.normals.len() as f32)
-        .sqrt()
-        .to_degrees()
+    let mean = squares.sum::<f32>() / mesh.normals.len() as f32;
+    mean.sqrt().to_degrees()
 }
 
 #[test]
@@ -67,9 +66,7 @@ fn bent_normals_are_straightened_by_what_they_mirror() {
     let before = error_deg(dataset.mesh.as_deref().unwrap());
     let mut refined = trainer(Normals::Refined, &dataset);
     train(&mut refined, 0..400, 1200);
-    refined
-        .retrace(&dataset, usize::MAX, &AtomicBool::new(false), &|_| ())
-        .unwrap();
+    retrace(&mut refined, &dataset);
     train(&mut refined, 400..1200, 1200);
     let after = error_deg(&mesh(&mut refined));
     assert!(
@@ -92,9 +89,7 @@ fn pixels_traced_anew_are_those_that_a_new_trainer_would_have() {
         let pixels = |trainer: &Trainer<Fast>| format!("{:?}", trainer.model.pixels);
         let before = pixels(&refined);
         train(&mut refined, 0..130, 200);
-        refined
-            .retrace(&dataset, usize::MAX, &AtomicBool::new(false), &|_| ())
-            .unwrap();
+        retrace(&mut refined, &dataset);
         assert!(pixels(&refined) != before, "normals have changed");
         dataset.mesh = Some(mesh(&mut refined));
         let new = trainer(Normals::Refined, &dataset);
@@ -116,9 +111,7 @@ fn refinement_gives_the_same_bits_on_any_number_of_threads() {
         pool.build().unwrap().install(|| {
             let mut trainer = trainer(Normals::Refined, &dataset);
             train(&mut trainer, 0..130, 200);
-            trainer
-                .retrace(&dataset, usize::MAX, &AtomicBool::new(false), &|_| ())
-                .unwrap();
+            retrace(&mut trainer, &dataset);
             train(&mut trainer, 130..150, 200);
             (
                 mesh(&mut trainer).normals.clone(),
@@ -155,11 +148,10 @@ fn what_was_learned_of_the_normals_survives_a_checkpoint() {
 }
 
 fn move_and_retrace(trainer: &mut Trainer<Fast>, dataset: &Dataset) {
-    let goes_on = AtomicBool::new(false);
-    trainer.move_surface(dataset, &goes_on).unwrap();
     trainer
-        .retrace(dataset, usize::MAX, &goes_on, &|_| ())
+        .move_surface(dataset, &AtomicBool::new(false))
         .unwrap();
+    retrace(trainer, dataset);
 }
 
 /// The bent sphere as a mesh made of masks would be.

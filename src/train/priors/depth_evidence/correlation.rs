@@ -128,9 +128,9 @@ fn correlation([n, a, b, aa, bb, ab]: [f32; TERMS]) -> f32 {
     let (of_a, of_b) = (n * aa - a * a, n * bb - b * b);
     let least = |contrast: f32| (n * contrast) * (n * contrast);
     // Without branches, so that it vectorises.
-    let tells = (n >= LEAST_SHOWN * (WINDOW * WINDOW) as f32)
+    let is_known = (n >= LEAST_SHOWN * (WINDOW * WINDOW) as f32)
         & (of_a > least(LEAST_CONTRAST))
         & (of_b > least(LEAST_CONTRAST_THERE));
     let value = (n * ab - a * b) / (of_a * of_b).sqrt();
-    if tells { value } else { UNKNOWN }
+    if is_known { value } else { UNKNOWN }
 }

@@ -1,6 +1,6 @@
 //! How much brighter photos are than one another, from points whose depth is known.
 
-use std::ops::{Neg, Range};
+use std::ops::Range;
 
 use glam::Vec3;
 
@@ -19,17 +19,17 @@ const LEAST_PAIRS: usize = 3;
 pub(super) fn log_gains(photos: &[SmallPhoto], depths: &[PhotoDepths]) -> Option<Vec<Vec3>> {
     let n = photos.len();
     let pairs = pairs_of(n, |[a, b]| {
-        let mut ratios = log_ratios([&photos[a], &photos[b]], [&depths[a], &depths[b]]);
-        let back = log_ratios([&photos[b], &photos[a]], [&depths[b], &depths[a]]);
-        ratios.extend(back.into_iter().map(Neg::neg));
-        ratios
+        let ratios =
+            |a: usize, b: usize| log_ratios([&photos[a], &photos[b]], [&depths[a], &depths[b]]);
+        let back = ratios(b, a).into_iter().map(|ratio| -ratio);
+        ratios(a, b).into_iter().chain(back).collect()
     });
     let mut n_pairs = vec![0; n];
     for photo in pairs.iter().flat_map(|pair| pair.photos) {
         n_pairs[photo] += 1;
     }
-    let is_told = n_pairs.iter().all(|n| *n >= LEAST_PAIRS);
-    is_told.then(|| relative_log_gains(n, &pairs))
+    let are_all_constrained = n_pairs.iter().all(|n| *n >= LEAST_PAIRS);
+    are_all_constrained.then(|| relative_log_gains(n, &pairs))
 }
 
 /// The logarithms of the first photo's colours over the second's, at points that both show.

@@ -2,6 +2,7 @@
 //! (Deng et al. 2022), with a cost that is bounded, since some of what they say is wrong.
 
 use crate::neif::field::radiance_field::FieldBatch;
+use crate::train::priors::add_weight_gradient;
 
 /// Nearest distance that is distinguished from nearer ones, in half sides of the inner box.
 const LEAST_DEPTH: f32 = 0.05;
@@ -27,22 +28,17 @@ pub(in crate::train) fn misplacement(
     scale: f32,
     batch: &mut FieldBatch,
 ) -> f64 {
-    let n = batch.weights().len() / batch.rays.len().max(1);
-    let mut d_weights = std::mem::take(&mut batch.d_weights);
-    d_weights.resize(batch.weights().len(), 0.0);
-    let mut sum = 0.0;
-    for (ray, nearness) in rays {
-        let samples = ray * n..(ray + 1) * n;
-        let places = batch.distances()[samples.clone()].iter();
-        let weights = &batch.weights()[samples.clone()];
-        for ((distance, weight), d) in places.zip(weights).zip(&mut d_weights[samples]) {
-            let cost = cost(*distance, nearness);
-            sum += f64::from(weight * cost);
-            *d += scale * cost;
+    add_weight_gradient(batch, |batch, samples_of, d_weights| {
+        let mut sum = 0.0;
+        for (ray, nearness) in rays {
+            for at in samples_of(ray) {
+                let cost = cost(batch.distances()[at], nearness);
+                sum += f64::from(batch.weights()[at] * cost);
+                d_weights[at] += scale * cost;
+            }
         }
-    }
-    batch.d_weights = d_weights;
-    sum
+        sum
+    })
 }
 
 /// -1 where light comes from about the right distance, 0 where it does not.

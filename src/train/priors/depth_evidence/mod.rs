@@ -78,10 +78,9 @@ impl SeenDepths {
         let small = |i: &usize| SmallPhoto::of(&dataset.train[*i], &cameras[*i], tracer);
         let photos: Vec<SmallPhoto> = chosen.par_iter().map(small).collect();
         let pinholes: Vec<Camera> = photos.iter().map(|photo| photo.camera).collect();
-        let neighbours: Vec<Vec<usize>> = (0..photos.len())
-            .into_par_iter()
-            .map(|i| neighbours(&pinholes, i, TYPICAL * frame.half_side))
-            .collect();
+        let of_photo = |i| neighbours(&pinholes, i, TYPICAL * frame.half_side);
+        let all = (0..photos.len()).into_par_iter();
+        let neighbours: Vec<Vec<usize>> = all.map(of_photo).collect();
         let of_photo = |(i, neighbours): (usize, &Vec<usize>)| {
             go_on().then(|| {
                 let others: Vec<_> = neighbours.iter().map(|i| &photos[*i]).collect();
@@ -90,16 +89,15 @@ impl SeenDepths {
         };
         let swept = neighbours.par_iter().enumerate().map(of_photo);
         let mut swept: Vec<PhotoDepths> = swept.collect::<Option<_>>()?;
-        let confirmed = |(own, neighbours): (&PhotoDepths, &Vec<usize>)| {
-            let others: Vec<&PhotoDepths> = neighbours.iter().map(|i| &swept[*i]).collect();
-            own.confirmed(&others)
-        };
         let pairs = swept.par_iter().zip(&neighbours);
-        let confirmed: Vec<Vec<f32>> = pairs.map(confirmed).collect();
+        let confirmed = pairs.map(|(own, neighbours)| own.confirmed(&swept, neighbours));
+        let confirmed: Vec<Vec<f32>> = confirmed.collect();
         for (photo, nearness) in swept.iter_mut().zip(confirmed) {
             photo.nearness = nearness;
         }
-        let measured = measured(dataset);
+        let maps = dataset.origin.depths.iter();
+        let measured: HashMap<&str, &DepthView> =
+            maps.map(|map| (map.name.as_str(), map)).collect();
         let found = chosen.par_iter().zip(&photos).zip(&mut swept);
         found.for_each(|((i, photo), depths)| {
             let map = measured.get(dataset.train[*i].name.as_str());
@@ -110,8 +108,7 @@ impl SeenDepths {
         });
         let are_all = chosen.len() == n;
         let log_gains = are_all.then(|| log_gains(&photos, &swept)).flatten();
-        let mut photos: Vec<Option<PhotoDepths>> = Vec::new();
-        photos.resize_with(n, || None);
+        let mut photos: Vec<Option<PhotoDepths>> = (0..n).map(|_| None).collect();
         for (place, photo) in chosen.into_iter().zip(swept) {
             photos[place] = Some(photo);
         }
@@ -149,18 +146,12 @@ impl PhotoDepths {
         }
     }
 
-    /// What the sweep found, where enough neighbours found the same.
-    fn confirmed(&self, neighbours: &[&Self]) -> Vec<f32> {
-        let is_confirmed = |pixel: usize| {
-            let sees = |other: &&&Self| self.seen_by(pixel, other).is_some();
-            neighbours.iter().filter(sees).count() >= CONFIRMED_BY
-        };
+    /// What the sweep found, where enough of the photos numbered `neighbours` found the same.
+    fn confirmed(&self, photos: &[Self], neighbours: &[usize]) -> Vec<f32> {
         let kept = |(pixel, nearness): (usize, &f32)| {
-            if is_confirmed(pixel) {
-                *nearness
-            } else {
-                f32::NAN
-            }
+            let sees = |other: &&usize| self.seen_by(pixel, &photos[**other]).is_some();
+            let is_confirmed = neighbours.iter().filter(sees).count() >= CONFIRMED_BY;
+            if is_confirmed { *nearness } else { f32::NAN }
         };
         self.nearness.iter().enumerate().map(kept).collect()
     }
@@ -196,12 +187,6 @@ impl PhotoDepths {
         let depth = 1.0 / nearness.max(0.01 * self.step);
         (!nearness.is_nan()).then(|| self.camera.position() + depth * ray_of(&self.camera, pixel))
     }
-}
-
-/// The capture's own depth maps, by the names of their photos.
-fn measured(dataset: &Dataset) -> HashMap<&str, &DepthView> {
-    let maps = dataset.origin.depths.iter();
-    maps.map(|map| (map.name.as_str(), map)).collect()
 }
 
 /// Depths about a pixel apart in the neighbours.

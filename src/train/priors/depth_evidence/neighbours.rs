@@ -2,6 +2,7 @@
 
 use glam::Vec3;
 
+use super::pixel_at;
 use crate::geometry::Camera;
 
 /// Photos that one is compared with.
@@ -49,20 +50,15 @@ pub(super) fn neighbours(cameras: &[Camera], index: usize, typical: f32) -> Vec<
 
 fn points_before(camera: &Camera, typical: f32) -> Vec<Vec3> {
     let at = |i: usize, n: u32| (i as f32 + 0.5) / SIDE as f32 * n as f32;
-    let rays = (0..SIDE * SIDE)
-        .map(|i| camera.ray(at(i % SIDE, camera.width), at(i / SIDE, camera.height)));
-    rays.flat_map(|ray| DISTANCES.map(|distance| ray.at(distance * typical)))
-        .collect()
+    let ray = |i: usize| camera.ray(at(i % SIDE, camera.width), at(i / SIDE, camera.height));
+    let points = |i: usize| DISTANCES.map(|distance| ray(i).at(distance * typical));
+    (0..SIDE * SIDE).flat_map(points).collect()
 }
 
 /// How well another photo determines how far a point is from an eye, `[0, 1]`; 0 where it does not show it.
 fn worth(eye: Vec3, other: &Camera, point: Vec3) -> f32 {
-    let Some(at) = other.project(point) else {
-        return 0.0;
-    };
-    let is_inside =
-        (0.0..other.width as f32).contains(&at.x) && (0.0..other.height as f32).contains(&at.y);
-    if !is_inside {
+    let shown_at = other.project(point).and_then(|at| pixel_at(other, at));
+    if shown_at.is_none() {
         return 0.0;
     }
     let angle = (point - eye).angle_between(point - other.position()) / BEST_ANGLE;

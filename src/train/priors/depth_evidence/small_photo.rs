@@ -1,6 +1,6 @@
 //! A small version of a photo without lens distortion, for comparing it with others.
 
-use glam::{Vec2, Vec3};
+use glam::{UVec2, Vec2, Vec3};
 
 use super::{PHOTO_SIDE, pixel_at, ray_of};
 use crate::data::View;
@@ -31,13 +31,11 @@ impl SmallPhoto {
             let mean = small.photo.srgb(i).iter().sum::<f32>() / 3.0;
             if *is_background { mean } else { f32::NAN }
         };
-        let n_pixels = sides.background.len();
+        let pixels = 0..sides.background.len();
         let photo = Self {
             camera,
             grey: sides.background.iter().enumerate().map(grey).collect(),
-            colors: (0..n_pixels)
-                .map(|i| small.photo.linear(i).into())
-                .collect(),
+            colors: pixels.map(|i| small.photo.linear(i).into()).collect(),
         };
         photo.undistorted()
     }
@@ -47,42 +45,35 @@ impl SmallPhoto {
         if self.camera.distortion == Distortion::default() {
             return self;
         }
-        let mut pinhole = Self {
-            camera: Camera {
-                distortion: Distortion::default(),
-                ..self.camera
-            },
-            grey: Vec::new(),
-            colors: Vec::new(),
+        let camera = Camera {
+            distortion: Distortion::default(),
+            ..self.camera
         };
-        for i in 0..self.grey.len() {
-            let at = self
-                .camera
-                .project(self.camera.position() + ray_of(&pinhole.camera, i));
+        let eye = camera.position();
+        let color = |i: usize| {
+            let at = self.camera.project(eye + ray_of(&camera, i));
             let pixel = at.and_then(|at| pixel_at(&self.camera, at));
-            pinhole.grey.push(at.map_or(f32::NAN, |at| self.at(at)));
-            pinhole
-                .colors
-                .push(pixel.map_or(Vec3::ZERO, |i| self.colors[i]));
+            let grey = at.map_or(f32::NAN, |at| self.at(at));
+            (grey, pixel.map_or(Vec3::ZERO, |i| self.colors[i]))
+        };
+        let (grey, colors) = (0..self.grey.len()).map(color).unzip();
+        Self {
+            camera,
+            grey,
+            colors,
         }
-        pinhole
     }
 
     /// Grey value at a place, pixels, between the four pixels around it; NaN beside the picture and at the object.
-    #[inline(always)]
-    pub(super) fn at(&self, at: Vec2) -> f32 {
-        let (x, y) = (at.x - 0.5, at.y - 0.5);
-        let (right, bottom) = (
-            self.camera.width as f32 - 1.0,
-            self.camera.height as f32 - 1.0,
-        );
-        if !(x >= 0.0 && y >= 0.0 && x < right && y < bottom) {
+    fn at(&self, at: Vec2) -> f32 {
+        let last = UVec2::new(self.camera.width, self.camera.height).as_vec2() - 1.0;
+        let at = at - 0.5;
+        if !(at.cmpge(Vec2::ZERO).all() && at.cmplt(last).all()) {
             return f32::NAN;
         }
-        let (column, row) = (x as i32 as usize, y as i32 as usize);
         let width = self.camera.width as usize;
-        let (u, v) = (x - column as f32, y - row as f32);
-        let i = row * width + column;
+        let [u, v] = at.fract().to_array();
+        let i = at.y as usize * width + at.x as usize;
         let along = |i: usize| self.grey[i] + u * (self.grey[i + 1] - self.grey[i]);
         let above = along(i);
         above + v * (along(i + width) - above)

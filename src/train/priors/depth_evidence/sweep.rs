@@ -35,10 +35,8 @@ dispatch! {
 #[inline(always)]
 fn sweep_body<I: Isa>(photo: &SmallPhoto, neighbours: &[&SmallPhoto], steps: Steps) -> Vec<f32> {
     let n_pixels = photo.grey.len();
-    let warps: Vec<Warp> = neighbours
-        .iter()
-        .map(|neighbour| Warp::new(&photo.camera, &neighbour.camera))
-        .collect();
+    let warp = |neighbour: &&SmallPhoto| Warp::new(&photo.camera, &neighbour.camera);
+    let warps: Vec<Warp> = neighbours.iter().map(warp).collect();
     let mut correlator = Correlator::new(photo);
     let mut codes = vec![i8::MIN; steps.n * n_pixels];
     let (mut first, mut second) = (vec![UNKNOWN; n_pixels], vec![UNKNOWN; n_pixels]);
@@ -88,11 +86,8 @@ fn peaks(codes: &[i8], n_pixels: usize) -> Vec<Peak> {
     for (k, codes) in codes.chunks_exact(n_pixels).enumerate() {
         for ((other, at), code) in others.iter_mut().zip(&at).zip(codes) {
             let is_other = at.abs_diff(k as u8) > PEAK;
-            *other = if is_other {
-                (*other).max(*code)
-            } else {
-                *other
-            };
+            let best = (*other).max(*code);
+            *other = if is_other { best } else { *other };
         }
     }
     let found = at.into_iter().zip(best).zip(others);
@@ -188,12 +183,8 @@ impl Warp {
                 + nearness * self.by_nearness;
             self.find::<I>(first, &to.camera, line);
             let [a, b, c, d] = &mut line.values;
-            let (a, b, c, d) = (
-                &mut a[..width],
-                &mut b[..width],
-                &mut c[..width],
-                &mut d[..width],
-            );
+            let (a, b) = (&mut a[..width], &mut b[..width]);
+            let (c, d) = (&mut c[..width], &mut d[..width]);
             let (grey, corners) = (to.grey.as_slice(), &line.corners[..width]);
             for x in 0..width {
                 let corner = corners[x] as usize;

@@ -5,13 +5,12 @@ use std::f32::consts::TAU;
 use glam::Vec3;
 
 use super::*;
-use crate::color::srgb_from_linear;
-use crate::data::{Mask, Photo};
+use crate::data::Mask;
 use crate::geometry::{Ray, fibonacci_sphere};
 use crate::neif::field::cells::cell_index;
 use crate::neif::field::density_grid::DensityGrid;
 use crate::train::placement::{field_frame, given_cameras};
-use crate::train::test_scene::{sphere_in_a_box, to_the_wall};
+use crate::train::test_scene::{middle_ray, painted, sphere_in_a_box, to_the_wall};
 
 /// Side of the photos, pixels.
 const SIZE: u32 = 96;
@@ -33,32 +32,18 @@ fn patterned_box(gain: impl Fn(usize) -> Vec3) -> Dataset {
         let (x, y) = (TAU * index as f32 / n as f32).sin_cos();
         let eye = Vec3::new(1.8 * x, 1.8 * y, 0.6);
         view.camera = Camera::look_at(eye, Vec3::ZERO, Vec3::Z, 1.0, SIZE, SIZE);
-        let pixels = 0..SIZE * SIZE;
-        let rays: Vec<Ray> = pixels
-            .map(|i| {
-                view.camera
-                    .ray((i % SIZE) as f32 + 0.5, (i / SIZE) as f32 + 0.5)
-            })
-            .collect();
-        let color = |ray: &Ray| {
-            let seen = gain(index) * pattern(ray.at(to_the_wall(ray.origin, ray.direction)));
-            let code = |v: f32| (srgb_from_linear(v).clamp(0.0, 1.0) * 65535.0).round() as u16;
-            seen.to_array().map(code)
-        };
+        let ray = |i: u32| middle_ray(&view.camera, i);
+        view.photo = painted(SIZE, |i| {
+            let ray = ray(i);
+            gain(index) * pattern(ray.at(to_the_wall(ray.origin, ray.direction)))
+        });
         // A pixel more than the sphere of half a unit.
-        let is_object = |ray: &Ray| ray.at(-ray.origin.dot(ray.direction)).length() < 0.52;
-        view.photo = Photo::Ldr {
-            width: SIZE,
-            height: SIZE,
-            pixels: rays.iter().map(color).collect(),
-        };
+        let is_object = |ray: Ray| ray.at(-ray.origin.dot(ray.direction)).length() < 0.52;
+        let coverage = |i: u32| u8::MAX * u8::from(is_object(ray(i)));
         view.mask = Some(Mask {
             width: SIZE,
             height: SIZE,
-            coverage: rays
-                .iter()
-                .map(|ray| u8::MAX * u8::from(is_object(ray)))
-                .collect(),
+            coverage: (0..SIZE * SIZE).map(coverage).collect(),
         });
     }
     dataset
@@ -73,7 +58,7 @@ fn depths_of(dataset: &Dataset) -> (FieldFrame, SeenDepths) {
 }
 
 #[test]
-fn photos_a_pixel_wide_tell_nothing() {
+fn photos_a_pixel_wide_determine_nothing() {
     let photo = |x: f32| SmallPhoto {
         camera: Camera::look_at(Vec3::new(x, 2.0, 0.0), Vec3::ZERO, Vec3::Z, 1.0, 1, 40),
         grey: (0..40).map(|i| (i % 7) as f32 / 7.0).collect(),
@@ -92,8 +77,7 @@ fn distances_of_the_walls_are_found_and_none_of_the_object() {
     let mut errors = Vec::new();
     for (index, view) in dataset.train.iter().enumerate() {
         for pixel in (0..view.photo.n_pixels()).step_by(7) {
-            let (x, y) = (pixel as u32 % SIZE, pixel as u32 / SIZE);
-            let ray = view.camera.ray(x as f32 + 0.5, y as f32 + 0.5);
+            let ray = middle_ray(&view.camera, pixel as u32);
             let Some(nearness) = depths.nearness(index, ray.direction) else {
                 continue;
             };
@@ -105,12 +89,8 @@ fn distances_of_the_walls_are_found_and_none_of_the_object() {
     errors.sort_by(f32::total_cmp);
     let at = |share: f32| errors[(share * errors.len() as f32) as usize];
     assert!(errors.len() > 1000, "{} known", errors.len());
-    assert!(
-        at(0.5) < 0.02 && at(0.9) < 0.06,
-        "{} and {}",
-        at(0.5),
-        at(0.9)
-    );
+    let [middle, far] = [0.5, 0.9].map(at);
+    assert!(middle < 0.02 && far < 0.06, "{middle} and {far}");
 }
 
 #[test]
@@ -127,7 +107,7 @@ fn what_photos_see_through_is_air_and_the_object_is_not() {
 }
 
 #[test]
-fn exposures_are_told_by_what_photos_share() {
+fn exposures_follow_from_what_photos_share() {
     let log_gain = |photo: usize| 0.3 * Vec3::new(1.0, 0.8, 1.2) * (1.7 * photo as f32).sin();
     let dataset = patterned_box(|photo| log_gain(photo).exp());
     let found = depths_of(&dataset).1.log_gains.expect("exposures");
@@ -140,7 +120,7 @@ fn exposures_are_told_by_what_photos_share() {
 }
 
 #[test]
-fn plain_walls_tell_nothing() {
+fn plain_walls_determine_nothing() {
     let (_, depths) = depths_of(&sphere_in_a_box(30, 48));
     assert!(depths.share() < 0.01 && depths.log_gains.is_none());
 }

@@ -1,4 +1,7 @@
-//! Pictures aligned with the surface that all of them together give.
+//! How outlines lie about the surface that all of them together give, and pictures aligned with it.
+//!
+//! Outlines that are all true touch the visual hull that they span; where they wander, each is cut short somewhere by another,
+//! and their distances from the hull scatter as they do.
 //!
 //! A camera that is a little off shifts its outline as a whole, and a surface made of shifted outlines has dents where they
 //! disagree. As in a bundle adjustment by turns, a coarse surface is made of the outlines, and each picture is shifted to where
@@ -12,12 +15,22 @@ use super::fairing::{self, Fairing};
 use super::silhouette::Silhouette;
 use crate::geometry::ScalarGrid;
 use crate::train::photos::picture_shift::{Off, PictureShift, known_share};
+use crate::train::pixels::outlines::error_from;
 
 /// Rounds of fairing between two looks at the pictures, and most looks.
 const FAIRINGS: usize = 3;
 const LOOKS: usize = 4;
 /// By how much outlines are wrong at least before pictures are aligned, pixels: as much as cameras may be.
 pub(super) const CAMERA_ERROR_PX: f32 = 1.0;
+
+/// Standard deviation of the outlines' error about the `hull` that they span, pixels; 0 where they are exact.
+pub(super) fn outline_error_px(silhouettes: &[Silhouette], mut hull: ScalarGrid) -> f32 {
+    hull.redistance(fairing::REACH);
+    let off_px = silhouettes
+        .par_iter()
+        .flat_map_iter(|silhouette| off(&hull, silhouette).into_iter().map(|(px, _)| px));
+    error_from(off_px.collect())
+}
 
 /// Shifts the pictures of a draft to its surface, as long as it may `go_on`; whether any is.
 pub(super) fn align(draft: &mut Draft, go_on: impl Fn() -> bool) -> bool {
@@ -27,7 +40,7 @@ pub(super) fn align(draft: &mut Draft, go_on: impl Fn() -> bool) -> bool {
             if !go_on() {
                 return look > 0;
             }
-            fairing::round(phi, evidence, &Fairing::default());
+            fairing::round(phi, evidence, Fairing::SMOOTHED);
         }
         let silhouettes = evidence.silhouettes.par_iter();
         let shifts: Vec<_> = silhouettes

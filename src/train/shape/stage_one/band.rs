@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use crate::geometry::ScalarGrid;
+use crate::train::statistics::cauchy_weight;
 
 /// No node.
 const NONE: u32 = u32::MAX;
@@ -68,20 +69,20 @@ impl Band {
 
     /// `out = L u`: the sum of the neighbours less six times the node, zero where one is missing.
     pub(super) fn laplacian(&self, u: &[f32], out: &mut [f32]) {
-        out.par_chunks_mut(CHUNK)
-            .enumerate()
-            .for_each(|(chunk, out)| {
-                let first = chunk * CHUNK;
-                for (i, out) in out.iter_mut().enumerate() {
-                    let neighbours = &self.neighbours[first + i];
-                    *out = if neighbours.contains(&NONE) {
-                        0.0
-                    } else {
-                        let sum: f32 = neighbours.iter().map(|n| u[*n as usize]).sum();
-                        sum - 6.0 * u[first + i]
-                    };
-                }
-            });
+        self.fill(out, |slot, neighbours| {
+            if neighbours.contains(&NONE) {
+                return 0.0;
+            }
+            neighbours.iter().map(|n| u[*n as usize]).sum::<f32>() - 6.0 * u[slot]
+        });
+    }
+
+    /// `out = scale * LT v`, where `v` is zero at nodes that lack a neighbour.
+    pub(super) fn laplacian_transposed(&self, v: &[f32], scale: f32, out: &mut [f32]) {
+        self.fill(out, |slot, neighbours| {
+            let known = neighbours.iter().filter(|n| **n != NONE);
+            scale * (known.map(|n| v[*n as usize]).sum::<f32>() - 6.0 * v[slot])
+        });
     }
 
     /// `[n]` `v` after so many rounds of means with the neighbours, a node itself counting twice; nodes that lack a neighbour
@@ -90,13 +91,13 @@ impl Band {
         let mut smooth = v.to_vec();
         for _ in 0..n_rounds {
             let before = smooth.clone();
-            smooth.par_iter_mut().enumerate().for_each(|(slot, value)| {
-                let inner = self.neighbours[slot].iter().filter(|n| self.is_inner(**n));
+            self.fill(&mut smooth, |slot, neighbours| {
+                let inner = neighbours.iter().filter(|n| self.is_inner(**n));
                 let start = (2.0 * before[slot], 2.0);
                 let (sum, n) = inner.fold(start, |(sum, n), other| {
                     (sum + before[*other as usize], n + 1.0)
                 });
-                *value = sum / n;
+                sum / n
             });
         }
         smooth
@@ -108,51 +109,38 @@ impl Band {
     }
 
     /// `[n]` weights of the differences of `v` between a node and its neighbours: 1 where it is even, a half where two differ
-    /// by `doubt`, zero where one of them lacks a neighbour.
-    pub(super) fn evenness(&self, v: &[f32], doubt: f32) -> Vec<[f32; 6]> {
-        (0..self.len())
-            .into_par_iter()
-            .map(|i| {
-                self.neighbours[i].map(|n| {
-                    if !self.is_inner(i as u32) || !self.is_inner(n) {
-                        return 0.0;
-                    }
-                    1.0 / (1.0 + ((v[i] - v[n as usize]) / doubt).powi(2))
-                })
+    /// by `scale`, zero where one of them lacks a neighbour.
+    pub(super) fn evenness(&self, v: &[f32], scale: f32) -> Vec<[f32; 6]> {
+        let weights = |(i, neighbours): (usize, &[u32; 6])| {
+            neighbours.map(|n| {
+                if !self.is_inner(i as u32) || !self.is_inner(n) {
+                    return 0.0;
+                }
+                cauchy_weight(v[i] - v[n as usize], scale)
             })
-            .collect()
+        };
+        let slots = self.neighbours.par_iter().enumerate();
+        slots.map(weights).collect()
     }
 
     /// `out = own v + D v`: `D v` is the sum of the weighted differences to the neighbours, half the gradient of the sum of
     /// their weighted squares.
     pub(super) fn unevenness(&self, v: &[f32], weights: &[[f32; 6]], own: f32, out: &mut [f32]) {
-        out.par_chunks_mut(CHUNK)
-            .enumerate()
-            .for_each(|(chunk, out)| {
-                let first = chunk * CHUNK;
-                for (i, out) in out.iter_mut().enumerate() {
-                    let i = first + i;
-                    let pairs = self.neighbours[i].iter().zip(&weights[i]);
-                    let differences = pairs
-                        .filter(|(_, weight)| **weight > 0.0)
-                        .map(|(n, weight)| weight * (v[i] - v[*n as usize]));
-                    *out = own * v[i] + differences.sum::<f32>();
-                }
-            });
+        self.fill(out, |slot, neighbours| {
+            let pairs = neighbours.iter().zip(&weights[slot]);
+            let differences = pairs
+                .filter(|(_, weight)| **weight > 0.0)
+                .map(|(n, weight)| weight * (v[slot] - v[*n as usize]));
+            own * v[slot] + differences.sum::<f32>()
+        });
     }
 
-    /// `out = scale * LT v`, where `v` is zero at nodes that lack a neighbour.
-    pub(super) fn laplacian_transposed(&self, v: &[f32], scale: f32, out: &mut [f32]) {
-        out.par_chunks_mut(CHUNK)
-            .enumerate()
-            .for_each(|(chunk, out)| {
-                let first = chunk * CHUNK;
-                for (i, out) in out.iter_mut().enumerate() {
-                    let neighbours = self.neighbours[first + i].iter().filter(|n| **n != NONE);
-                    let sum: f32 = neighbours.map(|n| v[*n as usize]).sum();
-                    *out = scale * (sum - 6.0 * v[first + i]);
-                }
-            });
+    /// Sets each slot's number to what `value` makes of it and of the slots of its neighbours.
+    fn fill(&self, out: &mut [f32], value: impl Fn(usize, &[u32; 6]) -> f32 + Sync) {
+        let slots = out.par_iter_mut().zip(&self.neighbours).enumerate();
+        slots
+            .with_min_len(CHUNK)
+            .for_each(|(slot, (out, neighbours))| *out = value(slot, neighbours));
     }
 }
 
@@ -168,11 +156,6 @@ pub(super) fn dot(a: &[f32], b: &[f32]) -> f64 {
 
 /// `y += factor * x`.
 pub(super) fn add_scaled(y: &mut [f32], factor: f32, x: &[f32]) {
-    y.par_chunks_mut(CHUNK)
-        .zip(x.par_chunks(CHUNK))
-        .for_each(|(y, x)| {
-            for (y, x) in y.iter_mut().zip(x) {
-                *y += factor * x;
-            }
-        });
+    let pairs = y.par_iter_mut().zip(x).with_min_len(CHUNK);
+    pairs.for_each(|(y, x)| *y += factor * x);
 }

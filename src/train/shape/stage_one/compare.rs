@@ -6,7 +6,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::data::View;
-use crate::geometry::{Camera, Mesh, Ray, SurfaceTracer};
+use crate::geometry::{Aabb, Camera, Mesh, Ray, SurfaceTracer};
 
 /// Points drawn on each mesh.
 const N_POINTS: usize = 250_000;
@@ -33,15 +33,17 @@ pub fn compare(mesh: &Arc<Mesh>, reference: &Arc<Mesh>, cameras: &[Camera]) -> M
     let extent = reference.bounds().extent();
     let diameter = extent.max_element().max(f32::MIN_POSITIVE);
     let pair = [mesh, reference].map(|mesh| SurfaceTracer::new(Arc::clone(mesh)));
-    let areas = [mesh, reference].map(|mesh| area_points(mesh));
-    let chamfer = symmetric_distance(&areas, [mesh, reference]) / f64::from(diameter);
+    let surfaces = [mesh, reference].map(|mesh| area_points(mesh));
+    let indices = surfaces.each_ref().map(|points| PointIndex::new(points));
+    let chamfer = |points: &[Vec<Vec3>; 2]| {
+        let there = indices[1].mean_distance(&points[0]);
+        let back = indices[0].mean_distance(&points[1]);
+        0.5 * (there + back) / f64::from(diameter)
+    };
+    let looks = cameras.par_iter().map(|camera| look(&pair, camera));
+    let by_camera: Vec<_> = looks.collect();
     let (mut seen, mut angles) = ([Vec::new(), Vec::new()], Vec::new());
-    let by_camera: Vec<_> = cameras
-        .par_iter()
-        .map(|camera| look(&pair, camera))
-        .collect();
-    for (points, degrees) in by_camera {
-        let [a, b] = points;
+    for ([a, b], degrees) in by_camera {
         seen[0].extend(a);
         seen[1].extend(b);
         angles.extend(degrees);
@@ -50,8 +52,8 @@ pub fn compare(mesh: &Arc<Mesh>, reference: &Arc<Mesh>, cameras: &[Camera]) -> M
     let n = angles.len().max(1);
     MeshDifference {
         diameter,
-        chamfer,
-        chamfer_visible: symmetric_distance(&seen, [mesh, reference]) / f64::from(diameter),
+        chamfer: chamfer(&surfaces),
+        chamfer_visible: chamfer(&seen),
         normal_median_deg: angles.get(n / 2).copied().unwrap_or(0.0),
         normal_mean_deg: angles.iter().sum::<f64>() / n as f64,
     }
@@ -59,21 +61,25 @@ pub fn compare(mesh: &Arc<Mesh>, reference: &Arc<Mesh>, cameras: &[Camera]) -> M
 
 /// Points that a camera sees of each mesh, and the angles between the normals where it sees both.
 fn look(pair: &[SurfaceTracer; 2], camera: &Camera) -> ([Vec<Vec3>; 2], Vec<f64>) {
-    let camera = camera.resized(SIDE, SIDE);
     let (mut points, mut angles) = ([Vec::new(), Vec::new()], Vec::new());
-    for y in 0..SIDE {
-        for x in 0..SIDE {
-            let ray: Ray = camera.ray(x as f32 + 0.5, y as f32 + 0.5);
-            let hits = [0, 1].map(|i| pair[i].intersect(&ray, 0.0, f32::MAX));
-            for (points, hit) in points.iter_mut().zip(&hits) {
-                points.extend(hit.map(|hit| hit.position));
-            }
-            if let [Some(a), Some(b)] = hits {
-                angles.push(f64::from(a.normal.angle_between(b.normal).to_degrees()));
-            }
+    for ray in pixel_rays(&camera.resized(SIDE, SIDE)) {
+        let hits = [0, 1].map(|i| pair[i].intersect(&ray, 0.0, f32::MAX));
+        for (points, hit) in points.iter_mut().zip(&hits) {
+            points.extend(hit.map(|hit| hit.position));
+        }
+        if let [Some(a), Some(b)] = hits {
+            angles.push(f64::from(a.normal.angle_between(b.normal).to_degrees()));
         }
     }
     (points, angles)
+}
+
+/// The rays through the middles of a camera's pixels, row by row.
+fn pixel_rays(camera: &Camera) -> impl Iterator<Item = Ray> {
+    (0..camera.width * camera.height).map(|i| {
+        let (x, y) = (i % camera.width, i / camera.width);
+        camera.ray(x as f32 + 0.5, y as f32 + 0.5)
+    })
 }
 
 /// Points spread evenly over the surface: one random number decides how far along the list of
@@ -105,66 +111,39 @@ fn area_points(mesh: &Mesh) -> Vec<Vec3> {
     points
 }
 
-/// The mean of the mean distances of each list of points from the other mesh.
-fn symmetric_distance(points: &[Vec<Vec3>; 2], [mesh, reference]: [&Arc<Mesh>; 2]) -> f64 {
-    let there = mean_distance(&points[0], reference);
-    let back = mean_distance(&points[1], mesh);
-    0.5 * (there + back)
-}
-
-fn mean_distance(points: &[Vec3], mesh: &Mesh) -> f64 {
-    let index = PointIndex::new(area_points(mesh));
-    let sum: f64 = points
-        .par_chunks(1024)
-        .map(|points| {
-            points
-                .iter()
-                .map(|p| f64::from(index.distance(*p)))
-                .sum::<f64>()
-        })
-        .collect::<Vec<_>>()
-        .iter()
-        .sum();
-    sum / points.len().max(1) as f64
-}
-
 /// Points sorted into the cells of a grid, for the nearest of them.
 struct PointIndex {
-    points: Vec<Vec3>,
     low: Vec3,
     cell: f32,
     size: [i32; 3],
-    starts: Vec<u32>,
+    /// Of each cell.
+    points: Vec<Vec<Vec3>>,
 }
 
 impl PointIndex {
-    fn new(points: Vec<Vec3>) -> Self {
-        let bounds = crate::geometry::Aabb::from_points(points.iter().copied());
+    fn new(points: &[Vec3]) -> Self {
+        let bounds = Aabb::from_points(points.iter().copied());
         let cell = (bounds.extent().max_element() / 64.0).max(f32::MIN_POSITIVE);
         let size = (bounds.extent() / cell).to_array().map(|n| n as i32 + 1);
         let mut index = Self {
-            points: Vec::new(),
             low: bounds.min,
             cell,
             size,
-            starts: Vec::new(),
+            points: vec![Vec::new(); size.iter().product::<i32>() as usize],
         };
-        let cells = size.iter().product::<i32>() as usize;
-        let mut of_point: Vec<(usize, Vec3)> = points
-            .into_iter()
-            .map(|p| (index.number(index.cell_of(p)), p))
-            .collect();
-        of_point.sort_by_key(|(cell, _)| *cell);
-        let mut starts = vec![0_u32; cells + 1];
-        for (cell, _) in &of_point {
-            starts[cell + 1] += 1;
+        for p in points {
+            let number = index.number(index.cell_of(*p));
+            index.points[number].push(*p);
         }
-        for i in 0..cells {
-            starts[i + 1] += starts[i];
-        }
-        index.points = of_point.into_iter().map(|(_, p)| p).collect();
-        index.starts = starts;
         index
+    }
+
+    fn mean_distance(&self, points: &[Vec3]) -> f64 {
+        let sum_of =
+            |points: &[Vec3]| -> f64 { points.iter().map(|p| f64::from(self.distance(*p))).sum() };
+        // By chunks in order: the same sum on any number of threads.
+        let sums: Vec<f64> = points.par_chunks(1024).map(sum_of).collect();
+        sums.iter().sum::<f64>() / points.len().max(1) as f64
     }
 
     fn cell_of(&self, p: Vec3) -> [i32; 3] {
@@ -205,15 +184,8 @@ impl PointIndex {
     }
 
     fn nearest_in(&self, cell: [i32; 3], p: Vec3) -> f32 {
-        let number = self.number(cell);
-        let (start, end) = (
-            self.starts[number] as usize,
-            self.starts[number + 1] as usize,
-        );
-        self.points[start..end]
-            .iter()
-            .map(|q| p.distance(*q))
-            .fold(f32::INFINITY, f32::min)
+        let points = self.points[self.number(cell)].iter();
+        points.map(|q| p.distance(*q)).fold(f32::INFINITY, f32::min)
     }
 }
 
@@ -230,14 +202,10 @@ pub fn silhouette_agreement<'a>(
         .filter_map(|view| {
             let mask = view.mask.as_ref()?;
             let (mut both, mut either) = (0_u32, 0_u32);
-            for y in 0..mask.height {
-                for x in 0..mask.width {
-                    let ray = view.camera.ray(x as f32 + 0.5, y as f32 + 0.5);
-                    let is_hit = tracer.occluded(&ray, 0.0, f32::MAX);
-                    let is_object = mask.is_object((y * mask.width + x) as usize);
-                    both += u32::from(is_hit && is_object);
-                    either += u32::from(is_hit || is_object);
-                }
+            for (i, ray) in pixel_rays(&view.camera).enumerate() {
+                let is_hit = tracer.occluded(&ray, 0.0, f32::MAX);
+                both += u32::from(is_hit && mask.is_object(i));
+                either += u32::from(is_hit || mask.is_object(i));
             }
             (either > 0).then(|| f64::from(both) / f64::from(either))
         })

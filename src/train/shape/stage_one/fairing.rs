@@ -22,13 +22,14 @@ use super::depths::fusion::Seen;
 use super::silhouette::Silhouette;
 use super::slopes::{Normals, Slopes};
 use crate::geometry::{Ray, ScalarGrid};
+use crate::train::statistics::cauchy_weight;
 
 /// Cells on either side of the surface that move with it.
 pub(super) const BAND: f32 = 3.5;
 /// Cells on either side to which distances are kept.
 pub(super) const REACH: f32 = 6.0;
-/// Least distance in cells at which a ray's weight has fallen to a half: what is further off belongs to another surface.
-const DOUBT: f32 = 1.0;
+/// Least distance in cells at which a condition's weight has fallen to a half: what is further off belongs to another surface.
+const LEAST_SCALE: f32 = 1.0;
 /// Least difference of curvature between neighbours, a cell, whose weight is a half, however sure the outlines are.
 const LEAST_CREASE: f32 = 0.04;
 /// Standard deviation in cells of outlines that are as sure as can be; others weigh less by the ratio of the variances.
@@ -43,32 +44,43 @@ const LEAST_DEPTH: f32 = 0.3;
 /// Cells from the surface up to which what depth maps say is a distance; further off it is free or hidden.
 const NEAR_SEEN: f32 = 2.0;
 
+/// Difference of curvature between neighbours, a cell, whose weight is a half, over the mean distance of the rays from the
+/// surface, beyond what their error explains, or the depth maps' noise: outlines that err would rip it.
+const CREASE: f32 = 1.5;
+
+/// Weights beside that of a ray and of the curvature's differences between neighbours, in cells, where outlines are sure: of the
+/// curvature itself, of what depth maps say, of the hull, and of staying put, which keeps a round's changes where they are linear.
+const STIFFNESS: f32 = 0.01;
+const SEEN: f32 = 0.3;
+const HULL: f32 = 0.3;
+const INERTIA: f32 = 0.02;
+
+/// Steps of conjugate gradients.
+const SOLVER_STEPS: usize = 160;
 /// Steps along a ray.
 const MAX_STEPS: usize = 2048;
 
-/// How a surface is faired.
+/// What is taken for the outlines' error and not for the surface.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Fairing {
-    /// Weight of the curvature's differences between neighbours, in cells, where outlines are sure.
-    pub(super) evenness: f32,
-    /// Difference of curvature between neighbours, a cell, whose weight is a half, over the mean distance of the rays from
-    /// the surface, beyond what their error explains, or the depth maps' noise: outlines that err would rip it.
-    pub(super) crease: f32,
     /// Rounds by which the curvature is smoothed where creases are looked for, over the squared error of the outlines in cells.
-    pub(super) smoothing: f32,
+    smoothing: f32,
     /// Distance in standard deviations of the outlines at which a ray's weight has fallen to a half, if that is further off
-    /// than [`DOUBT`].
-    pub(super) doubt: f32,
-    /// Weight of the curvature itself, in cells.
-    pub(super) stiffness: f32,
-    /// Weight of what depth maps say.
-    pub(super) seen: f32,
-    /// Weight of the hull.
-    pub(super) hull: f32,
-    /// Weight of staying put, which keeps a round's changes where they are linear.
-    pub(super) inertia: f32,
-    /// Steps of conjugate gradients.
-    pub(super) steps: usize,
+    /// than [`LEAST_SCALE`].
+    scale: f32,
+}
+
+impl Fairing {
+    /// Outlines that err leave no creases where there are none.
+    pub(super) const SMOOTHED: Self = Self {
+        smoothing: 6.0,
+        scale: 4.0,
+    };
+    /// Creases may be a cell wide, which no smoothing leaves: necks open along them.
+    pub(super) const UNSMOOTHED: Self = Self {
+        smoothing: 0.0,
+        scale: 0.0,
+    };
 }
 
 /// What a surface must agree with.
@@ -97,31 +109,30 @@ struct Condition {
 }
 
 /// One round. Returns the mean distance of the rays from the surface, in cells.
-pub(super) fn round(phi: &mut ScalarGrid, evidence: &Evidence, fairing: &Fairing) -> f32 {
+pub(super) fn round(phi: &mut ScalarGrid, evidence: &Evidence, fairing: Fairing) -> f32 {
     let silhouettes = &evidence.silhouettes;
     let band = Band::new(phi, BAND);
     let error = evidence.outline_error;
-    let doubt = DOUBT.max(fairing.doubt * error);
+    let scale = LEAST_SCALE.max(fairing.scale * error);
     let every = |rays: fn(&Silhouette) -> &[Vec2], depth: f32, enough: f32| -> Vec<Condition> {
         let rays = silhouettes
             .par_iter()
             .flat_map_iter(|silhouette| rays(silhouette).iter().map(|at| silhouette.ray(*at)));
-        rays.filter_map(|ray| condition(phi, &band, &ray, depth, enough, doubt))
+        rays.filter_map(|ray| condition(phi, &band, &ray, (depth, enough), scale))
             .collect()
     };
     let mut conditions = every(|s| &s.outline.middles, 0.0, f32::NEG_INFINITY);
     let sum: f32 = conditions.iter().map(|c| c.value.abs()).sum();
     let residual = sum / conditions.len().max(1) as f32;
     conditions.extend(every(|s| &s.inner, LEAST_DEPTH, -LEAST_DEPTH));
-    let noise = evidence
-        .seen
-        .as_ref()
-        .map_or(0.0, |seen| seen.noise / phi.cell);
+    let seen = evidence.seen.as_ref();
+    let noise = seen.map_or(0.0, |seen| seen.noise / phi.cell);
     let unexplained = residual.max(noise) - MEAN_ERROR * error;
-    let crease = (fairing.crease * unexplained)
+    let crease = (CREASE * unexplained)
         .max(FOLLOWED_ERROR * error)
         .max(LEAST_CREASE);
-    let system = System::new(phi, evidence, &band, &conditions, fairing, crease);
+    let n_smoothed = fairing.smoothing * error.powi(2);
+    let system = System::new(phi, evidence, &band, &conditions, (crease, n_smoothed));
     let change = system.solve();
     for (slot, node) in band.nodes.iter().enumerate() {
         // A change of more than a cell is beyond what the round knows.
@@ -132,14 +143,13 @@ pub(super) fn round(phi: &mut ScalarGrid, evidence: &Evidence, fairing: &Fairing
 }
 
 /// The condition that a ray should come `depth` cells below the surface and no deeper, if it comes near, at half the weight
-/// where it is off by `doubt` cells; `None` too for one that goes `enough` cells deep (a negative value, as inside).
+/// where it is off by `scale` cells; `None` too for one that goes `enough` cells deep (a negative value, as inside).
 fn condition(
     phi: &ScalarGrid,
     band: &Band,
     ray: &Ray,
-    depth: f32,
-    enough: f32,
-    doubt: f32,
+    (depth, enough): (f32, f32),
+    scale: f32,
 ) -> Option<Condition> {
     let at = nearest_approach(phi, ray, enough * phi.cell)?;
     let corners = phi.corners(at);
@@ -147,17 +157,15 @@ fn condition(
     for (slot, node) in slots.iter_mut().zip(corners.nodes) {
         *slot = band.slot(node)? as u32;
     }
-    let value: f32 = corners
-        .nodes
-        .iter()
-        .zip(corners.weights)
+    let terms = corners.nodes.iter().zip(corners.weights);
+    let value: f32 = terms
         .map(|(node, weight)| weight * phi.values[*node] / phi.cell)
         .sum();
     let value = value + depth;
     Some(Condition {
         slots,
         weights: corners.weights,
-        weight: 1.0 / (1.0 + (value / doubt).powi(2)),
+        weight: cauchy_weight(value, scale),
         value,
     })
 }
@@ -201,7 +209,6 @@ pub(super) fn nearest_approach(phi: &ScalarGrid, ray: &Ray, enough: f32) -> Opti
 struct System<'a> {
     band: &'a Band,
     conditions: &'a [Condition],
-    fairing: &'a Fairing,
     /// `[n]` weights of the curvature's differences.
     evenness: Vec<[f32; 6]>,
     slopes: Slopes,
@@ -211,39 +218,35 @@ struct System<'a> {
 }
 
 impl<'a> System<'a> {
+    /// `crease`: difference of curvature between neighbours, a cell, whose weight is a half, before the curvature is smoothed by
+    /// `n_smoothed` rounds.
     fn new(
         phi: &ScalarGrid,
         evidence: &Evidence,
         band: &'a Band,
         conditions: &'a [Condition],
-        fairing: &'a Fairing,
-        crease: f32,
+        (crease, n_smoothed): (f32, f32),
     ) -> Self {
-        let values: Vec<f32> = band
-            .nodes
-            .iter()
-            .map(|node| phi.values[*node as usize] / phi.cell)
-            .collect();
+        let value = |node: &u32| phi.values[*node as usize] / phi.cell;
+        let values: Vec<f32> = band.nodes.iter().map(value).collect();
         let mut curvature = vec![0.0; band.len()];
         band.laplacian(&values, &mut curvature);
-        let error = evidence.outline_error;
-        let n_smoothed = fairing.smoothing * error.powi(2);
         let smooth = band.smoothed(&curvature, n_smoothed.round() as usize);
         // A difference is the smaller, the more it is smoothed.
         let mut evenness = band.evenness(&smooth, crease / (1.0 + n_smoothed));
-        let doubt = 1.0 + (error / LEAST_ERROR).powi(2);
+        let variances = 1.0 + (evidence.outline_error / LEAST_ERROR).powi(2);
         let asked = evidence.normals.asked_evenness(band);
         for (slot, weights) in evenness.iter_mut().enumerate() {
             for (weight, other) in weights.iter_mut().zip(band.neighbours_of(slot)) {
                 let asked = (asked[slot] * other.map_or(0.0, |other| asked[other])).sqrt();
-                *weight *= asked * fairing.evenness * doubt;
+                *weight *= asked * variances;
             }
         }
         let mut right = vec![0.0; band.len()];
         let mut bent = vec![0.0; band.len()];
-        band.unevenness(&curvature, &evenness, fairing.stiffness, &mut bent);
+        band.unevenness(&curvature, &evenness, STIFFNESS, &mut bent);
         band.laplacian_transposed(&bent, -1.0, &mut right);
-        let mut diagonal = vec![fairing.inertia; band.len()];
+        let mut diagonal = vec![INERTIA; band.len()];
         for (slot, node) in band.nodes.iter().enumerate() {
             let node = *node as usize;
             let mut least = evidence.hull.values[node] / phi.cell;
@@ -256,15 +259,15 @@ impl<'a> System<'a> {
                 } else if distance > -NEAR_SEEN {
                     let off = distance - values[slot];
                     let sure = seen.weights[node] / (1.0 + seen.weights[node]);
-                    let weight = fairing.seen * sure / (1.0 + (off / DOUBT).powi(2));
+                    let weight = SEEN * sure / (1.0 + (off / LEAST_SCALE).powi(2));
                     diagonal[slot] += weight;
                     right[slot] += weight * off;
                 }
             }
             let missing = least - values[slot];
             if missing > 0.0 {
-                diagonal[slot] += fairing.hull;
-                right[slot] += fairing.hull * missing.min(1.0);
+                diagonal[slot] += HULL;
+                right[slot] += HULL * missing.min(1.0);
             }
         }
         let slopes = Slopes::new(band, &evidence.normals, &values);
@@ -277,7 +280,6 @@ impl<'a> System<'a> {
         Self {
             band,
             conditions,
-            fairing,
             evenness,
             slopes,
             diagonal,
@@ -290,7 +292,7 @@ impl<'a> System<'a> {
         let [curvature, bent] = scratch;
         self.band.laplacian(u, curvature);
         self.band
-            .unevenness(curvature, &self.evenness, self.fairing.stiffness, bent);
+            .unevenness(curvature, &self.evenness, STIFFNESS, bent);
         self.band.laplacian_transposed(bent, 1.0, out);
         for ((out, u), d) in out.iter_mut().zip(u).zip(&self.diagonal) {
             *out += d * u;
@@ -318,7 +320,7 @@ impl<'a> System<'a> {
         let mut product = vec![0.0; n];
         let mut energy = dot(&residual, &residual);
         let end = 1e-6 * energy;
-        for _ in 0..self.fairing.steps {
+        for _ in 0..SOLVER_STEPS {
             if energy <= end {
                 break;
             }
@@ -335,32 +337,5 @@ impl<'a> System<'a> {
                 .for_each(|(d, r)| *d = r + keep * *d);
         }
         u
-    }
-}
-
-impl Fairing {
-    /// Creases may be a cell wide, which no smoothing leaves: necks open along them.
-    pub(super) fn unsmoothed() -> Self {
-        Self {
-            smoothing: 0.0,
-            doubt: 0.0,
-            ..Self::default()
-        }
-    }
-}
-
-impl Default for Fairing {
-    fn default() -> Self {
-        Self {
-            evenness: 1.0,
-            crease: 1.5,
-            smoothing: 6.0,
-            doubt: 4.0,
-            stiffness: 0.01,
-            seen: 0.3,
-            hull: 0.3,
-            inertia: 0.02,
-            steps: 160,
-        }
     }
 }

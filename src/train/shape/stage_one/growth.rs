@@ -77,17 +77,13 @@ mod tests {
     use super::*;
     use crate::data::{Photo, Split};
     use crate::geometry::{Aabb, Camera};
+    use crate::train::shape::stage_one::hull::raise;
 
     #[test]
     fn a_ball_of_clay_lies_over_the_photo() {
-        let bounds = Aabb {
-            min: Vec3::splat(-1.0),
-            max: Vec3::splat(1.0),
-        };
-        let mut grid = ScalarGrid::over(&bounds, 40, 0.0);
-        for node in 0..grid.values.len() {
-            grid.values[node] = grid.position(grid.place(node)).length() - 0.5;
-        }
+        let (min, max) = (-Vec3::ONE, Vec3::ONE);
+        let mut grid = ScalarGrid::over(&Aabb { min, max }, 40, f32::NEG_INFINITY);
+        raise(&mut grid, |p| p.length() - 0.5);
         // Three times as many pixels as are shown.
         let (width, height) = (1200, 900);
         let blue = [0, 0, 255];
@@ -112,10 +108,8 @@ mod tests {
         // The rim: sin(rim) = 0.5 / 3, and half the picture's height is tan(0.3).
         let radius = (0.5_f32 / 3.0).asin().tan() / 0.3_f32.tan() * 150.0;
         let [inside, outside] = [radius - 2.0, radius + 2.0].map(|r| at(200 + r as usize, 150));
-        assert!(
-            inside != blue && inside[0] < 140,
-            "the rim is dark: {inside:?}"
-        );
+        let is_dark = inside != blue && inside[0] < 140;
+        assert!(is_dark, "the rim: {inside:?}");
         assert_eq!(outside, blue, "and ends where the ball does");
     }
 }

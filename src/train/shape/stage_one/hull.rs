@@ -4,10 +4,11 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::silhouette::Silhouette;
+use super::{GoOn, StageOneError, unless_cancelled, widened};
 use crate::geometry::{Aabb, ScalarGrid};
 
 /// Views from which one may be wrong about a point without carving it away.
-const VIEWS_FOR_DOUBT: usize = 12;
+const VIEWS_FOR_OUTLIER: usize = 12;
 /// A point of the object is seen by at least one of this many views.
 const FEWEST_OF: usize = 6;
 /// The distance of points that are not the object for other reasons than a silhouette, scene units.
@@ -23,10 +24,7 @@ const SEARCHES: usize = 4;
 /// distance. One view of many may err: the second largest of the views' distances counts.
 fn outside_by(silhouettes: &[Silhouette], p: Vec3) -> f32 {
     let (mut largest, mut second, mut n) = (f32::NEG_INFINITY, f32::NEG_INFINITY, 0);
-    for silhouette in silhouettes {
-        let Some(by) = silhouette.outside_by(p) else {
-            continue;
-        };
+    for by in silhouettes.iter().filter_map(|s| s.outside_by(p)) {
         n += 1;
         if by > largest {
             second = largest;
@@ -39,19 +37,19 @@ fn outside_by(silhouettes: &[Silhouette], p: Vec3) -> f32 {
     if n < (silhouettes.len() / FEWEST_OF).max(2) {
         return largest.max(FAR);
     }
-    if n >= VIEWS_FOR_DOUBT {
+    if n >= VIEWS_FOR_OUTLIER {
         second
     } else {
         largest
     }
 }
 
-/// Fills `grid` with the distance to the hull; false when asked to stop.
+/// Fills `grid` with the distance to the hull.
 pub(super) fn fill(
     silhouettes: &[Silhouette],
     grid: &mut ScalarGrid,
-    go_on: &(dyn Fn() -> bool + Sync),
-) -> bool {
+    go_on: GoOn<'_>,
+) -> Result<(), StageOneError> {
     let frame = ScalarGrid {
         origin: grid.origin,
         cell: grid.cell,
@@ -71,7 +69,7 @@ pub(super) fn fill(
                 }
             }
         });
-    go_on()
+    unless_cancelled(go_on)
 }
 
 /// Distances to the hull up to `reach` cells from the surface of a grid, at the same nodes; beyond, it bounds nothing.
@@ -90,10 +88,15 @@ pub(super) fn near(silhouettes: &[Silhouette], surface: &ScalarGrid, reach: f32)
 
 /// Leaves nothing outside `bounds`: where no camera looks from, the hull has no end.
 pub(super) fn cut(grid: &mut ScalarGrid, bounds: &Aabb) {
+    let beyond = |p: Vec3| (p - bounds.center()).abs() - 0.5 * bounds.extent();
+    raise(grid, |p| beyond(p).max_element());
+}
+
+/// Leaves nothing in `grid` below what `least` says of the place.
+pub(super) fn raise(grid: &mut ScalarGrid, least: impl Fn(Vec3) -> f32) {
     for node in 0..grid.values.len() {
-        let beyond =
-            (grid.position(grid.place(node)) - bounds.center()).abs() - 0.5 * bounds.extent();
-        grid.values[node] = grid.values[node].max(beyond.max_element());
+        let least = least(grid.position(grid.place(node)));
+        grid.values[node] = grid.values[node].max(least);
     }
 }
 
@@ -127,62 +130,56 @@ fn fill_block(
 /// have nothing in common or leave the object unbounded.
 pub(super) fn bounds(
     silhouettes: &[Silhouette],
-    go_on: &(dyn Fn() -> bool + Sync),
-) -> Option<Aabb> {
-    let mut search = first_box(silhouettes)?;
+    go_on: GoOn<'_>,
+) -> Result<Option<Aabb>, StageOneError> {
+    let Some(mut search) = first_box(silhouettes) else {
+        return Ok(None);
+    };
     for _ in 0..SEARCHES {
         let mut grid = ScalarGrid::over(&search, SEARCH_CELLS, 0.0);
-        if !fill(silhouettes, &mut grid, go_on) {
-            return None;
-        }
+        fill(silhouettes, &mut grid, go_on)?;
         let slack = grid.cell;
         let inside = (0..grid.values.len()).filter(|i| grid.values[*i] < slack);
         let found = Aabb::from_points(inside.map(|i| grid.position(grid.place(i))));
         if found.is_empty() {
-            return None;
+            return Ok(None);
         }
-        let closer = Aabb {
-            min: found.min - slack,
-            max: found.max + slack,
-        };
+        let closer = widened(&found, slack);
         let shrinks = closer.extent().max_element() < 0.8 * search.extent().max_element();
         search = closer;
         if !shrinks {
             break;
         }
     }
-    Some(search)
+    Ok(Some(search))
 }
 
 /// A cube that holds the object: around the point nearest to the middles of all silhouettes, as
 /// wide as the widest of them seen from there, doubled.
 fn first_box(silhouettes: &[Silhouette]) -> Option<Aabb> {
-    let discs: Vec<_> = silhouettes.iter().map(Silhouette::disc).collect();
-    let rays: Vec<_> = silhouettes
-        .iter()
-        .zip(&discs)
-        .map(|(s, disc)| s.ray(disc.0))
-        .collect();
+    // The ray through the middle of each, and the angle that it reaches to from there.
+    let cone = |silhouette: &Silhouette| {
+        let (middle, reach_px) = silhouette.disc();
+        let angle = reach_px * silhouette.camera.pixel_angle();
+        (silhouette.ray(middle), angle)
+    };
+    let cones: Vec<_> = silhouettes.iter().map(cone).collect();
     // Least squares over the distances to the rays: sum (I - d dT) (p - o) = 0.
     let (mut matrix, mut right) = (glam::DMat3::ZERO, glam::DVec3::ZERO);
-    for ray in &rays {
+    for (ray, _) in &cones {
         let d = ray.direction.as_dvec3();
         let across = glam::DMat3::IDENTITY - glam::DMat3::from_cols(d * d.x, d * d.y, d * d.z);
         matrix += across;
         right += across * ray.origin.as_dvec3();
     }
     // Parallel rays meet nowhere.
-    if matrix.determinant() < 1e-6 * (rays.len() as f64).powi(3) {
+    if matrix.determinant() < 1e-6 * (cones.len() as f64).powi(3) {
         return None;
     }
     let middle = (matrix.inverse() * right).as_vec3();
-    let radii = silhouettes
+    let radii = cones
         .iter()
-        .zip(&discs)
-        .map(|(silhouette, (_, reach_px))| {
-            let camera = &silhouette.camera;
-            reach_px * camera.pixel_angle() * camera.position().distance(middle)
-        });
+        .map(|(ray, angle)| angle * ray.origin.distance(middle));
     let radius = 2.0 * radii.fold(0.0, f32::max);
     (middle.is_finite() && radius > 0.0 && radius.is_finite()).then(|| Aabb {
         min: middle - radius,

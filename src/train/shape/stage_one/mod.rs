@@ -14,7 +14,6 @@ mod depths;
 mod fairing;
 mod growth;
 mod hull;
-mod outline_error;
 mod refit;
 mod silhouette;
 mod slopes;
@@ -28,6 +27,7 @@ use std::time::{Duration, Instant};
 use glam::Vec3;
 use rayon::prelude::*;
 
+use self::alignment::outline_error_px;
 use self::depths::fusion::{Depths, Seen};
 use self::depths::{floor, fusion, point_maps};
 use self::fairing::{Evidence, Fairing};
@@ -70,7 +70,7 @@ const SHORT_CELLS: usize = 80;
 /// Most cells for a mesh of points.
 const POINT_CELLS: usize = 64;
 /// The same as [`SPECK`] for a mesh of points: bits of the background are near.
-const LONE_PART: f64 = 0.5;
+const LEAST_PART_OF_POINTS: f64 = 0.5;
 /// Cells over the floor up to which a mesh of points is cut off.
 const FLOOR_CELLS: f32 = 1.5;
 
@@ -103,16 +103,14 @@ impl StageOneOptions {
             return Self::default();
         };
         let share = Duration::from_secs_f64((seconds / 3.0).clamp(0.0, MOST_SECS));
-        let is_short = seconds < SHORT_SECS;
-        Self {
-            n_cells: if is_short {
-                SHORT_CELLS
-            } else {
-                Self::default().n_cells
-            },
+        let mut options = Self {
             deadline: Some(started + share),
             ..Self::default()
+        };
+        if seconds < SHORT_SECS {
+            options.n_cells = SHORT_CELLS;
         }
+        options
     }
 
     fn is_over(&self) -> bool {
@@ -175,6 +173,13 @@ pub enum Making<'a> {
     Surface(&'a ScalarGrid),
 }
 
+/// Whether to go on with a job.
+type GoOn<'a> = &'a (dyn Fn() -> bool + Sync);
+
+fn unless_cancelled(go_on: GoOn<'_>) -> Result<(), StageOneError> {
+    go_on().then_some(()).ok_or(StageOneError::Cancelled)
+}
+
 /// Makes the mesh of the object that the masks of the training views show, in the capture's world
 /// frame, on the current thread pool.
 ///
@@ -188,31 +193,34 @@ pub fn make_mesh(
     cancel: &AtomicBool,
     on_news: &(dyn Fn(Making<'_>) + Sync),
 ) -> Result<Mesh, StageOneError> {
-    let on_progress: &(dyn Fn(f32) + Sync) = &|fraction| on_news(Making::Progress(fraction));
+    let on_progress = |fraction| on_news(Making::Progress(fraction));
     let go_on = || !cancel.load(Ordering::Relaxed);
-    let maps = fusion::depth_views(dataset);
-    let draft = from_depths(dataset, &maps, options, &go_on, on_progress)?;
+    let job = Job {
+        dataset,
+        options,
+        go_on: &go_on,
+        on_progress: &on_progress,
+    };
+    let draft = job.draft_from_depths()?;
     if draft.is_none()
         && !has_masks(dataset)
-        && let Some(mesh) = from_points(dataset, options, &go_on, on_progress)?
+        && let Some(mesh) = job.mesh_from_points()?
     {
         return Ok(mesh);
     }
     let Draft { mut phi, evidence } = match draft {
         Some(draft) => draft,
-        None => from_masks(dataset, options, &go_on, on_progress)?,
+        None => job.draft_from_masks()?,
     };
     on_news(Making::Surface(&phi));
     on_progress(0.2);
     let mut residuals = Vec::new();
     for round in 0..options.n_rounds {
-        if !go_on() {
-            return Err(StageOneError::Cancelled);
-        }
+        unless_cancelled(&go_on)?;
         if options.is_over() {
             break;
         }
-        residuals.push(fairing::round(&mut phi, &evidence, &Fairing::default()));
+        residuals.push(fairing::round(&mut phi, &evidence, Fairing::SMOOTHED));
         on_news(Making::Surface(&phi));
         // Where outlines are exact, clefts go on opening that few rays constrain.
         if evidence.outline_error > 0.0 && is_settled(&residuals) {
@@ -276,132 +284,143 @@ fn of_outlines(
     })
 }
 
-/// The hull of the silhouettes.
-fn from_masks(
-    dataset: &Dataset,
-    options: &StageOneOptions,
-    go_on: &(dyn Fn() -> bool + Sync),
-    on_progress: &(dyn Fn(f32) + Sync),
-) -> Result<Draft, StageOneError> {
-    let silhouettes = silhouettes(dataset)?;
-    on_progress(0.05);
-    let bounds = hull::bounds(&silhouettes, go_on);
-    if !go_on() {
-        return Err(StageOneError::Cancelled);
+/// A mesh in the making, before its surface is faired.
+struct Job<'a> {
+    dataset: &'a Dataset,
+    options: &'a StageOneOptions,
+    go_on: GoOn<'a>,
+    /// Gets 0..1.
+    on_progress: &'a (dyn Fn(f32) + Sync),
+}
+
+impl Job<'_> {
+    /// The hull of the silhouettes.
+    fn draft_from_masks(&self) -> Result<Draft, StageOneError> {
+        let silhouettes = silhouettes(self.dataset)?;
+        (self.on_progress)(0.05);
+        let bounds = hull::bounds(&silhouettes, self.go_on)?;
+        let bounds = bounds.ok_or_else(|| StageOneError::NothingInCommon {
+            dataset: self.dataset.root.clone(),
+        })?;
+        (self.on_progress)(0.1);
+        let hull = |silhouettes: &[Silhouette], n_cells: usize| {
+            let mut hull = grid_around(&bounds, n_cells);
+            hull::fill(silhouettes, &mut hull, self.go_on)?;
+            hull::cut(&mut hull, &bounds);
+            Ok(hull)
+        };
+        let pixel = middle(&mut pixels_at(&silhouettes, bounds.center()));
+        let coarse_cells = self.options.n_cells.min(COMPARED_CELLS);
+        let error_px = outline_error_px(&silhouettes, hull(&silhouettes, coarse_cells)?);
+        let uncertain_px = error_px.max(alignment::CAMERA_ERROR_PX);
+        let mut coarse = Draft::of(silhouettes, uncertain_px, pixel, |s| hull(s, coarse_cells))?;
+        let go_on = || (self.go_on)() && !self.options.is_over();
+        let is_aligned = alignment::align(&mut coarse, go_on);
+        let silhouettes = coarse.evidence.silhouettes;
+        let error_px = if is_aligned {
+            outline_error_px(&silhouettes, hull(&silhouettes, coarse_cells)?)
+        } else {
+            error_px
+        };
+        let finest = bounds.extent().max_element() / (CELL_ERRORS * error_px * pixel);
+        let n_finest = (finest as usize).max(FEWEST_CELLS);
+        let n_cells = self.options.n_cells.min(n_finest);
+        Draft::of(silhouettes, error_px, pixel, |s| hull(s, n_cells))
     }
-    let bounds = bounds.ok_or_else(|| StageOneError::NothingInCommon {
-        dataset: dataset.root.clone(),
-    })?;
-    on_progress(0.1);
-    let hull = |silhouettes: &[Silhouette], n_cells: usize| {
-        let mut hull = grid_around(&bounds, n_cells);
-        if !hull::fill(silhouettes, &mut hull, go_on) {
-            return Err(StageOneError::Cancelled);
+
+    /// What the depth maps show, within the hull of the silhouettes where there are masks too; `None` where there are too few
+    /// maps, or too few that can be read.
+    fn draft_from_depths(&self) -> Result<Option<Draft>, StageOneError> {
+        let maps = fusion::depth_views(self.dataset);
+        let Some(fused) = self.fused(&maps, self.options.n_cells, 0.15)? else {
+            return Ok(None);
+        };
+        let (mut grid, mut seen) = (fused.grid, fused.seen);
+        // Few masks or none: the maps alone are enough.
+        let silhouettes = silhouettes(self.dataset).unwrap_or_default();
+        let mut hull = grid.clone();
+        if silhouettes.is_empty() {
+            hull.values.fill(f32::NEG_INFINITY);
+        } else {
+            hull::fill(&silhouettes, &mut hull, self.go_on)?;
         }
-        hull::cut(&mut hull, &bounds);
-        Ok(hull)
-    };
-    let pixel = middle(&mut pixels_at(&silhouettes, bounds.center()));
-    let coarse_cells = options.n_cells.min(COMPARED_CELLS);
-    let error_px = outline_error::find_px(&silhouettes, hull(&silhouettes, coarse_cells)?);
-    let uncertain_px = error_px.max(alignment::CAMERA_ERROR_PX);
-    let mut coarse = Draft::of(silhouettes, uncertain_px, pixel, |s| hull(s, coarse_cells))?;
-    let is_aligned = alignment::align(&mut coarse, || go_on() && !options.is_over());
-    let silhouettes = coarse.evidence.silhouettes;
-    let error_px = if is_aligned {
-        outline_error::find_px(&silhouettes, hull(&silhouettes, coarse_cells)?)
-    } else {
-        error_px
-    };
-    let finest = bounds.extent().max_element() / (CELL_ERRORS * error_px * pixel);
-    let n_cells = options.n_cells.min((finest as usize).max(FEWEST_CELLS));
-    Draft::of(silhouettes, error_px, pixel, |s| hull(s, n_cells))
+        hull::cut(&mut hull, &fused.bounds);
+        let nodes = grid.values.iter_mut().zip(&mut seen.weights);
+        for ((value, weight), hull) in nodes.zip(&hull.values) {
+            *value = value.max(*hull);
+            // What the maps show there is none of the object.
+            if *hull > grid.cell {
+                *weight = 0.0;
+            }
+        }
+        grid.redistance(fairing::REACH);
+        Ok(Some(Draft {
+            phi: grid,
+            evidence: Evidence {
+                hull,
+                silhouettes,
+                outline_error: 0.0,
+                seen: Some(seen),
+                normals: Normals::default(),
+            },
+        }))
+    }
+
+    /// The mesh of what the reconstruction's points show of the object, without the floor that it stands on, on a grid no finer
+    /// than they are; `None` where there are too few.
+    fn mesh_from_points(&self) -> Result<Option<Mesh>, StageOneError> {
+        let maps = point_maps::maps(self.dataset, self.go_on);
+        unless_cancelled(self.go_on)?;
+        let views = maps.iter().map(|(map, view)| Depths::known(map, view));
+        let views: Vec<_> = views.collect();
+        let n_cells = self.options.n_cells.min(POINT_CELLS);
+        let Some(Fused { mut grid, .. }) = self.fused(&views, n_cells, 1.0)? else {
+            return Ok(None);
+        };
+        if let Some((points, reach)) = point_maps::around_object(self.dataset)
+            && let Some(floor) = floor::find(&points, up_direction(self.dataset), reach)
+        {
+            let clearance = FLOOR_CELLS * grid.cell;
+            floor.cut(&mut grid, clearance);
+        }
+        surface(self.dataset, &grid, LEAST_PART_OF_POINTS).map(Some)
+    }
+
+    /// Distances to what depth maps show, the first `part` of the job; `None` where there are too few, or too few that can be read.
+    fn fused(
+        &self,
+        views: &[Depths<'_>],
+        n_cells: usize,
+        part: f32,
+    ) -> Result<Option<Fused>, StageOneError> {
+        if views.len() < fusion::MIN_MAPS {
+            return Ok(None);
+        }
+        let Some(bounds) = fusion::bounds(self.dataset, views) else {
+            return Ok(None);
+        };
+        (self.on_progress)(part * 0.1);
+        let mut grid = grid_around(&bounds, n_cells);
+        let is_late = || self.options.is_over();
+        let on_batch = |fraction: f32| (self.on_progress)(part * (0.1 + 0.85 * fraction));
+        let seen = fusion::fill(views, &mut grid, &is_late, self.go_on, &on_batch)?;
+        hull::cut(&mut grid, &bounds);
+        let has_enough = seen.n_maps >= fusion::MIN_MAPS;
+        Ok(has_enough.then_some(Fused { grid, seen, bounds }))
+    }
+}
+
+/// Distances to what depth maps show.
+struct Fused {
+    grid: ScalarGrid,
+    seen: Seen,
+    /// The box around it.
+    bounds: Aabb,
 }
 
 /// Width of a pixel of each silhouette at `p`, scene units.
 fn pixels_at(silhouettes: &[Silhouette], p: Vec3) -> Vec<f32> {
     silhouettes.iter().map(|s| s.pixel_at(p)).collect()
-}
-
-/// What the depth maps show, within the hull of the silhouettes where there are masks too; `None` where there are too few
-/// maps, or too few that can be read.
-fn from_depths(
-    dataset: &Dataset,
-    views: &[Depths<'_>],
-    options: &StageOneOptions,
-    go_on: &(dyn Fn() -> bool + Sync),
-    on_progress: &(dyn Fn(f32) + Sync),
-) -> Result<Option<Draft>, StageOneError> {
-    let Some(Fused {
-        mut grid,
-        mut seen,
-        bounds,
-    }) = fused(dataset, views, options, go_on, &|share| {
-        on_progress(0.15 * share);
-    })?
-    else {
-        return Ok(None);
-    };
-    // Few masks or none: the maps alone are enough.
-    let silhouettes = silhouettes(dataset).unwrap_or_default();
-    let mut hull = grid.clone();
-    if silhouettes.is_empty() {
-        hull.values.fill(f32::NEG_INFINITY);
-    } else if !hull::fill(&silhouettes, &mut hull, go_on) {
-        return Err(StageOneError::Cancelled);
-    }
-    hull::cut(&mut hull, &bounds);
-    let nodes = grid.values.iter_mut().zip(&mut seen.weights);
-    for ((value, weight), hull) in nodes.zip(&hull.values) {
-        *value = value.max(*hull);
-        // What the maps show there is none of the object.
-        if *hull > grid.cell {
-            *weight = 0.0;
-        }
-    }
-    grid.redistance(fairing::REACH);
-    Ok(Some(Draft {
-        phi: grid,
-        evidence: Evidence {
-            hull,
-            silhouettes,
-            outline_error: 0.0,
-            seen: Some(seen),
-            normals: Normals::default(),
-        },
-    }))
-}
-
-/// The mesh of what the reconstruction's points show of the object, without the floor that it stands on, on a grid no finer
-/// than they are; `None` where there are too few.
-fn from_points(
-    dataset: &Dataset,
-    options: &StageOneOptions,
-    go_on: &(dyn Fn() -> bool + Sync),
-    on_progress: &(dyn Fn(f32) + Sync),
-) -> Result<Option<Mesh>, StageOneError> {
-    let maps = point_maps::maps(dataset, go_on);
-    if !go_on() {
-        return Err(StageOneError::Cancelled);
-    }
-    let views: Vec<_> = maps
-        .iter()
-        .map(|(map, view)| Depths::known(map, view))
-        .collect();
-    let coarse = StageOneOptions {
-        n_cells: options.n_cells.min(POINT_CELLS),
-        ..*options
-    };
-    let Some(Fused { mut grid, .. }) = fused(dataset, &views, &coarse, go_on, on_progress)? else {
-        return Ok(None);
-    };
-    if let Some((points, reach)) = point_maps::around_object(dataset)
-        && let Some(floor) = floor::find(&points, up_direction(dataset), reach)
-    {
-        let clearance = FLOOR_CELLS * grid.cell;
-        floor.cut(&mut grid, clearance);
-    }
-    surface(dataset, &grid, LONE_PART).map(Some)
 }
 
 /// The surface of a grid, without parts of less than `least_share` of the largest one's area.
@@ -413,57 +432,25 @@ fn surface(dataset: &Dataset, grid: &ScalarGrid, least_share: f64) -> Result<Mes
     })
 }
 
-/// Distances to what depth maps show.
-struct Fused {
-    grid: ScalarGrid,
-    seen: Seen,
-    /// The box around it.
-    bounds: Aabb,
-}
-
-/// Distances to what the depth maps show; `None` where there are too few, or too few that can be read.
-fn fused(
-    dataset: &Dataset,
-    views: &[Depths<'_>],
-    options: &StageOneOptions,
-    go_on: &(dyn Fn() -> bool + Sync),
-    on_progress: &(dyn Fn(f32) + Sync),
-) -> Result<Option<Fused>, StageOneError> {
-    if views.len() < fusion::MIN_MAPS {
-        return Ok(None);
-    }
-    let Some(bounds) = fusion::bounds(dataset, views) else {
-        return Ok(None);
-    };
-    on_progress(0.1);
-    let mut grid = grid_around(&bounds, options.n_cells);
-    let is_late = || options.deadline.is_some_and(|end| Instant::now() >= end);
-    let on_batch = |fraction: f32| on_progress(0.1 + 0.85 * fraction);
-    match fusion::fill(views, &mut grid, &is_late, go_on, &on_batch) {
-        None => Err(StageOneError::Cancelled),
-        Some(seen) if seen.n_maps < fusion::MIN_MAPS => Ok(None),
-        Some(seen) => {
-            hull::cut(&mut grid, &bounds);
-            Ok(Some(Fused { grid, seen, bounds }))
-        }
-    }
-}
-
 /// A grid of `n_cells` along the longest side of `bounds`, with a margin on all sides.
 fn grid_around(bounds: &Aabb, n_cells: usize) -> ScalarGrid {
     let margin = MARGIN_CELLS as f32 * bounds.extent().max_element() / n_cells as f32;
-    let around = Aabb {
+    ScalarGrid::over(&widened(bounds, margin), n_cells + 2 * MARGIN_CELLS, 0.0)
+}
+
+/// The box with a margin on all sides.
+fn widened(bounds: &Aabb, margin: f32) -> Aabb {
+    Aabb {
         min: bounds.min - margin,
         max: bounds.max + margin,
-    };
-    ScalarGrid::over(&around, n_cells + 2 * MARGIN_CELLS, 0.0)
+    }
 }
 
 /// The silhouettes of the training views; errors when they are too few or too small.
 fn silhouettes(dataset: &Dataset) -> Result<Vec<Silhouette>, StageOneError> {
     let views = dataset.train.par_iter();
     let found: Vec<Silhouette> = views
-        .filter_map(|view| Silhouette::new(view, view.camera))
+        .filter_map(|view| Silhouette::new(view, view.camera, f32::INFINITY))
         .collect();
     if found.len() < MIN_VIEWS {
         return Err(StageOneError::TooFewMasks {
@@ -472,9 +459,7 @@ fn silhouettes(dataset: &Dataset) -> Result<Vec<Silhouette>, StageOneError> {
             n_views: dataset.train.len(),
         });
     }
-    let mut radii: Vec<f32> = found.iter().map(|s| s.disc().1).collect();
-    radii.sort_unstable_by(f32::total_cmp);
-    let radius_px = radii[radii.len() / 2];
+    let radius_px = middle(&mut found.iter().map(|s| s.disc().1).collect::<Vec<f32>>());
     if radius_px < MIN_RADIUS_PX {
         return Err(StageOneError::TooSmall {
             dataset: dataset.root.clone(),

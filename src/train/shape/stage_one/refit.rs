@@ -11,8 +11,8 @@ use super::fairing::{self, Fairing};
 use super::silhouette::Silhouette;
 use super::slopes::{KnownNormals, Normals};
 use super::{
-    FEWEST_CELLS, SPECK, StageOneError, StageOneOptions, grid_around, hull, of_outlines, pixels_at,
-    surface,
+    FEWEST_CELLS, GoOn, SPECK, StageOneError, StageOneOptions, grid_around, hull, of_outlines,
+    pixels_at, surface, unless_cancelled,
 };
 use crate::data::Dataset;
 use crate::geometry::{Camera, Mesh};
@@ -44,11 +44,11 @@ pub(in crate::train) fn refit(
     cameras: &[Camera],
     known: KnownNormals<'_>,
     error_px: f32,
-    go_on: &(dyn Fn() -> bool + Sync),
+    go_on: GoOn<'_>,
 ) -> Result<Mesh, StageOneError> {
     let views = dataset.train.par_iter().zip(cameras);
     let silhouettes =
-        views.filter_map(|(view, camera)| Silhouette::near(view, *camera, OUTLINE_REACH_PX));
+        views.filter_map(|(view, camera)| Silhouette::new(view, *camera, OUTLINE_REACH_PX));
     let silhouettes: Vec<Silhouette> = silhouettes.collect();
     let bounds = known.mesh.bounds();
     let pixel = middle(&mut pixels_at(&silhouettes, bounds.center()));
@@ -62,12 +62,9 @@ pub(in crate::train) fn refit(
         Ok(hull::near(silhouettes, &phi, fairing::BAND))
     })?;
     evidence.normals = Normals::around(known, &phi, least_error / phi.cell);
-    let fairing = Fairing::unsmoothed();
     for _ in 0..N_ROUNDS {
-        if !go_on() {
-            return Err(StageOneError::Cancelled);
-        }
-        fairing::round(&mut phi, &evidence, &fairing);
+        unless_cancelled(go_on)?;
+        fairing::round(&mut phi, &evidence, Fairing::UNSMOOTHED);
     }
     surface(dataset, &phi, SPECK)
 }

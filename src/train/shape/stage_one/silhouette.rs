@@ -29,26 +29,17 @@ const RIM_ERRORS: f32 = 2.5;
 pub(super) const SLACK_ERRORS: f32 = 1.5;
 
 impl Silhouette {
-    /// The silhouette of a view that `camera` took; `None` without a mask or where it shows nothing of the object's edge.
-    pub(super) fn new(view: &View, camera: Camera) -> Option<Self> {
-        let outline = MaskOutline::new(view.mask.as_ref()?)?;
-        Some(Self::of(outline, camera))
-    }
-
-    /// The same for what lies within `reach` pixels of its outline, in a tenth of the time.
-    pub(super) fn near(view: &View, camera: Camera, reach: f32) -> Option<Self> {
-        let outline = MaskOutline::near(view.mask.as_ref()?, reach)?;
-        Some(Self::of(outline, camera))
-    }
-
-    fn of(outline: MaskOutline, camera: Camera) -> Self {
-        Self {
+    /// The silhouette of a view that `camera` took, for what lies within `reach` pixels of its outline; `None` without a mask or
+    /// where it shows nothing of the object's edge.
+    pub(super) fn new(view: &View, camera: Camera, reach: f32) -> Option<Self> {
+        let outline = MaskOutline::new(view.mask.as_ref()?, reach)?;
+        Some(Self {
             camera,
             camera_from_world: camera.world_from_camera.inverse(),
             inner: inner_places(&outline, RIM_PX),
             outline,
             slack: 0.0,
-        }
+        })
     }
 
     /// The outline is wrong by `error_px` pixels (standard deviation).

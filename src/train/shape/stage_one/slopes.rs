@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use super::band::Band;
 use crate::geometry::{Mesh, ScalarGrid};
-use crate::train::statistics::middle;
+use crate::train::statistics::middle_or;
 
 /// Least standard deviation of a normal, radians: below, its place on the grid is not known well enough.
 const LEAST_DEVIATION: f32 = 0.015;
@@ -51,31 +51,21 @@ struct Around {
 
 impl Normals {
     /// At the nodes around the mesh's vertices; outlines err by `outline_error` cells.
-    pub(super) fn around(known: KnownNormals<'_>, grid: &ScalarGrid, outline_error: f32) -> Self {
-        let KnownNormals {
-            mesh,
-            deviations,
-            errors,
-        } = known;
-        let mut seen: Vec<f32> = errors.iter().copied().filter(|e| *e > 0.0).collect();
-        let usual = if seen.is_empty() {
-            1.0
-        } else {
-            middle(&mut seen)
-        };
+    pub(super) fn around(seen: KnownNormals<'_>, grid: &ScalarGrid, outline_error: f32) -> Self {
+        let (mesh, errors) = (seen.mesh, seen.errors);
+        let above_zero = errors.iter().copied().filter(|e| *e > 0.0);
+        let usual = middle_or(1.0, above_zero.collect());
         let mut nodes = vec![Around::default(); grid.values.len()];
-        let vertices = mesh.positions.iter().zip(&mesh.normals);
-        for ((position, normal), (deviation, error)) in vertices.zip(deviations.iter().zip(errors))
-        {
-            let deviation = (TRUSTED * deviation).max(LEAST_DEVIATION);
+        for (vertex, position) in mesh.positions.iter().enumerate() {
+            let deviation = (TRUSTED * seen.deviations[vertex]).max(LEAST_DEVIATION);
             let weight = EQUALLY_SURE * (outline_error / deviation).powi(2);
             let weight = if weight < LEAST_WEIGHT { 0.0 } else { weight };
             let corners = grid.corners(*position);
             for (node, share) in corners.nodes.iter().zip(corners.weights) {
                 let around = &mut nodes[*node];
-                around.normal += share * weight * *normal;
+                around.normal += share * weight * mesh.normals[vertex];
                 around.weight += share * weight;
-                around.error += share * error / usual;
+                around.error += share * errors[vertex] / usual;
                 around.share += share;
             }
         }

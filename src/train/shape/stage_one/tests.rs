@@ -10,11 +10,15 @@ use super::*;
 use crate::data::{Mask, Photo, Split, View};
 use crate::geometry::Camera;
 use crate::train::pixels::outlines::tests::wander;
+use crate::train::placement::given_cameras;
 
 /// Pixels on a side.
 const SIDE: u32 = 96;
 /// Rays along a pixel's side.
 const SUBPIXELS: u32 = 4;
+
+/// Off the origin, so that nothing works by its being there.
+const CENTER: Vec3 = Vec3::new(3.0, -2.0, 1.0);
 
 /// Signed distance to a shape.
 type Shape = fn(Vec3) -> f32;
@@ -23,27 +27,24 @@ fn ball(p: Vec3) -> f32 {
     p.distance(CENTER) - 0.5
 }
 
-/// Off the origin, so that nothing works by its being there.
-const CENTER: Vec3 = Vec3::new(3.0, -2.0, 1.0);
+fn ring(p: Vec3, radius: f32) -> f32 {
+    let p = p - CENTER;
+    Vec2::new(p.truncate().length() - 0.4, p.z).length() - radius
+}
 
 fn torus(p: Vec3) -> f32 {
-    let p = p - CENTER;
-    Vec2::new(p.truncate().length() - 0.4, p.z).length() - 0.14
+    ring(p, 0.14)
 }
 
 /// A ring seven pixels thick.
 fn hoop(p: Vec3) -> f32 {
-    let p = p - CENTER;
-    Vec2::new(p.truncate().length() - 0.4, p.z).length() - 0.05
+    ring(p, 0.05)
 }
 
 /// Two balls apart from each other.
 fn two_balls(p: Vec3) -> f32 {
-    let side = 0.4 * Vec3::X;
-    (p - CENTER - side)
-        .length()
-        .min((p - CENTER + side).length())
-        - 0.25
+    let [left, right] = [-0.4, 0.4].map(|x| p.distance(CENTER + x * Vec3::X));
+    left.min(right) - 0.25
 }
 
 /// Two balls held together by a strap less than a cell thick.
@@ -70,31 +71,25 @@ fn view(i: u32, n: u32, shape: Shape) -> View {
     let camera = Camera::look_at(CENTER + 2.0 * towards, CENTER, Vec3::Z, 0.7, SIDE, SIDE);
     let hits = |x: f32, y: f32| {
         let ray = camera.ray(x, y);
-        let mut t = 0.0;
+        let (mut t, mut distance) = (0.0, f32::INFINITY);
         for _ in 0..100 {
-            let d = shape(ray.at(t));
-            if d < 1e-4 {
-                return true;
-            }
-            t += d;
-            if t > 4.0 {
+            if distance < 1e-4 || t > 4.0 {
                 break;
             }
+            distance = shape(ray.at(t));
+            t += distance;
         }
-        false
+        distance < 1e-4
     };
-    let covered = |x: u32, y: u32| {
-        let n_hits = (0..SUBPIXELS * SUBPIXELS)
-            .filter(|k| {
-                let at = |i: u32| (i as f32 + 0.5) / SUBPIXELS as f32;
-                hits(x as f32 + at(k % SUBPIXELS), y as f32 + at(k / SUBPIXELS))
-            })
-            .count();
+    let covered = |i: u32| {
+        let is_hit = |k: &u32| {
+            let at = |i: u32| (i as f32 + 0.5) / SUBPIXELS as f32;
+            let (x, y) = ((i % SIDE) as f32, (i / SIDE) as f32);
+            hits(x + at(k % SUBPIXELS), y + at(k / SUBPIXELS))
+        };
+        let n_hits = (0..SUBPIXELS * SUBPIXELS).filter(is_hit).count();
         (255 * n_hits as u32 / (SUBPIXELS * SUBPIXELS)) as u8
     };
-    let coverage = (0..SIDE * SIDE)
-        .map(|i| covered(i % SIDE, i / SIDE))
-        .collect();
     View {
         name: format!("r_{i}"),
         split: Split::Train,
@@ -108,7 +103,7 @@ fn view(i: u32, n: u32, shape: Shape) -> View {
         mask: Some(Mask {
             width: SIDE,
             height: SIDE,
-            coverage,
+            coverage: (0..SIDE * SIDE).map(covered).collect(),
         }),
     }
 }
@@ -117,30 +112,45 @@ fn capture(n: u32, shape: Shape) -> Dataset {
     Dataset::of_views((0..n).map(|i| view(i, n, shape)).collect())
 }
 
-fn make(dataset: &Dataset) -> Result<Mesh, StageOneError> {
-    let options = StageOneOptions {
-        n_cells: 64,
+/// The same with outlines that err by 1.3 pixels.
+fn wandering(n: u32, shape: Shape) -> Dataset {
+    let mut dataset = capture(n, shape);
+    for (i, view) in dataset.train.iter_mut().enumerate() {
+        wander(view.mask.as_mut().unwrap(), 1.3, i);
+    }
+    dataset
+}
+
+fn with_cells(n_cells: usize) -> StageOneOptions {
+    StageOneOptions {
+        n_cells,
         ..StageOneOptions::default()
+    }
+}
+
+fn make(dataset: &Dataset) -> Result<Mesh, StageOneError> {
+    make_mesh(dataset, &with_cells(64), &AtomicBool::new(false), &|_| ())
+}
+
+fn draft(dataset: &Dataset, n_cells: usize) -> Draft {
+    let job = Job {
+        dataset,
+        options: &with_cells(n_cells),
+        go_on: &|| true,
+        on_progress: &|_| (),
     };
-    make_mesh(dataset, &options, &AtomicBool::new(false), &|_| ())
+    job.draft_from_masks().unwrap()
 }
 
 /// A mesh whose necks are those of each node's own creases, on cells of two errors of the outlines.
 fn made_unsmoothed(dataset: &Dataset) -> Mesh {
-    let draft = |n_cells: usize| {
-        let options = StageOneOptions {
-            n_cells,
-            ..StageOneOptions::default()
-        };
-        from_masks(dataset, &options, &|| true, &|_| ()).unwrap()
-    };
-    let fine = draft(64).evidence;
+    let fine = draft(dataset, 64).evidence;
     let n_fine = fine.hull.size.into_iter().max().unwrap() - 1 - 2 * MARGIN_CELLS;
     let n_cells = (n_fine as f32 / (2.0 * fine.outline_error)) as usize;
-    let Draft { mut phi, evidence } = draft(n_cells.min(64));
+    let Draft { mut phi, evidence } = draft(dataset, n_cells.min(64));
     let mut residuals = Vec::new();
     while residuals.len() < StageOneOptions::default().n_rounds && !is_settled(&residuals) {
-        residuals.push(fairing::round(&mut phi, &evidence, &Fairing::unsmoothed()));
+        residuals.push(fairing::round(&mut phi, &evidence, Fairing::UNSMOOTHED));
     }
     surface(dataset, &phi, SPECK).unwrap()
 }
@@ -160,8 +170,7 @@ fn errors(mesh: &Mesh, shape: Shape) -> (f32, f32) {
     let mut angles: Vec<f32> = pairs
         .map(|(p, normal)| normal.angle_between(gradient(shape, *p)).to_degrees())
         .collect();
-    angles.sort_unstable_by(f32::total_cmp);
-    (distance / n, angles[angles.len() / 2])
+    (distance / n, middle(&mut angles))
 }
 
 #[test]
@@ -236,42 +245,31 @@ fn a_few_wrong_mask_pixels_do_not_carve_the_object() {
 
 #[test]
 fn outlines_that_wander_do_not_shrink_or_ripple_the_object() {
-    let exact = capture(40, ball);
-    let mut dataset = capture(40, ball);
-    for (i, view) in dataset.train.iter_mut().enumerate() {
-        wander(view.mask.as_mut().unwrap(), 1.3, i);
-    }
+    let dataset = wandering(40, ball);
     let (distance, angle) = errors(&make(&dataset).unwrap(), ball);
     assert!(distance < 0.006, "{distance} units off");
     assert!(angle < 4.5, "normals {angle} degrees off");
-    for (dataset, expected) in [(exact, 0.0..0.1), (dataset, 0.8..1.7)] {
+    for (dataset, expected) in [(capture(40, ball), 0.0..0.1), (dataset, 0.8..1.7)] {
         let silhouettes = silhouettes(&dataset).unwrap();
-        let bounds = hull::bounds(&silhouettes, &|| true).unwrap();
+        let bounds = hull::bounds(&silhouettes, &|| true).unwrap().unwrap();
         let mut hull = grid_around(&bounds, COMPARED_CELLS);
-        hull::fill(&silhouettes, &mut hull, &|| true);
-        let found = outline_error::find_px(&silhouettes, hull);
+        hull::fill(&silhouettes, &mut hull, &|| true).unwrap();
+        let found = outline_error_px(&silhouettes, hull);
         assert!(expected.contains(&found), "{found} pixels");
     }
 }
 
 #[test]
 fn outlines_that_wander_do_not_tear_a_thin_part() {
-    let mut dataset = capture(60, hoop);
-    for (i, view) in dataset.train.iter_mut().enumerate() {
-        wander(view.mask.as_mut().unwrap(), 1.3, i);
-    }
-    let (distance, _) = errors(&make(&dataset).unwrap(), hoop);
+    let (distance, _) = errors(&make(&wandering(60, hoop)).unwrap(), hoop);
     // 0.0186, and fragmented, where creases are looked for in a curvature that is not smoothed.
     assert!(distance < 0.014, "{distance} units off");
 }
 
 #[test]
 fn what_is_known_of_normals_opens_the_necks_of_uncertain_outlines() {
-    let mut dataset = capture(30, touching_balls);
-    for (i, view) in dataset.train.iter_mut().enumerate() {
-        wander(view.mask.as_mut().unwrap(), 1.3, i);
-    }
-    let cameras: Vec<Camera> = dataset.train.iter().map(|view| view.camera).collect();
+    let dataset = wandering(30, touching_balls);
+    let cameras = given_cameras(&dataset);
     let made = made_unsmoothed(&dataset);
     let (before, _) = errors(&made, touching_balls);
     // Normals are known but where the made ones are far off: in the necks.
@@ -299,10 +297,8 @@ fn what_is_known_of_normals_opens_the_necks_of_uncertain_outlines() {
     let (without, _) = off(refit(&nothing, &unseen, true));
     let (after, angle) = off(refit(&deviations, &unseen, true));
     // Photos contradict the necks.
-    let contradicted: Vec<f32> = deviations
-        .iter()
-        .map(|deviation| if deviation.is_finite() { 0.01 } else { 0.1 })
-        .collect();
+    let error = |deviation: &f32| if deviation.is_finite() { 0.01 } else { 0.1 };
+    let contradicted: Vec<f32> = deviations.iter().map(error).collect();
     let (opened, _) = off(refit(&deviations, &contradicted, true));
     assert!(
         opened < 0.9 * after,
@@ -329,16 +325,12 @@ fn pictures_shifted_against_each_other_are_aligned() {
     }
     // How far the pictures of a capture's draft are from those of the right one, pixels in the mean.
     let off_px = |dataset: &Dataset| {
-        let options = StageOneOptions::default();
-        let draft = from_masks(dataset, &options, &|| true, &|_| ()).unwrap();
-        let off = draft
+        let silhouettes = draft(dataset, StageOneOptions::default().n_cells)
             .evidence
-            .silhouettes
-            .iter()
-            .zip(&right.train)
-            .map(|(s, view)| {
-                Vec2::new(s.camera.cx - view.camera.cx, s.camera.cy - view.camera.cy).length()
-            });
+            .silhouettes;
+        let off = silhouettes.iter().zip(&right.train).map(|(s, view)| {
+            Vec2::new(s.camera.cx - view.camera.cx, s.camera.cy - view.camera.cy).length()
+        });
         off.sum::<f32>() / right.train.len() as f32
     };
     assert_eq!(off_px(&right), 0.0);
@@ -360,7 +352,7 @@ fn masks_that_show_no_shape_are_refused_by_name() {
 }
 
 #[test]
-fn it_stops_when_told_to() {
+fn it_stops_when_asked_to() {
     let cancel = AtomicBool::new(true);
     let options = StageOneOptions::default();
     let made = make_mesh(&capture(4, ball), &options, &cancel, &|_| ());

@@ -4,6 +4,7 @@ use glam::Vec3;
 
 use crate::geometry::ScalarGrid;
 use crate::train::random::SlotRandom;
+use crate::train::shape::stage_one::hull::raise;
 
 /// Triples of points that are tried.
 const TRIALS: u64 = 3000;
@@ -20,7 +21,7 @@ const THICKNESS: f32 = 0.02;
 
 /// `normal.dot(p) == offset`, the normal upwards.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(in crate::train::shape::stage_one) struct Plane {
+pub(in super::super) struct Plane {
     normal: Vec3,
     offset: f32,
 }
@@ -31,21 +32,14 @@ impl Plane {
     }
 
     /// Leaves nothing in `grid`, distances to a surface, lower than `clearance` over the plane.
-    pub(in crate::train::shape::stage_one) fn cut(&self, grid: &mut ScalarGrid, clearance: f32) {
-        for node in 0..grid.values.len() {
-            let below = clearance - self.height(grid.position(grid.place(node)));
-            grid.values[node] = grid.values[node].max(below);
-        }
+    pub(in super::super) fn cut(&self, grid: &mut ScalarGrid, clearance: f32) {
+        raise(grid, |p| clearance - self.height(p));
     }
 }
 
 /// The level plane with the most of these points that has next to none below it, all within `reach` of each other; `None`
 /// where there is no such plane. `up` is a unit vector. Random sample consensus (Fischler and Bolles 1981).
-pub(in crate::train::shape::stage_one) fn find(
-    points: &[Vec3],
-    up: Vec3,
-    reach: f32,
-) -> Option<Plane> {
+pub(in super::super) fn find(points: &[Vec3], up: Vec3, reach: f32) -> Option<Plane> {
     let near = THICKNESS * reach;
     let share = |is: &dyn Fn(Vec3) -> bool| {
         points.iter().filter(|p| is(**p)).count() as f32 / points.len() as f32
@@ -82,6 +76,7 @@ pub(in crate::train::shape::stage_one) fn find(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::Aabb;
 
     /// A floor at height -1, rising a little along x, and a ball above it.
     fn scene() -> Vec<Vec3> {
@@ -107,11 +102,8 @@ mod tests {
         let plane = find(&scene(), Vec3::Z, 1.0).expect("a floor");
         let truth = Vec3::new(-0.2, 0.0, 1.0).normalize_or_zero();
         assert!(plane.normal.dot(truth) > 0.999, "{plane:?}");
-        let bounds = crate::geometry::Aabb {
-            min: Vec3::splat(-1.5),
-            max: Vec3::splat(1.5),
-        };
-        let mut grid = ScalarGrid::over(&bounds, 16, -1.0);
+        let [min, max] = [-1.5, 1.5].map(Vec3::splat);
+        let mut grid = ScalarGrid::over(&Aabb { min, max }, 16, -1.0);
         plane.cut(&mut grid, 0.1);
         assert!(grid.sample(Vec3::new(0.0, 0.0, -1.2)) > 0.0);
         assert!(grid.sample(Vec3::new(0.0, 0.0, -0.3)) < 0.0);

@@ -8,13 +8,15 @@ use rayon::prelude::*;
 
 use crate::data::{Dataset, DepthMap, DepthView, Mask, View};
 use crate::geometry::{Aabb, Projector, ScalarGrid, nearest_point};
+use crate::train::shape::stage_one::{GoOn, StageOneError, unless_cancelled, widened};
+use crate::train::statistics::middle;
 
 /// Depth maps that are fused at most; of more, evenly spaced ones.
 pub(super) const MOST_MAPS: usize = 240;
 /// Depth maps in memory at once.
 const BATCH: usize = 8;
 /// Depth maps without which there is no shape.
-pub(in crate::train::shape::stage_one) const MIN_MAPS: usize = 3;
+pub(in super::super) const MIN_MAPS: usize = 3;
 /// Depth maps that say where the object is.
 const MAPS_FOR_BOUNDS: usize = 60;
 /// Points of a map that do.
@@ -38,7 +40,7 @@ const LOOKING: f32 = 0.8;
 
 /// Depths of what a training view shows.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::train::shape::stage_one) struct Depths<'a> {
+pub(in super::super) struct Depths<'a> {
     map: Map<'a>,
     view: &'a View,
 }
@@ -52,7 +54,7 @@ enum Map<'a> {
 
 impl<'a> Depths<'a> {
     /// A map that is no file.
-    pub(in crate::train::shape::stage_one) fn known(map: &'a DepthMap, view: &'a View) -> Self {
+    pub(in super::super) fn known(map: &'a DepthMap, view: &'a View) -> Self {
         Self {
             map: Map::Known(map),
             view,
@@ -61,22 +63,15 @@ impl<'a> Depths<'a> {
 }
 
 /// The training views with depth maps, evenly chosen where they are many.
-pub(in crate::train::shape::stage_one) fn depth_views(dataset: &Dataset) -> Vec<Depths<'_>> {
-    let views: HashMap<&str, &View> = dataset
-        .train
-        .iter()
-        .map(|view| (view.name.as_str(), view))
-        .collect();
+pub(in super::super) fn depth_views(dataset: &Dataset) -> Vec<Depths<'_>> {
+    let views = dataset.train.iter();
+    let views: HashMap<&str, &View> = views.map(|view| (view.name.as_str(), view)).collect();
     let depths = dataset.origin.depths.iter();
-    let found: Vec<_> = depths
-        .filter_map(|depth| {
-            Some(Depths {
-                map: Map::File(depth),
-                view: views.get(depth.name.as_str())?,
-            })
-        })
-        .collect();
-    evenly(&found, MOST_MAPS)
+    let found = depths.filter_map(|depth| {
+        let (map, view) = (Map::File(depth), views.get(depth.name.as_str())?);
+        Some(Depths { map, view })
+    });
+    evenly(&found.collect::<Vec<_>>(), MOST_MAPS)
 }
 
 /// At most `n` of the items, evenly chosen.
@@ -149,37 +144,25 @@ impl<'a> Source<'a> {
     fn points(&self) -> Vec<Vec3> {
         let camera = &self.map.camera;
         let n_pixels = self.map.depths.len();
-        let step = n_pixels.div_ceil(POINTS_FOR_BOUNDS).max(1);
-        // No multiple of the width, or all points would lie in one column.
-        let step = if (camera.width as usize).is_multiple_of(step) {
-            step + 1
-        } else {
-            step
+        let mut step = n_pixels.div_ceil(POINTS_FOR_BOUNDS).max(1);
+        // No divisor of the width, or all points would lie in few columns.
+        step += usize::from((camera.width as usize).is_multiple_of(step));
+        let point = |i: usize| {
+            let (x, y) = (i as u32 % camera.width, i as u32 / camera.width);
+            let (x, y) = (x as f32 + 0.5, y as f32 + 0.5);
+            let is_object = self.map.depths[i] > 0.0 && self.share(x, y) >= SOLID;
+            self.shown(x, y).filter(|_| is_object)
         };
-        (0..n_pixels)
-            .step_by(step)
-            .filter_map(|i| {
-                let (x, y) = (i as u32 % camera.width, i as u32 / camera.width);
-                let (x, y) = (x as f32 + 0.5, y as f32 + 0.5);
-                let is_object = self.map.depths[i] > 0.0 && self.share(x, y) >= SOLID;
-                self.shown(x, y).filter(|_| is_object)
-            })
-            .collect()
+        (0..n_pixels).step_by(step).filter_map(point).collect()
     }
 }
 
 /// The box around what the depth maps show: of the object by its masks; without them, of what lies around the place that
 /// the cameras look at, or of everything where they look at no one place. `None` where they show nothing.
-pub(in crate::train::shape::stage_one) fn bounds(
-    dataset: &Dataset,
-    views: &[Depths<'_>],
-) -> Option<Aabb> {
+pub(in super::super) fn bounds(dataset: &Dataset, views: &[Depths<'_>]) -> Option<Aabb> {
     let chosen = evenly(views, MAPS_FOR_BOUNDS);
-    let points: Vec<Vec<Vec3>> = chosen
-        .par_iter()
-        .map(|depths| Source::read(depths).map_or_else(Vec::new, |s| s.points()))
-        .collect();
-    let mut points: Vec<Vec3> = points.into_iter().flatten().collect();
+    let sources = chosen.par_iter().filter_map(Source::read);
+    let mut points: Vec<Vec3> = sources.flat_map_iter(|source| source.points()).collect();
     let has_masks = views.iter().any(|depths| depths.view.mask.is_some());
     if !has_masks && let Some((center, reach)) = looked_at(dataset) {
         points.retain(|p| (*p - center).abs().max_element() < reach);
@@ -193,20 +176,15 @@ pub(in crate::train::shape::stage_one) fn bounds(
         let skip = (OUTLIERS * along.len() as f32) as usize;
         (along[skip], along[along.len() - 1 - skip])
     });
-    let (min, max) = (
-        Vec3::from(range.map(|r| r.0)),
-        Vec3::from(range.map(|r| r.1)),
-    );
+    let (min, max) = (range.map(|r| r.0).into(), range.map(|r| r.1).into());
+    let bounds = Aabb { min, max };
     // What is thin at an end is within the outliers.
-    let margin = 0.04 * (max - min).max_element();
-    Some(Aabb {
-        min: min - margin,
-        max: max + margin,
-    })
+    let margin = 0.04 * bounds.extent().max_element();
+    Some(widened(&bounds, margin))
 }
 
 /// Whether there are depth maps of something that the cameras stand around.
-pub(in crate::train::shape::stage_one) fn shows_object(dataset: &Dataset) -> bool {
+pub(in super::super) fn shows_object(dataset: &Dataset) -> bool {
     depth_views(dataset).len() >= MIN_MAPS && looked_at(dataset).is_some()
 }
 
@@ -226,22 +204,21 @@ pub(super) fn looked_at(dataset: &Dataset) -> Option<(Vec3, f32)> {
         return None;
     }
     let mut distances: Vec<f32> = cameras().map(|c| c.position().distance(center)).collect();
-    distances.sort_unstable_by(f32::total_cmp);
-    let median = distances.get(distances.len() / 2)?;
-    Some((center, REACH_OF_LOOK * median))
+    let has_cameras = !distances.is_empty();
+    has_cameras.then(|| (center, REACH_OF_LOOK * middle(&mut distances)))
 }
 
 /// What depth maps say at the nodes of a grid.
 #[derive(Debug)]
-pub(in crate::train::shape::stage_one) struct Seen {
+pub(in super::super) struct Seen {
     /// Maps that could be read.
-    pub(in crate::train::shape::stage_one) n_maps: usize,
+    pub(in super::super) n_maps: usize,
     /// `[n]` distances in front of the surface, scene units, at most the reach; negative behind it.
-    pub(in crate::train::shape::stage_one) distances: Vec<f32>,
+    pub(in super::super) distances: Vec<f32>,
     /// `[n]` how sure they are: about as many as maps saw the place squarely, 0 where none did.
-    pub(in crate::train::shape::stage_one) weights: Vec<f32>,
+    pub(in super::super) weights: Vec<f32>,
     /// Mean standard error of the distances near the surface, scene units.
-    pub(in crate::train::shape::stage_one) noise: f32,
+    pub(in super::super) noise: f32,
 }
 
 /// What the maps say of a node.
@@ -267,16 +244,16 @@ impl Node {
 }
 
 /// Fills `grid` with distances to the surface that the maps show; what none of them sees is inside where something hides
-/// it, and outside otherwise. `None` when asked to stop.
+/// it, and outside otherwise.
 ///
 /// `is_late`: asked after each few maps, ends the work with what there is.
-pub(in crate::train::shape::stage_one) fn fill(
+pub(in super::super) fn fill(
     views: &[Depths<'_>],
     grid: &mut ScalarGrid,
     is_late: &dyn Fn() -> bool,
-    go_on: &(dyn Fn() -> bool + Sync),
+    go_on: GoOn<'_>,
     on_progress: &(dyn Fn(f32) + Sync),
-) -> Option<Seen> {
+) -> Result<Seen, StageOneError> {
     let reach = REACH_CELLS * grid.cell;
     let layer = grid.size[0] * grid.size[1];
     let mut nodes = vec![Node::default(); grid.values.len()];
@@ -285,26 +262,20 @@ pub(in crate::train::shape::stage_one) fn fill(
     let n_batches = views.len().div_ceil(BATCH);
     for batch in 0..n_batches {
         let of_batch: Vec<_> = views.iter().skip(batch).step_by(n_batches).collect();
-        let sources: Vec<Source<'_>> = of_batch
+        let sources = of_batch
             .par_iter()
-            .filter_map(|depths| Source::read(depths))
-            .collect();
+            .filter_map(|depths| Source::read(depths));
+        let sources: Vec<Source<'_>> = sources.collect();
         n_maps += sources.len();
         let frame = &*grid;
-        nodes
-            .par_chunks_mut(layer)
-            .enumerate()
-            .for_each(|(z, nodes)| {
-                for (i, node) in nodes.iter_mut().enumerate() {
-                    let point = frame.position(frame.place(z * layer + i));
-                    for source in &sources {
-                        observe(node, source, point, reach);
-                    }
-                }
-            });
-        if !go_on() {
-            return None;
-        }
+        let observed = nodes.par_iter_mut().enumerate().with_min_len(layer);
+        observed.for_each(|(i, node)| {
+            let point = frame.position(frame.place(i));
+            for source in &sources {
+                observe(node, source, point, reach);
+            }
+        });
+        unless_cancelled(go_on)?;
         on_progress((batch + 1) as f32 / n_batches as f32);
         if is_late() {
             break;
@@ -317,15 +288,13 @@ pub(in crate::train::shape::stage_one) fn fill(
             Node { sum, weight, .. } => reach * sum / weight,
         };
     }
-    let near = nodes.iter().filter_map(Node::uncertainty);
-    let (sum, n) = near.fold((0.0_f64, 0_usize), |(sum, n), u| {
-        (sum + f64::from(u), n + 1)
-    });
-    Some(Seen {
+    let near: Vec<f32> = nodes.iter().filter_map(Node::uncertainty).collect();
+    let noise = near.iter().copied().map(f64::from).sum::<f64>() / near.len().max(1) as f64;
+    Ok(Seen {
         n_maps,
         distances: grid.values.clone(),
         weights: nodes.iter().map(|node| node.weight).collect(),
-        noise: reach * (sum / n.max(1) as f64) as f32,
+        noise: reach * noise as f32,
     })
 }
 

@@ -10,6 +10,8 @@ use rayon::prelude::*;
 
 use super::fusion::{MOST_MAPS, evenly, looked_at};
 use crate::data::{Dataset, DepthMap, PointCloud, View};
+use crate::train::shape::stage_one::GoOn;
+use crate::train::statistics::middle;
 
 /// Pixels on the longer side of a map.
 const SIDE: u32 = 128;
@@ -28,33 +30,29 @@ const SAME_SURFACE: f32 = 0.1;
 type Sight = (Vec2, f32);
 
 /// Maps of the training views that see enough points, evenly chosen where they are many; fewer when asked to stop.
-pub(in crate::train::shape::stage_one) fn maps<'a>(
+pub(in super::super) fn maps<'a>(
     dataset: &'a Dataset,
-    go_on: &(dyn Fn() -> bool + Sync),
+    go_on: GoOn<'_>,
 ) -> Vec<(DepthMap, &'a View)> {
     let Some(cloud) = &dataset.origin.points else {
         return Vec::new();
     };
-    let seen: HashMap<&str, &[u32]> = cloud
-        .photos
-        .iter()
+    let photos = cloud.photos.iter();
+    let seen: HashMap<&str, &[u32]> = photos
         .map(|photo| (photo.name.as_str(), photo.points.as_slice()))
         .collect();
     let views: Vec<&View> = dataset.train.iter().collect();
-    let maps = evenly(&views, MOST_MAPS)
-        .into_par_iter()
-        .filter_map(|view| {
-            let points = seen.get(view.name.as_str()).filter(|_| go_on())?;
-            Some((map(cloud, points, view)?, view))
-        });
-    maps.collect()
+    let of_view = |view: &'a View| {
+        let points = seen.get(view.name.as_str()).filter(|_| go_on())?;
+        Some((map(cloud, points, view)?, view))
+    };
+    let chosen = evenly(&views, MOST_MAPS).into_par_iter();
+    chosen.filter_map(of_view).collect()
 }
 
 /// Points around the place that the cameras look at, evenly chosen where they are many, and how far they reach from there;
 /// `None` where the cameras look at no one place.
-pub(in crate::train::shape::stage_one) fn around_object(
-    dataset: &Dataset,
-) -> Option<(Vec<Vec3>, f32)> {
+pub(in super::super) fn around_object(dataset: &Dataset) -> Option<(Vec<Vec3>, f32)> {
     let cloud = dataset.origin.points.as_ref()?;
     let (center, reach) = looked_at(dataset)?;
     let points = cloud.positions.iter().copied();
@@ -65,24 +63,19 @@ pub(in crate::train::shape::stage_one) fn around_object(
 fn map(cloud: &PointCloud, points: &[u32], view: &View) -> Option<DepthMap> {
     let longer = view.camera.width.max(view.camera.height).max(1);
     let shrunk = |n: u32| (n * SIDE.min(longer)).div_ceil(longer).max(1);
-    let camera = view
-        .camera
-        .resized(shrunk(view.camera.width), shrunk(view.camera.height));
+    let (width, height) = (shrunk(view.camera.width), shrunk(view.camera.height));
+    let camera = view.camera.resized(width, height);
     let (eye, forward) = (camera.position(), camera.forward());
-    let believed = points.iter().map(|point| *point as usize);
-    // An error that is no number was never computed.
-    let believed = believed.filter(|point| {
-        let error = cloud.errors_px[*point];
-        error.is_nan() || error <= MOST_ERROR_PX
-    });
-    let sights: Vec<Sight> = believed
-        .filter_map(|point| {
-            let position = cloud.positions[point];
-            let depth = forward.dot(position - eye);
-            let pixel = camera.project(position)?;
-            (depth > 0.0).then_some((pixel, depth))
-        })
-        .collect();
+    let sight = |point: &u32| -> Option<Sight> {
+        let point = *point as usize;
+        let (error, position) = (cloud.errors_px[point], cloud.positions[point]);
+        let depth = forward.dot(position - eye);
+        let pixel = camera.project(position)?;
+        // An error that is no number was never computed.
+        let is_believed = error.is_nan() || error <= MOST_ERROR_PX;
+        (is_believed && depth > 0.0).then_some((pixel, depth))
+    };
+    let sights: Vec<Sight> = points.iter().filter_map(sight).collect();
     if sights.len() < MIN_POINTS {
         return None;
     }
@@ -92,21 +85,21 @@ fn map(cloud: &PointCloud, points: &[u32], view: &View) -> Option<DepthMap> {
         let at = Vec2::new((i % camera.width) as f32, (i / camera.width) as f32) + 0.5;
         depth_at(&sights, at, spacing).unwrap_or(0.0)
     });
-    let depths = depths.collect();
-    Some(DepthMap { camera, depths })
+    Some(DepthMap {
+        depths: depths.collect(),
+        camera,
+    })
 }
 
 /// The median distance of a point from its neighbour, at least a pixel.
 fn spacing_px(sights: &[Sight]) -> f32 {
-    let mut nearest: Vec<f32> = (0..sights.len())
-        .map(|i| {
-            let others = (0..sights.len()).filter(|j| *j != i);
-            let distances = others.map(|j| sights[i].0.distance_squared(sights[j].0));
-            distances.fold(f32::INFINITY, f32::min).sqrt()
-        })
-        .collect();
-    nearest.sort_unstable_by(f32::total_cmp);
-    nearest[nearest.len() / 2].max(1.0)
+    let nearest = |i: usize| {
+        let others = (0..sights.len()).filter(|j| *j != i);
+        let distances = others.map(|j| sights[i].0.distance_squared(sights[j].0));
+        distances.fold(f32::INFINITY, f32::min).sqrt()
+    };
+    let mut nearest: Vec<f32> = (0..sights.len()).map(nearest).collect();
+    middle(&mut nearest).max(1.0)
 }
 
 /// The depth at a place between points; `None` far from all.

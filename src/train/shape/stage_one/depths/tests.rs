@@ -1,6 +1,5 @@
 //! Meshes from depth maps that the tracer made of a known mesh.
 
-use std::fmt::Write as _;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -10,8 +9,10 @@ use glam::{Mat4, Vec3};
 use crate::data::{LoadOptions, PointCloud, SeenPoints, write_png_srgb};
 use crate::geometry::meshes::test_mesh::ellipsoid;
 use crate::geometry::{Camera, Ray, SurfaceTracer, fibonacci_sphere};
+use crate::train::placement::given_cameras;
 use crate::train::random::SlotRandom;
 use crate::train::shape::stage_one::*;
+use crate::train::test_scene::middle_ray;
 
 /// Pixels on a side.
 const SIDE: u32 = 96;
@@ -47,7 +48,7 @@ fn write_capture(root: &Path, ground: Ground, has_masks: bool, noise: f32) {
         let camera = Camera::look_at(CENTER + 2.0 * *direction, CENTER, Vec3::Z, 0.7, SIDE, SIDE);
         let (mut depths, mut mask) = (vec![0.0_f32; (SIDE * SIDE) as usize], Vec::new());
         for (i, depth) in (0..SIDE * SIDE).zip(&mut depths) {
-            let ray = camera.ray((i % SIDE) as f32 + 0.5, (i / SIDE) as f32 + 0.5);
+            let ray = middle_ray(&camera, i);
             let hit = tracer.intersect(&ray, 0.0, f32::INFINITY).map(|hit| hit.t);
             let floor = (CENTER.z - 0.4 - ray.origin.z) / ray.direction.z;
             let floor = (ground == Ground::Floor && floor > 0.0).then_some(floor);
@@ -73,19 +74,11 @@ fn write_capture(root: &Path, ground: Ground, has_masks: bool, noise: f32) {
 }
 
 fn write_pfm(path: &Path, depths: &[f32]) {
-    let mut header = String::new();
-    writeln!(header, "Pf\n{SIDE} {SIDE}\n-1.0").unwrap();
+    let header = format!("Pf\n{SIDE} {SIDE}\n-1.0\n");
     let rows = depths.chunks_exact(SIDE as usize).rev();
     let bytes = rows.flatten().flat_map(|depth| depth.to_le_bytes());
-    std::fs::write(
-        path,
-        header
-            .into_bytes()
-            .into_iter()
-            .chain(bytes)
-            .collect::<Vec<_>>(),
-    )
-    .unwrap();
+    let file: Vec<u8> = header.bytes().chain(bytes).collect();
+    std::fs::write(path, file).unwrap();
 }
 
 fn made(
@@ -143,18 +136,12 @@ fn masks_part_the_object_from_what_it_stands_on() {
         difference.chamfer_visible < 0.003 && difference.chamfer < 0.004,
         "{difference:?}"
     );
-    let bounds = mesh.bounds();
-    assert!(
-        bounds.extent().max_element() < 1.1,
-        "no floor: {:?}",
-        bounds.extent()
-    );
+    let extent = mesh.bounds().extent();
+    assert!(extent.max_element() < 1.1, "no floor: {extent:?}");
+    // Without masks what it stands on belongs to it.
     let (mesh, _) = made(Ground::Floor, false, 0.0, 1);
-    assert!(
-        mesh.bounds().extent().x > 1.5,
-        "without masks what it stands on belongs to it: {:?}",
-        mesh.bounds()
-    );
+    let extent = mesh.bounds().extent();
+    assert!(extent.x > 1.5, "with the floor: {extent:?}");
 }
 
 /// Points of the object and of a floor below it, and which of them each view sees.
@@ -166,13 +153,12 @@ fn cloud(dataset: &Dataset) -> PointCloud {
             origin: CENTER + 5.0 * d,
             direction: -d,
         };
-        tracer
-            .intersect(&from, 0.0, f32::INFINITY)
-            .unwrap()
-            .position
+        let hit = tracer.intersect(&from, 0.0, f32::INFINITY);
+        hit.unwrap().position
     });
-    let floor = fibonacci_sphere(100).into_iter();
-    let floor = floor.map(|d| CENTER + Vec3::new(1.2 * d.x, 1.2 * d.y, -0.4));
+    let floor = fibonacci_sphere(100)
+        .into_iter()
+        .map(|d| CENTER + Vec3::new(1.2 * d.x, 1.2 * d.y, -0.4));
     let positions: Vec<Vec3> = spots.chain(floor).collect();
     let photos = dataset.train.iter().map(|view| {
         let eye = view.camera.position();
@@ -214,8 +200,7 @@ fn points_alone_give_a_coarse_surface_without_the_floor() {
     dataset.origin.points = Some(Arc::new(cloud(&dataset)));
     assert!(!is_needed(&dataset), "so coarse a mesh is made on demand");
     let mesh = Arc::new(make(&dataset).unwrap());
-    let cameras: Vec<Camera> = dataset.train.iter().map(|view| view.camera).collect();
-    let difference = compare(&mesh, &shape(), &cameras);
+    let difference = compare(&mesh, &shape(), &given_cameras(&dataset));
     assert!(
         difference.chamfer_visible < 0.02 && difference.normal_median_deg < 12.0,
         "{difference:?}"
