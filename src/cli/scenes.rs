@@ -68,7 +68,7 @@ impl OpenRun {
             Split::Train => dataset.train,
         };
         if views.is_empty() {
-            let what = format!("no {} views", split.name());
+            let what = format!("no {split} views");
             return Err(Failure::at(&self.dataset, what));
         }
         Ok((views, dataset.root))

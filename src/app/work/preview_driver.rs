@@ -281,11 +281,6 @@ mod tests {
         driver.was_requested(number);
         let frame = PreviewFrame {
             scale,
-            recomputed: Recomputed {
-                traced: 1,
-                background: 1,
-                object: 1,
-            },
             ..frame(number, full_cost_secs / f64::from(scale * scale))
         };
         assert_eq!(driver.was_shown(&frame), Some(wanted.snapshot.step));

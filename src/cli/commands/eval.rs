@@ -84,7 +84,7 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
         out: args.out.as_deref(),
         lpips: lpips.as_ref(),
     };
-    let split = args.split.name();
+    let split = args.split.to_string();
     let measures = Measures {
         exposures: run.exposures.as_deref(),
         lpips: lpips.as_ref(),

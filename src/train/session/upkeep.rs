@@ -282,18 +282,14 @@ impl Run<'_> {
         for (key, value) in [(PLAN_KEY, plan), (TRAINED_SECS_KEY, secs)] {
             checkpoint.metadata.insert(key.to_owned(), value);
         }
-        let poses = self.trainer.poses();
+        let poses = self.trainer.model().poses();
         folder.save(&RunState {
             config: &self.config,
             checkpoint: &checkpoint,
             snapshot: &self.trainer.snapshot(),
             log: &self.log,
             has_new_mesh: self.trainer.model().refines_normals(),
-            cameras: self
-                .trainer
-                .model()
-                .poses()
-                .map(|poses| self.named(poses.cameras())),
+            cameras: poses.map(|poses| self.named(poses.cameras())),
         })?;
         self.emit(TrainEvent::Saved(folder.path().to_owned()));
         Ok(())

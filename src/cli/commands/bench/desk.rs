@@ -9,7 +9,7 @@ use neif::app::viewport::camera_control::{CameraMove, Viewpoint};
 use neif::app::work::pace::Pace;
 use neif::app::work::preview_driver::{PreviewDriver, Situation};
 use neif::neif::{Environment, EnvironmentTransform, MaterialEdit};
-use neif::render::{Layer, Preview, PreviewScene};
+use neif::render::{GpuChoice, Layer, Preview, PreviewScene};
 use neif::train::Snapshot;
 
 use crate::cli::failure::Failure;
