@@ -69,7 +69,7 @@ pub(in crate::data) fn read_npz(
             .checked_sub(bytes.len() as u64)
             .ok_or_else(|| broken(&format!("unpacks to more than {} MiB", MAX_BYTES >> 20)))?;
         let array = parse(&bytes).map_err(|(field, problem)| {
-            DataError::field(path, &format!("{name}, {field}"), problem)
+            DataError::field(path, format!("{name}, {field}"), problem)
         })?;
         arrays.insert(name, array);
     }

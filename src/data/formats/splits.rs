@@ -210,8 +210,9 @@ fn read_split_files(
         train: train.unwrap_or_default(),
         val: Vec::new(),
         test: test.unwrap_or_default(),
-        rule: "by transforms_train.json, _val and _test".to_owned(),
+        rule: String::new(),
     };
+    let mut rule = "by transforms_train.json, _val and _test";
     if let Some(val) = val {
         split.val = val;
     } else if split.train.len() >= MIN_TRAIN_FOR_VAL {
@@ -224,11 +225,13 @@ fn read_split_files(
             };
             part.push(frame);
         }
-        split.rule = "by transforms_train.json and _test; there is no transforms_val.json, so every 10th training \
-                      photo validates"
-            .to_owned();
+        rule = "by transforms_train.json and _test; there is no transforms_val.json, so every 10th training photo \
+                validates";
     }
-    Ok(split)
+    Ok(SplitFrames {
+        rule: rule.to_owned(),
+        ..split
+    })
 }
 
 /// Splits frames by position: every `every`-th tests (0 for none) where there are `at_least` photos, and where there
