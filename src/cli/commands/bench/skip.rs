@@ -31,8 +31,10 @@ pub(crate) struct SkipArgs {
     common: Common,
 }
 
+type Change = fn(&mut TrainConfig);
+
 /// The shortcuts, and how each is switched off.
-const SKIPS: [(&str, fn(&mut TrainConfig)); 3] = [
+const SKIPS: [(&str, Change); 3] = [
     ("samples with next to no gradient", |config| {
         config.gradient_cut_off = CutOff::default();
     }),
