@@ -18,7 +18,7 @@ pub struct Grid {
 impl Grid {
     /// One past the last parameter.
     pub fn end(&self) -> usize {
-        self.table(self.levels.len()).start
+        self.table(self.levels.len()).end
     }
 
     /// Parameters of one level; none beyond the last.
