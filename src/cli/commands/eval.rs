@@ -90,7 +90,7 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
         lpips: lpips.as_ref(),
         fitted: Some(run.folder.pose_fit()),
     };
-    let results = bench.measure(&run.scene, &views, split, measures, None)?;
+    let results = bench.measure(&run.scene, &views, &split, measures, None)?;
     let [relight, relight_gained] = if args.relight {
         bench.relight(&run.scene, &root, &args.env, args.env_match)?
     } else {
@@ -103,7 +103,7 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
         SurfaceErrors::default()
     };
     let report = EvalReport {
-        split: split.to_owned(),
+        split,
         train_seconds: trained.map(|trained| trained.train_secs),
         steps: trained.map(|trained| trained.steps),
         mean: mean_of_views(&results),
