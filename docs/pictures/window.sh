@@ -33,18 +33,22 @@ open() {
     xdotool search --name neif windowfocus
 }
 
+# Leaves as a person does: a window that is killed offers its session to the next one.
 close() {
-    kill "$window"
-    wait "$window" 2> /dev/null || true
+    xdotool key ctrl+q
+    wait "$window" || true
     window=
 }
 
 mark() { wc -l < "$log"; }
 
-# Waits for a line that matches, after a line of the log.
+# Whether a line matches, after a line of the log.
+says() { grep -q -- "$2" < <(tail -n "+$(($1 + 1))" "$log"); }
+
+# Waits for such a line.
 await() {
     local end=$((SECONDS + 600))
-    until tail -n "+$(($1 + 1))" "$log" | grep -q -- "$2"; do
+    until says "$1" "$2"; do
         kill -0 "$window" 2> /dev/null || { tail -n 5 "$log" >&2; exit 1; }
         ((SECONDS < end)) || { echo "waited in vain for $2" >&2; exit 1; }
         sleep 0.2
@@ -58,7 +62,7 @@ settled() {
         await "$from" 'preview name=.*is_last=true'
         from=$(mark)
         sleep 3
-        tail -n "+$((from + 1))" "$log" | grep -q 'preview name=' || break
+        says "$from" 'preview name=' || break
     done
 }
 
@@ -102,14 +106,14 @@ close
 
 # A part of the object made rougher; the button is above the slider.
 open
-locate viewport 44 62
+locate viewport 41 64
 click "$x" "$y"
-sleep 3
-locate Offset 50 50
-click $((x - 85)) $((y - 100))
-sleep 1
+sleep 5
+locate Offset 34 50
+click $((x - 105)) $((y - 100))
+sleep 2
 from=$(mark)
-drag "$x" "$y" 24
+drag "$x" "$y" 20
 settled "$from"
 keep material
 close
