@@ -1,21 +1,26 @@
 #!/usr/bin/env bash
-# Makes the README's pictures from a trained run: docs/pictures/make.sh RUN PHOTO.png OTHER_ENVIRONMENT, with ImageMagick.
+# Makes the pictures of README and guide: docs/pictures/make.sh [RUN], with ImageMagick and what window.sh needs.
+# RUN is a run of the bundled demo; without one, five minutes are trained first. NEIF names the program.
 set -euo pipefail
-run=$1 photo=$2 other=$3
 here=$(cd "$(dirname "$0")" && pwd)
-neif=${NEIF:-neif}
+assets=$here/../../assets
+export NEIF=${NEIF:-neif}
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
+run=${1:-$work/run}
+[[ -d $run ]] || "$NEIF" train "$assets/demo" --out "$run" --budget 300s --seed 1
 
-# The light turned about the object.
-"$neif" render "$run" --turntable 24 --spin environment --size 240x240 --format gif --fps 12 --out "$work/light"
-cp "$work"/light/*.gif "$here/light.gif"
+# The light turned about the object, with few colours: a photo is the worst that a GIF can hold.
+"$NEIF" render "$run" --turntable 16 --spin environment --size 200x200 --format gif --fps 8 --out "$work/light.gif"
+convert "$work/light.gif" -coalesce +dither -colors 48 -fuzz 3% -layers OptimizeTransparency "$here/light.gif"
 
-# A photo of the capture, the same view as learned, rough, tinted, and in another environment.
-edit() { "$neif" render "$run" --turntable 1 --size 240x240 --out "$work/$1" "${@:2}"; }
+# A test photo of the capture, the same view as learned, rough, tinted, and in another environment.
+edit() { "$NEIF" render "$run" --turntable 1 --cameras "$assets/demo/transforms_test.json" --size 240x240 --out "$work/$1" "${@:2}"; }
 edit learned
 edit rough --roughness 0.45
 edit tinted --tint 1,0.55,0.3
-edit elsewhere --env "$other"
-convert "$photo" -resize 240x240^ -gravity center -extent 240x240 "$work/photo.png"
+edit elsewhere --env "$assets/environments/gallery.safetensors"
+convert "$assets/demo/test/r_002.png" -resize 240x240 "$work/photo.png"
 convert "$work/photo.png" "$work"/learned/*.png "$work"/rough/*.png "$work"/tinted/*.png "$work"/elsewhere/*.png +append -quality 90 "$here/edits.jpg"
+
+"$here/window.sh" "$run"
