@@ -189,7 +189,7 @@ fn reprojection_errors(model: &ColmapModel, frames: &[Frame]) -> Vec<f32> {
     errors
 }
 
-fn all_frames(listing: Listing) -> Vec<Frame> {
+fn all_frames(listing: &Listing) -> Vec<Frame> {
     listing.frames().cloned().collect()
 }
 
@@ -211,7 +211,7 @@ fn colmap_cameras_see_their_points_where_the_photos_did() {
         "photos, points"
     );
     let model = read_colmap_model(&path.join("sparse/0"), Keep::Observations).unwrap();
-    let errors = reprojection_errors(&model, &all_frames(list_capture(&path).unwrap()));
+    let errors = reprojection_errors(&model, &all_frames(&list_capture(&path).unwrap()));
     let (median, p95) = (errors[errors.len() / 2], errors[errors.len() * 95 / 100]);
     println!(
         "COLMAP: {} observations, median {median:.3} px, p95 {p95:.3} px",
@@ -235,11 +235,11 @@ fn llff_poses_are_those_of_the_model_that_they_were_made_from() {
         "{}",
         listing.recognised
     );
-    let frames = all_frames(listing);
+    let frames = all_frames(&listing);
     // The format has one lens, without distortion, for all photos; this model has a lens for each.
     // Poses are judged with those.
     let own_lens = reprojection_errors(&model, &frames);
-    let lenses = all_frames(list_capture(&path).unwrap());
+    let lenses = all_frames(&list_capture(&path).unwrap());
     let with_lenses: Vec<Frame> = frames
         .iter()
         .map(|frame| Frame {
@@ -361,7 +361,7 @@ fn llff_photos_and_masks_agree_with_the_poses() {
         return;
     };
     let other = list_capture(&other).unwrap();
-    assert_eq!(all_frames(other).len(), 10, "photos under other light");
+    assert_eq!(all_frames(&other).len(), 10, "photos under other light");
 }
 
 #[test]

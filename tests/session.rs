@@ -178,13 +178,13 @@ fn a_session_tells_that_it_traces_refined_normals_anew() {
     };
     let options = SessionOptions::new(&capture, config, Budget::Steps(20));
     let session = Session::spawn(options, || {}).expect("a thread");
-    let told = wait_for(&session, |event| {
+    let event = wait_for(&session, |event| {
         matches!(
             event,
             TrainEvent::Retracing { .. } | TrainEvent::Finished(_)
         )
     });
-    assert_eq!(told, TrainEvent::Retracing { fraction: 0.0 });
+    assert_eq!(event, TrainEvent::Retracing { fraction: 0.0 });
     let goes_on = |event: &TrainEvent| matches!(event, TrainEvent::Progress(_));
     wait_for(&session, goes_on);
     wait_for(&session, |event| matches!(event, TrainEvent::Finished(_)));

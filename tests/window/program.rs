@@ -173,11 +173,11 @@ impl Program {
     /// The end of the log, without what is drawn.
     fn end(&self) -> String {
         self.with(|lines| {
-            let told = lines
+            let shown = lines
                 .iter()
                 .filter(|line| !line.contains(" place name=") && !line.contains(" drawing "));
-            let told: Vec<&str> = told.map(String::as_str).collect();
-            let tail = told[told.len().saturating_sub(30)..].join("\n");
+            let shown: Vec<&str> = shown.map(String::as_str).collect();
+            let tail = shown[shown.len().saturating_sub(30)..].join("\n");
             format!("the log ends with\n{tail}")
         })
     }

@@ -14,7 +14,7 @@ use crate::neif::light::light_path::{self, LitVertex, PathVertex};
 use crate::neif::surface::material::MaterialBatch;
 use crate::neif::surface::values::Surface;
 use crate::train::photos::photo_rows::PhotoRows;
-use crate::train::pixels::store::{BackgroundSample, ObjectPixel, ToldChroma};
+use crate::train::pixels::store::{BackgroundSample, ChromaSource, ObjectPixel};
 use crate::train::priors::agreement;
 use crate::train::priors::unseen::{self, Triple};
 use crate::train::random::SlotRandom;
@@ -47,7 +47,7 @@ pub(in crate::train) struct ChunkLoss {
 #[derive(Clone, Debug)]
 pub(super) struct ObjectSlot {
     pub(super) pixel: ObjectPixel,
-    pub(super) told: ToldChroma,
+    pub(super) chroma: ChromaSource,
     /// Its paths, among the chunk's.
     pub(super) paths: Range<usize>,
 }
@@ -175,7 +175,7 @@ impl Chunk {
             let slot = (objects.start + i) as u64;
             SlotRandom::new(context.config.seed, context.step, slot)
         });
-        for (mut pixel, told) in drawn {
+        for (mut pixel, chroma) in drawn {
             let (first, first_vertex) = (self.paths.len(), self.vertices.len());
             let paths = &mut self.paths;
             context
@@ -187,7 +187,7 @@ impl Chunk {
             context.pixels.follow_camera(&mut pixel, begin);
             self.slots.push(ObjectSlot {
                 pixel,
-                told,
+                chroma,
                 paths: first..self.paths.len(),
             });
         }
@@ -379,12 +379,12 @@ impl Chunk {
         let losses = (0..self.slots.len()).map(|index| self.object_loss(context, index));
         let mut losses: Vec<PixelLoss> = losses.collect();
         let mut rest = losses.as_mut_slice();
-        for alike in self.slots.chunk_by(|a, b| a.told == b.told) {
+        for alike in self.slots.chunk_by(|a, b| a.chroma == b.chroma) {
             let (of_them, others) = rest.split_at_mut(alike.len());
-            match alike[0].told {
-                ToldChroma::Own => {}
-                ToldChroma::Mean(_) => share_chroma(of_them),
-                ToldChroma::None => keep_luma(of_them),
+            match alike[0].chroma {
+                ChromaSource::Own => {}
+                ChromaSource::Mean(_) => share_chroma(of_them),
+                ChromaSource::None => keep_luma(of_them),
             }
             rest = others;
         }

@@ -31,7 +31,7 @@ pub(in crate::train) struct ObjectPixel {
 
 /// What a photo determines of the chroma of a drawn pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::train) enum ToldChroma {
+pub(in crate::train) enum ChromaSource {
     /// All.
     Own,
     /// The mean of those with the same number.
@@ -192,7 +192,7 @@ impl PixelStore {
         &self,
         n: usize,
         random: impl Fn(usize) -> SlotRandom,
-    ) -> Vec<(ObjectPixel, ToldChroma)> {
+    ) -> Vec<(ObjectPixel, ChromaSource)> {
         let mut drawn = Vec::with_capacity(n);
         let mut n_alone = 0;
         while drawn.len() < n {
@@ -202,15 +202,15 @@ impl PixelStore {
             if has_own || n_alone > 0 {
                 n_alone -= n_alone.min(1);
                 let source = if has_own {
-                    ToldChroma::Own
+                    ChromaSource::Own
                 } else {
-                    ToldChroma::None
+                    ChromaSource::None
                 };
                 drawn.push((pixel, source));
                 continue;
             }
             let block = self.block_of(&pixel).take(n - slot);
-            drawn.extend(block.map(|pixel| (pixel, ToldChroma::Mean(slot))));
+            drawn.extend(block.map(|pixel| (pixel, ChromaSource::Mean(slot))));
             n_alone = drawn.len() - slot;
         }
         drawn
@@ -406,12 +406,12 @@ mod tests {
         let first = |pixel: &ObjectPixel| block_around(place(pixel), 64, [2, 2]).next();
         let (mut n_whole, mut n_blocks, mut n_alone) = (0, 0, 0);
         for group in drawn.chunk_by(|a, b| a.1 == b.1) {
-            if group[0].1 == ToldChroma::None {
+            if group[0].1 == ChromaSource::None {
                 n_alone += group.len();
                 continue;
             }
             let source = group[0].1;
-            assert!(matches!(source, ToldChroma::Mean(_)), "{source:?}");
+            assert!(matches!(source, ChromaSource::Mean(_)), "{source:?}");
             let is_same = |pixel: &ObjectPixel| {
                 pixel.view == group[0].0.view && first(pixel) == first(&group[0].0)
             };
@@ -426,7 +426,11 @@ mod tests {
         let n_sharing = [&together, &singly].map(PixelStore::n_sharing_chroma);
         assert_eq!(n_sharing, [3, 0]);
         let singly = draw(&singly);
-        assert!(singly.iter().all(|(_, source)| *source == ToldChroma::Own));
+        assert!(
+            singly
+                .iter()
+                .all(|(_, source)| *source == ChromaSource::Own)
+        );
     }
 
     #[test]

@@ -185,7 +185,7 @@ mod tests {
             losses.iter().map(luma).collect()
         };
         let mean = |losses: &[PixelLoss]| losses.iter().map(|l| l.difference).sum::<Vec3>() / 3.0;
-        for (told, is_shared) in [
+        for (change, is_shared) in [
             (share_chroma as fn(&mut [PixelLoss]), true),
             (keep_luma, false),
         ] {
@@ -196,7 +196,7 @@ mod tests {
                     .map(|(linear, target)| pixel_loss(display, linear, target))
                     .collect();
                 let alone = losses.clone();
-                told(&mut losses);
+                change(&mut losses);
                 (losses, alone)
             };
             let value = |display, linear| -> f32 {
