@@ -43,7 +43,7 @@ enum Command {
     Eval(eval::EvalArgs),
     /// Render pictures of a trained run, with edits and other light
     Render(render::RenderArgs),
-    /// Make a mesh of the object from the masks of a capture
+    /// Make a mesh of the object from the masks, depth maps or points of a capture
     Mesh(mesh::MeshArgs),
     /// Write the object with baked textures for other programs (glTF), and its environment
     Export(export::ExportArgs),

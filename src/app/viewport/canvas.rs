@@ -7,13 +7,14 @@ use glam::Vec2;
 
 use super::camera_control::CameraMove;
 use super::compare_view::{self, photo_ui};
-use super::environment_control::{DEGREES_PER_POINT, shifted, turned};
+use super::environment_control::{DEGREES_PER_POINT, shifted, turned_about};
 use super::fly::fly_ui;
 use super::frustums::frustums_ui;
 use super::layer_bar::layer_bar_ui;
 use super::overlay::{Pictures, WHOLE, label};
 use super::screen::Screen;
 use crate::app::inspect::marker::{marker_ui, pick_ui};
+use crate::app::lighting::anchor::anchor;
 use crate::app::lighting::{gizmo_ui, lines_ui, split_ui};
 use crate::app::panels::widgets::{log_place, on_click, weak};
 use crate::app::state::app_state::{AppState, Compare, PathPurpose};
@@ -98,7 +99,8 @@ fn mouse_ui(
         commands.push(match (modifiers.shift, is_pan) {
             (true, false) => {
                 let degrees = -drag.x * DEGREES_PER_POINT;
-                Command::MoveEnvironment(turned(transform, view.up, degrees))
+                let center = anchor(state);
+                Command::MoveEnvironment(turned_about(transform, center, view.up, degrees))
             }
             (true, true) => {
                 let shifted = shifted(transform, &view.viewpoint, drag_px, screen.window);

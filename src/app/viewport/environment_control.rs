@@ -8,7 +8,7 @@ use crate::neif::EnvironmentTransform;
 /// Degrees a drag by one point of the screen turns the environment.
 pub const DEGREES_PER_POINT: f32 = 0.3;
 
-/// The transform turned further by `degrees` about the world's `up` axis.
+/// The transform turned further by `degrees` about the axis `up` (unit) through the world's origin.
 pub fn turned(transform: &EnvironmentTransform, up: Vec3, degrees: f32) -> EnvironmentTransform {
     let mut rotate_deg = transform.rotate_deg;
     if up.x == 0.0 && up.y == 0.0 {
@@ -21,6 +21,21 @@ pub fn turned(transform: &EnvironmentTransform, up: Vec3, degrees: f32) -> Envir
     EnvironmentTransform {
         rotate_deg: rotate_deg.map(wrapped),
         ..*transform
+    }
+}
+
+/// The same about the axis through `center`, world coordinates: what is there stays in its place. An object lies anywhere in
+/// the coordinates of its capture.
+pub fn turned_about(
+    transform: &EnvironmentTransform,
+    center: Vec3,
+    up: Vec3,
+    degrees: f32,
+) -> EnvironmentTransform {
+    let turn = Quat::from_axis_angle(up, degrees.to_radians());
+    EnvironmentTransform {
+        translate: center + turn * (transform.translate - center),
+        ..turned(transform, up, degrees)
     }
 }
 
@@ -57,14 +72,18 @@ mod tests {
     fn turning_about_up_turns_what_is_seen_about_up() {
         let start = EnvironmentTransform {
             rotate_deg: Vec3::new(20.0, -35.0, 50.0),
+            translate: Vec3::new(0.5, 2.0, -1.0),
+            scale: 1.5,
             ..Default::default()
         };
+        let center = Vec3::new(-4.0, 1.0, 6.0);
         for up in [Vec3::Z, Vec3::Y, Vec3::NEG_Y, Vec3::X] {
-            let end = turned(&start, up, 40.0);
+            let end = turned_about(&start, center, up, 40.0);
             let turn = Quat::from_axis_angle(up, 40_f32.to_radians());
             let p = Vec3::new(0.3, -1.0, 2.0);
             let before = start.environment_from_world().point(p);
-            let after = end.environment_from_world().point(turn * p);
+            let turned = center + turn * (p - center);
+            let after = end.environment_from_world().point(turned);
             assert!(
                 (before - after).length() < 1e-4,
                 "{up}: {before} and {after}"

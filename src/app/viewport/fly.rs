@@ -4,7 +4,8 @@ use egui::{Context, Key, PointerButton, Response, Ui};
 use glam::Vec3;
 
 use super::camera_control::CameraMove;
-use super::environment_control::{DEGREES_PER_POINT, turned};
+use super::environment_control::{DEGREES_PER_POINT, turned_about};
+use crate::app::lighting::anchor::anchor;
 use crate::app::state::app_state::AppState;
 use crate::app::state::command::Command;
 
@@ -48,7 +49,8 @@ pub(super) fn fly_ui(ui: &Ui, response: &Response, state: &AppState, commands: &
     if is_drag && drag != egui::Vec2::ZERO {
         commands.push(if modifiers.shift && way == Vec3::ZERO {
             let degrees = -drag.x * DEGREES_PER_POINT;
-            Command::MoveEnvironment(turned(&state.look.transform, state.view.up, degrees))
+            let (transform, center) = (&state.look.transform, anchor(state));
+            Command::MoveEnvironment(turned_about(transform, center, state.view.up, degrees))
         } else {
             Command::MoveCamera(CameraMove::Look {
                 yaw: drag.x * LOOK_PER_POINT,

@@ -56,7 +56,7 @@ pub(crate) struct RenderArgs {
     /// Leave the environment out of the picture: transparent around the object, where --background hidden is black
     #[arg(long)]
     no_background: bool,
-    /// What to render: final, diffuse, specular, roughness, tint, normal, environment, depth, visibility, samples, albedo, irradiance
+    /// What to render: final, diffuse, specular, roughness, tint, normal, environment, depth, visibility, samples, albedo, irradiance, seen
     #[arg(
         long,
         value_name = "LAYER,..",

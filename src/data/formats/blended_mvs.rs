@@ -193,7 +193,11 @@ mod tests {
         }
         for (from, to, expected) in [
             ("extrinsic", "extrinsics", "extrinsic"),
-            ("0 0 0 1", "0 0 0 one", "\"one\" is not a finite number"),
+            (
+                " 1\n\nintrinsic",
+                " one\n\nintrinsic",
+                "\"one\" is not a finite number",
+            ),
         ] {
             let (field, problem) = parse(&text.replacen(from, to, 1)).unwrap_err();
             assert_contains(format!("{field}: {problem}"), expected);

@@ -119,9 +119,6 @@ impl Exposures {
             *slopes += weighted * row.slope;
             *differences += weighted * row.difference;
         }
-        if step.is_multiple_of(EVERY) {
-            self.correct();
-        }
     }
 
     /// Corrects all by what was taken up since the last time.

@@ -1,8 +1,8 @@
 //! A training run from its first step to its folder, on a thread of its own.
 //!
-//! `handle` is what a window or command holds: it sends and receives `events` over `event_queue` and `latest`. `thread` prepares,
-//! as its `options` ask; `run` takes the steps of the `plan`, `upkeep` does what comes between them by the `meter`. What is left
-//! behind is in `saved`.
+//! `handle` is what a window or command holds: it sends and receives `events` over `event_queue` and `latest`. `run` is the
+//! thread: after the `setup`, as its `options` ask, it takes the steps of the `plan`; `upkeep` does what comes between them,
+//! by the `meter`. What is left behind is in `saved`.
 
 mod event_queue;
 pub mod events;
@@ -13,5 +13,5 @@ pub mod options;
 pub mod plan;
 mod run;
 pub mod saved;
-mod thread;
+mod setup;
 mod upkeep;

@@ -23,7 +23,7 @@ use crate::train::shape::retracing::Retracings;
 
 /// Training then takes only time that nothing else wants, and the window stays smooth (measured:
 /// 25 frames per second instead of 13).
-pub(super) const LOWEST_PRIORITY: i32 = 19;
+const LOWEST_PRIORITY: i32 = 19;
 /// Steps in a row that may be skipped before the run is given up.
 const MAX_SKIPS_IN_A_ROW: u64 = 500;
 
@@ -69,6 +69,31 @@ impl Worker {
             events,
             pool: all,
         })
+    }
+
+    /// Prepares and trains; reports how it ended.
+    pub(in crate::train) fn run(self) -> Result<(), SessionError> {
+        if self.options.nice {
+            lower_thread_priority(LOWEST_PRIORITY);
+        }
+        let result = self.prepare_and_train();
+        if let Err(error) = &result {
+            self.events.send(TrainEvent::Failed(error.to_string()));
+        }
+        self.events.close();
+        result
+    }
+
+    fn prepare_and_train(&self) -> Result<(), SessionError> {
+        if let Some(mut run) = self.prepare()? {
+            return run.train();
+        }
+        self.events.send(TrainEvent::Finished(Finish {
+            reason: FinishReason::Stopped,
+            step: 0,
+            train_secs: 0.0,
+        }));
+        Ok(())
     }
 
     /// The threads for the next step.

@@ -68,7 +68,7 @@ fn layers_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
             in_menu.fold(None, |chosen, i| row(ui, i).or(chosen))
         });
         menu.on_hover_text(
-            "What is shown: also depth (8), visibility (9), samples (0), albedo, irradiance",
+            "What is shown: also depth (8), visibility (9), samples (0), albedo, irradiance, seen by photos",
         );
         chosen = inside.and_then(|inside| inside.inner).or(chosen);
     }

@@ -1,15 +1,14 @@
-//! The training thread: makes its thread pool, reads the capture, prepares the run, hands over.
+//! Before the first step: reads the capture, completes its mesh, makes the trainer and the run folder.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use super::events::{Finish, FinishReason, TrainEvent};
+use super::events::TrainEvent;
 use super::options::{SessionError, Start};
-use super::run::{LOWEST_PRIORITY, Run, Worker};
+use super::run::{Run, Worker};
 use super::saved::run_folder::RunFolder;
 use crate::data::{Dataset, LoadOptions, Problem, Severity, Splits, background_stands_still};
 use crate::geometry::ScalarGrid;
-use crate::render::preview::priority::lower_thread_priority;
 use crate::train::TrainError;
 use crate::train::config::{PhotoFit, TrainConfig};
 use crate::train::new_trainer;
@@ -26,33 +25,8 @@ const GROWTH_PAUSE: Duration = Duration::from_millis(500);
 const PREPARING: &str = "Preparing the training pixels";
 
 impl Worker {
-    /// Prepares and trains; reports how it ended.
-    pub(in crate::train) fn run(self) -> Result<(), SessionError> {
-        if self.options.nice {
-            lower_thread_priority(LOWEST_PRIORITY);
-        }
-        let result = self.prepare_and_train();
-        if let Err(error) = &result {
-            self.events.send(TrainEvent::Failed(error.to_string()));
-        }
-        self.events.close();
-        result
-    }
-
-    fn prepare_and_train(&self) -> Result<(), SessionError> {
-        if let Some(mut run) = self.prepare()? {
-            return run.train();
-        }
-        self.events.send(TrainEvent::Finished(Finish {
-            reason: FinishReason::Stopped,
-            step: 0,
-            train_secs: 0.0,
-        }));
-        Ok(())
-    }
-
     /// Loads everything; `None` when it was asked to stop meanwhile.
-    fn prepare(&self) -> Result<Option<Run<'_>>, SessionError> {
+    pub(super) fn prepare(&self) -> Result<Option<Run<'_>>, SessionError> {
         let options = &self.options;
         // A run that must not be overwritten shows before the loading; the folder is made after
         // it, so that unusable input leaves nothing behind.
