@@ -1,8 +1,11 @@
-//! The one-way order of the modules: each may use only those before it.
+//! The one-way order of the modules, each of which may use only those before it; the size of rooms and files; what is built in.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use serde_json::Value;
 
 const ORDER: [&str; 7] = [
     "color", "geometry", "data", "neif", "render", "train", "app",
@@ -12,6 +15,21 @@ const ORDER: [&str; 7] = [
 const MAX_LINES: usize = 500;
 /// Dependencies of dependencies that are listed for their features alone: `winit`'s Wayland without a library to link.
 const FOR_FEATURES: [&str; 1] = ["winit"];
+/// Licences of dependencies that allow use in a program under MIT or Apache-2.0; MPL-2.0 asks only for its own files' source.
+const LICENCES: [&str; 10] = [
+    "Apache-2.0",
+    "BSD-2-Clause",
+    "BSD-3-Clause",
+    "ISC",
+    "MIT",
+    "MPL-2.0",
+    "OFL-1.1",
+    "Ubuntu-font-1.0",
+    "Unicode-3.0",
+    "Zlib",
+];
+/// Where dependencies come from.
+const REGISTRY: &str = "registry+https://github.com/rust-lang/crates.io-index";
 /// Most source files in one folder.
 const MAX_FILES: usize = 15;
 
@@ -137,6 +155,41 @@ fn every_dependency_is_used() {
     }
     names.retain(|name| !FOR_FEATURES.contains(&name.as_str()));
     assert!(names.is_empty(), "used nowhere: {names:?}");
+}
+
+#[test]
+fn every_dependency_is_from_crates_io_under_a_licence_that_allows_it() {
+    let mut cargo = Command::new(env!("CARGO"));
+    cargo.args(["metadata", "--format-version=1", "--locked", "--offline"]);
+    let output = cargo.arg("--filter-platform=host-tuple").output();
+    let output = output.expect("cargo runs").stdout;
+    let metadata: Value = serde_json::from_slice(&output).expect("metadata");
+    let packages = metadata["packages"].as_array().expect("packages");
+    assert!(packages.len() > 200, "only {} packages", packages.len());
+    let mut offences = Vec::new();
+    for package in packages.iter().filter(|p| p["name"] != "neif") {
+        let [name, licence, source] = ["name", "license", "source"].map(|key| &package[key]);
+        if source != REGISTRY || !licence.as_str().is_some_and(is_allowed) {
+            offences.push(format!("{name}: {licence} from {source}"));
+        }
+    }
+    assert!(offences.is_empty(), "{}", offences.join("\n"));
+}
+
+/// Whether an SPDX expression leaves an allowed choice. One without parentheses is read as if its `OR` bound tighter, which
+/// allows less.
+fn is_allowed(expression: &str) -> bool {
+    let is_known = |licence: &str| {
+        let licence = licence.trim().trim_matches(['(', ')']);
+        LICENCES.contains(&licence)
+    };
+    let any = |choices: &str| {
+        choices
+            .split(" OR ")
+            .flat_map(|c| c.split('/'))
+            .any(is_known)
+    };
+    expression.split(" AND ").all(any)
 }
 
 /// The modules of the library by their paths below `src`, with their text but for tests.

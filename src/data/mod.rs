@@ -151,11 +151,11 @@ pub struct Origin {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, clap::ValueEnum, strum::Display)]
 #[strum(serialize_all = "lowercase")]
 pub enum Split {
-    /// Learned from.
+    /// Trained on.
     Train,
-    /// For settings.
+    /// Held out for decisions during training.
     Val,
-    /// For the final measure.
+    /// Held out for the final measure.
     Test,
 }
 

@@ -37,8 +37,10 @@ pub enum PhotoFit {
     #[value(skip)]
     Auto,
     /// Always.
+    #[value(help = None::<&'static str>)]
     On,
     /// Never.
+    #[value(help = None::<&'static str>)]
     Off,
 }
 

@@ -20,9 +20,8 @@ pub(in crate::train) fn fading(step: u64) -> f32 {
     1.0 / (1.0 + step as f32 / HALF_LIFE)
 }
 
-/// The sum over the samples of `rays` of their weights times how far they are from where the light should come from, between
-/// -1 (there) and 0; adds `scale` times its gradient to `batch.d_weights`. `rays`: each with one over that distance, field
-/// units.
+/// The sum over `rays` of the share of their light that comes from elsewhere than it should, 0 to 1 each; adds `scale` times
+/// its gradient to `batch.d_weights`. `rays`: each with one over the distance that light should come from, field units.
 pub(in crate::train) fn misplacement(
     rays: impl Iterator<Item = (usize, f32)>,
     scale: f32,
@@ -31,6 +30,7 @@ pub(in crate::train) fn misplacement(
     add_weight_gradient(batch, |batch, samples_of, d_weights| {
         let mut sum = 0.0;
         for (ray, nearness) in rays {
+            sum += 1.0;
             for at in samples_of(ray) {
                 let cost = cost(batch.distances()[at], nearness);
                 sum += f64::from(batch.weights()[at] * cost);
