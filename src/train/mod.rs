@@ -17,6 +17,8 @@ pub mod shape;
 mod statistics;
 pub mod step;
 #[cfg(test)]
+mod test_agreement;
+#[cfg(test)]
 mod test_scene;
 
 pub use self::session::saved::snapshot::Snapshot;

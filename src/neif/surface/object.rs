@@ -35,6 +35,16 @@ pub struct ObjectModel {
     pub material: Arc<SurfaceField>,
 }
 
+impl ObjectModel {
+    /// Both, where there are both.
+    pub fn of(tracer: Option<&Arc<SurfaceTracer>>, material: Option<SurfaceField>) -> Option<Self> {
+        Some(Self {
+            tracer: Arc::clone(tracer?),
+            material: Arc::new(material?),
+        })
+    }
+}
+
 /// M(x) of either model.
 #[derive(Clone, Debug)]
 pub enum SurfaceField {

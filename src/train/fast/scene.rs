@@ -25,21 +25,14 @@ impl SceneModel for Fast {
             gamma: self.display.gamma,
             ..self.place.clone()
         };
-        let object = self
-            .material
-            .as_ref()
-            .zip(self.surface.tracer.as_ref())
-            .map(|(material, tracer)| {
-                Arc::new(ObjectModel {
-                    tracer: Arc::clone(tracer),
-                    material: Arc::new(SurfaceField::Grid(material.value.clone())),
-                })
-            });
+        let material = self.material.as_ref();
+        let material = material.map(|m| SurfaceField::Grid(m.value.clone()));
+        let object = ObjectModel::of(self.surface.tracer.as_ref(), material);
         let environment = Environment::new(place, self.field.value.clone(), self.density.clone());
         let photos = self.photos.noted.as_ref().zip(self.gains());
         Snapshot {
             step,
-            object,
+            object: object.map(Arc::new),
             environment: Arc::new(environment),
             exposures: photos.map(|(photos, gains)| Arc::new(photos.with_gains(gains))),
         }

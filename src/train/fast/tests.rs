@@ -17,6 +17,7 @@ use crate::train::scene_model::SceneModel as _;
 use crate::train::step::learned::Learned;
 use crate::train::step::model::StepStats;
 use crate::train::step::trainer::Trainer;
+use crate::train::test_agreement::agreement;
 use crate::train::test_scene::{FLOOR, TINT, small_fields, sphere_in_a_box, sphere_on_a_floor};
 
 /// Weighted loss of the next step and the gradients of both fields, without taking the step.
@@ -135,55 +136,33 @@ fn gradients_of_a_whole_step_agree_with_finite_differences() {
     );
     train(&mut trainer, 150);
     let (_, field, material) = loss_and_gradients(&mut trainer);
-    // The largest gradients of each kind: networks and grids of both fields.
-    let largest = |gradient: &[f32], range: std::ops::Range<usize>| {
-        let mut order: Vec<usize> = range.collect();
-        order.sort_by(|&a, &b| gradient[b].abs().total_cmp(&gradient[a].abs()));
-        order.into_iter().step_by(3).take(25).collect::<Vec<_>>()
-    };
+    // Networks and grids of both fields.
     let n_field = trainer.model.field.value.n_network_params();
-    let n_material = trainer
-        .model
-        .material
-        .as_ref()
-        .unwrap()
-        .value
-        .n_network_params();
+    let learned = trainer.model.material.as_ref().unwrap();
+    let n_material = learned.value.n_network_params();
     let groups = [
-        (true, largest(&field, 0..n_field)),
-        (true, largest(&field, n_field..field.len())),
-        (false, largest(&material, 0..n_material)),
-        (false, largest(&material, n_material..material.len())),
+        (true, &field, 0..n_field),
+        (true, &field, n_field..field.len()),
+        (false, &material, 0..n_material),
+        (false, &material, n_material..material.len()),
     ];
-    for (in_field, indices) in groups {
-        let (mut dot, mut analytic2, mut numeric2) = (0.0, 0.0, 0.0);
-        for i in indices {
-            let analytic = f64::from(if in_field { field[i] } else { material[i] });
-            let mut loss = |shift: f32| {
-                let shift_by = |trainer: &mut Trainer<Fast>, by: f32| {
-                    if in_field {
-                        trainer.model.field.value.params[i] += by;
-                    } else {
-                        trainer.model.material.as_mut().unwrap().value.params[i] += by;
-                    }
-                };
-                shift_by(&mut trainer, shift);
-                let loss = loss_and_gradients(&mut trainer).0;
-                shift_by(&mut trainer, -shift);
-                loss
-            };
-            let numeric = (loss(1e-3) - loss(-1e-3)) / 2e-3;
-            dot += analytic * numeric;
-            analytic2 += analytic * analytic;
-            numeric2 += numeric * numeric;
-        }
+    for (in_field, gradient, range) in groups {
+        let shift = |trainer: &mut Trainer<Fast>, i: usize, by: f32| {
+            if in_field {
+                trainer.model.field.value.params[i] += by;
+            } else {
+                trainer.model.material.as_mut().unwrap().value.params[i] += by;
+            }
+        };
+        let (cosine, ratio) = agreement(gradient, range, (3, 25), 1e-3, |i, by| {
+            shift(&mut trainer, i, by);
+            let loss = loss_and_gradients(&mut trainer).0;
+            shift(&mut trainer, i, -by);
+            loss
+        });
         // The mean position along a wide lobe depends on roughness too; the backward pass leaves that out, so the material's
         // gradient agrees to some 20 degrees (it depends on the state that the first steps led to), not exactly. (Paths
         // alone are checked exactly in `light_path`.)
-        let (cosine, ratio) = (
-            dot / (analytic2 * numeric2).sqrt(),
-            (analytic2 / numeric2).sqrt(),
-        );
         let (least, lengths) = if in_field {
             (0.9999, 0.99..1.01)
         } else {

@@ -8,6 +8,7 @@ use crate::train::config::TrainConfig;
 use crate::train::measure::eval::evaluate_object;
 use crate::train::step::model::Model as _;
 use crate::train::step::trainer::Trainer;
+use crate::train::test_agreement::agreement;
 use crate::train::test_scene::sphere_in_a_box;
 
 const BOTH: [Brdf; 2] = [Brdf::Disney, Brdf::Lobe];
@@ -70,26 +71,13 @@ fn gradients_agree_with_finite_differences() {
         train(&mut trainer, 60);
         let (_, gradients) = loss_and_gradients(&mut trainer);
         for (in_light, gradient) in [true, false].into_iter().zip(gradients) {
-            let mut order: Vec<usize> = (0..gradient.len()).collect();
-            order.sort_by(|&a, &b| gradient[b].abs().total_cmp(&gradient[a].abs()));
-            let (mut dot, mut analytic2, mut numeric2) = (0.0, 0.0, 0.0);
-            for i in order.into_iter().step_by(4).take(40) {
-                let mut loss = |by: f32| {
-                    shift(&mut trainer, in_light, i, by);
-                    let loss = loss_and_gradients(&mut trainer).0;
-                    shift(&mut trainer, in_light, i, -by);
-                    loss
-                };
-                let numeric = (loss(5e-4) - loss(-5e-4)) / 1e-3;
-                let analytic = f64::from(gradient[i]);
-                dot += analytic * numeric;
-                analytic2 += analytic * analytic;
-                numeric2 += numeric * numeric;
-            }
-            let (cosine, ratio) = (
-                dot / (analytic2 * numeric2).sqrt(),
-                (analytic2 / numeric2).sqrt(),
-            );
+            let all = 0..gradient.len();
+            let (cosine, ratio) = agreement(&gradient, all, (4, 40), 5e-4, |i, by| {
+                shift(&mut trainer, in_light, i, by);
+                let loss = loss_and_gradients(&mut trainer).0;
+                shift(&mut trainer, in_light, i, -by);
+                loss
+            });
             // Directions enter and leave a lobe at a thousandth of its weight, which no gradient knows of.
             assert!(
                 cosine > 0.995 && (0.97..1.03).contains(&ratio),

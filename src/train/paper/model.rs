@@ -166,19 +166,12 @@ impl SceneModel for Paper {
             gamma: self.display.gamma,
             ..self.place.clone()
         };
-        let object = self
-            .material
-            .as_ref()
-            .zip(self.tracer.as_ref())
-            .map(|(material, tracer)| {
-                Arc::new(ObjectModel {
-                    tracer: Arc::clone(tracer),
-                    material: Arc::new(SurfaceField::Paper(material.value.clone())),
-                })
-            });
+        let material = self.material.as_ref();
+        let material = material.map(|m| SurfaceField::Paper(m.value.clone()));
+        let object = ObjectModel::of(self.tracer.as_ref(), material);
         Snapshot {
             step,
-            object,
+            object: object.map(Arc::new),
             environment: Arc::new(Environment::of_paper(place, self.field.value.clone())),
             exposures: None,
         }

@@ -11,6 +11,7 @@ use crate::train::config::TrainConfig;
 use crate::train::step::learned::Learned;
 use crate::train::step::model::Model as _;
 use crate::train::step::trainer::Trainer;
+use crate::train::test_agreement::agreement;
 use crate::train::test_scene::sphere_in_a_box;
 
 fn config() -> TrainConfig {
@@ -74,26 +75,13 @@ fn gradients_of_a_whole_step_agree_with_finite_differences() {
     train(&mut trainer, 60);
     let (_, field, material) = loss_and_gradients(&mut trainer);
     for (gradient, in_field) in [(field, true), (material, false)] {
-        let mut order: Vec<usize> = (0..gradient.len()).collect();
-        order.sort_by(|&a, &b| gradient[b].abs().total_cmp(&gradient[a].abs()));
-        let (mut dot, mut analytic2, mut numeric2) = (0.0, 0.0, 0.0);
-        for i in order.into_iter().step_by(4).take(40) {
-            let mut loss = |shift: f32| {
-                shift_by(&mut trainer, in_field, i, shift);
-                let loss = loss_and_gradients(&mut trainer).0;
-                shift_by(&mut trainer, in_field, i, -shift);
-                loss
-            };
-            let numeric = (loss(1e-3) - loss(-1e-3)) / 2e-3;
-            let analytic = f64::from(gradient[i]);
-            dot += analytic * numeric;
-            analytic2 += analytic * analytic;
-            numeric2 += numeric * numeric;
-        }
-        let (cosine, ratio) = (
-            dot / (analytic2 * numeric2).sqrt(),
-            (analytic2 / numeric2).sqrt(),
-        );
+        let all = 0..gradient.len();
+        let (cosine, ratio) = agreement(&gradient, all, (4, 40), 1e-3, |i, by| {
+            shift_by(&mut trainer, in_field, i, by);
+            let loss = loss_and_gradients(&mut trainer).0;
+            shift_by(&mut trainer, in_field, i, -by);
+            loss
+        });
         // The mean length of a lobe answers to roughness too, which is left out (see `PaperField::backward`).
         let (least, lengths) = if in_field {
             (0.999, 0.98..1.02)
