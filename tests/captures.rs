@@ -128,7 +128,7 @@ fn environment_only_captures_and_dwa_pictures_are_read() {
 }
 
 #[test]
-fn nerf_synthetic_files_have_masks_by_alpha_and_no_surroundings() {
+fn nerf_synthetic_files_have_masks_by_alpha_and_no_environment() {
     let Some(path) = capture("real/chair_nerf_synthetic") else {
         return;
     };

@@ -122,7 +122,7 @@ fn lists_in_another_folder_split_a_capture() {
 }
 
 #[test]
-fn info_tells_what_a_capture_and_a_run_are() {
+fn info_says_what_a_capture_and_a_run_are() {
     let info = neif(&["info", &WORKSHOP.path("scene"), "--json"])
         .succeeds()
         .json();
@@ -330,7 +330,7 @@ fn rendered_pictures_change_as_the_edit_says() {
 }
 
 #[test]
-fn surroundings_train_and_show_on_their_own() {
+fn an_environment_trains_and_shows_on_its_own() {
     let (scene, preset) = (WORKSHOP.path("scene"), WORKSHOP.path("tiny.toml"));
     let out = WORKSHOP.path("room.safetensors");
     neif(&[

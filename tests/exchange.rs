@@ -159,7 +159,7 @@ fn real_hdris_come_back_as_they_are() {
 }
 
 #[test]
-fn matched_surroundings_do_not_depend_on_their_exposure() {
+fn a_matched_environment_does_not_depend_on_its_exposure() {
     let folder = WORKSHOP.path();
     write_exr(&folder.join("sky.exr"), 64, 32, &sky(), ExrSample::Float).expect("a picture");
     let bright = "env import sky.exr --out bright.safetensors --exposure 6";

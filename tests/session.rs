@@ -168,7 +168,7 @@ fn the_background_of_a_turntable_is_left_out_unless_somebody_wants_it() {
 }
 
 #[test]
-fn a_session_tells_that_it_traces_refined_normals_anew() {
+fn a_session_reports_that_it_traces_refined_normals_anew() {
     let folder = tempfile::tempdir().expect("a folder");
     let capture = folder.path().join("scene");
     capture::write_capture(&capture);

@@ -422,7 +422,7 @@ fn the_software_chip_is_shown_on_a_processor_adapter() {
 }
 
 #[test]
-fn other_surroundings_tell_where_they_are_and_can_be_matched() {
+fn another_environment_says_where_it_is_and_can_be_matched() {
     let config = DistantConfig {
         width: 16,
         height: 8,

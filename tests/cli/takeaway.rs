@@ -22,7 +22,7 @@ fn n_files(folder: &Path) -> usize {
 }
 
 #[test]
-fn surroundings_turn_from_where_they_stand() {
+fn an_environment_turns_from_where_it_stands() {
     let small = ["--size", "24x16", "--turntable"];
     render("still", &[&small[..], &["1"]].concat()).succeeds();
     render(

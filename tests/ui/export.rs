@@ -58,7 +58,7 @@ fn f12_takes_the_view_at_its_size_under_a_name_of_its_own() {
 }
 
 #[test]
-fn a_turntable_of_the_surroundings_is_ordered_in_the_window() {
+fn a_turntable_of_the_environment_is_ordered_in_the_window() {
     let mut harness = harness(state());
     harness.key_press_modifiers(egui::Modifiers::SHIFT, egui::Key::F12);
     harness.run_steps(3);
@@ -143,7 +143,7 @@ fn a_typed_name_must_suit_its_kind_of_file() {
 }
 
 #[test]
-fn what_runs_tells_how_far_it_is_and_can_be_cancelled() {
+fn what_runs_shows_how_far_it_is_and_can_be_cancelled() {
     let mut state = state();
     state.export.is_open = true;
     state.export.running = Some(RunningExport {

@@ -181,7 +181,7 @@ fn theme_and_size_are_chosen_by_menu_and_key() {
 }
 
 #[test]
-fn the_messages_tell_causes_and_can_be_copied() {
+fn the_messages_show_causes_and_can_be_copied() {
     let mut state = AppState {
         source: Source::Run(PathBuf::from("/runs/mug")),
         ..AppState::default()

@@ -219,7 +219,7 @@ mod tests {
     const REDO: Command = Command::History(HistoryCommand::Redo);
 
     #[test]
-    fn how_the_surroundings_are_shown_and_listed_is_undone_too() {
+    fn how_environments_are_shown_and_listed_is_undone_too() {
         let mut state = state();
         let done = [
             Command::Lighting(LightingCommand::SetBackground(Background::Hidden)),
@@ -295,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn surroundings_are_found_again_after_the_list_has_changed() {
+    fn environments_are_found_again_after_the_list_has_changed() {
         let mut state = state();
         run(&mut state, 1.0, Command::ChooseEnvironment(Some(1)));
         run(&mut state, 2.0, Command::ChooseEnvironment(None));

@@ -130,7 +130,7 @@ mod tests {
     use crate::train::session::events::FinishReason;
 
     #[test]
-    fn the_surroundings_of_a_capture_have_a_picture_while_it_trains_and_another_at_the_end() {
+    fn the_environment_of_a_capture_has_a_picture_while_it_trains_and_another_at_the_end() {
         let ctx = Context::default();
         let mut gallery = GalleryPictures::new(&ctx).unwrap();
         let mut state = AppState {

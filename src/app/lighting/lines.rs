@@ -107,7 +107,7 @@ mod tests {
     use crate::render::test_scene::environment;
 
     #[test]
-    fn bounds_move_turn_and_grow_with_the_surroundings() {
+    fn bounds_move_turn_and_grow_with_the_environment() {
         let environment = environment(3);
         let transform = EnvironmentTransform {
             rotate_deg: Vec3::new(0.0, 0.0, 90.0),

@@ -105,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn matched_surroundings_light_as_much_in_the_same_colour() {
+    fn a_matched_environment_lights_as_much_in_the_same_colour() {
         let (own, other) = (Vec3::new(0.4, 0.5, 0.6), Vec3::new(9.0, 4.0, 2.0));
         let moved = EnvironmentTransform {
             rotate_deg: Vec3::new(0.0, 0.0, 30.0),
@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn black_surroundings_cannot_be_matched() {
+    fn a_black_environment_cannot_be_matched() {
         let (black, grey) = (even(Vec3::ZERO), even(Vec3::ONE));
         let still = EnvironmentTransform::default();
         assert!(

@@ -55,7 +55,7 @@ mod tests {
     use crate::train::test_scene::sphere_in_a_box;
 
     #[test]
-    fn shares_tell_of_the_last_step() {
+    fn shares_are_of_the_last_step() {
         let dataset = sphere_in_a_box(5, 16);
         let config = TrainConfig::preset("fast").expect("a preset");
         let trainer = Fast::trainer(&config, &dataset, &AtomicBool::new(false), &|_| {});
