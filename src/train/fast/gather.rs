@@ -2,8 +2,9 @@
 
 use super::chunk::Chunk;
 use super::model::Fast;
+use crate::neif::field::radiance_field::RadianceField;
+use crate::neif::surface::material::Material;
 use crate::train::shape::refinement;
-use crate::train::step::chunks::{scatter_levels, sum_in_order};
 use crate::train::step::now::Now;
 
 /// Pull of gamma's logarithm to 0, in squared differences of what is shown: photos have the curve of sRGB. Gains that are found
@@ -13,27 +14,17 @@ const GAMMA_PULL: f32 = 0.1;
 impl Fast {
     /// Those of the fields: networks, then each level by one task; and refreshes the density cache.
     pub(super) fn gather_gradients(&mut self, now: &Now<'_>) {
-        let chunks = &self.work.chunks;
-        let (field, networks, grids) = self.field.split_gradient();
-        let density = &mut self.density;
-        let material = self.material.as_mut();
+        let (chunks, density) = (&self.work.chunks, &mut self.density);
+        let (field, material) = (&mut self.field, self.material.as_mut());
         let (step, parity) = (now.step, (now.step % 2) as usize);
         rayon::scope(|scope| {
-            scatter_levels(
+            field.gather(
                 scope,
-                field.levels(),
-                grids,
                 chunks,
-                |level, chunk: &Chunk, table| {
-                    field.scatter_level(level, &chunk.batch, table);
-                },
+                RadianceField::levels,
+                |chunk: &Chunk| &chunk.d_field_networks,
+                |field, level, chunk, table| field.scatter_level(level, &chunk.batch, table),
             );
-            scope.spawn(move |_| {
-                sum_in_order(
-                    networks,
-                    chunks.iter().map(|c| c.d_field_networks.as_slice()),
-                );
-            });
             scope.spawn(move |_| {
                 // Every second chunk, in turn: the running means need no more, and each look is a cache miss.
                 for chunk in chunks.iter().skip(parity).step_by(2) {
@@ -42,19 +33,12 @@ impl Fast {
                 density.seen.iter_mut().for_each(|seen| seen.forget(step));
             });
             if let Some(material) = material {
-                let (material, network, grids) = material.split_gradient();
-                sum_in_order(
-                    network,
-                    chunks.iter().map(|c| c.d_material_network.as_slice()),
-                );
-                scatter_levels(
+                material.gather(
                     scope,
-                    material.levels(),
-                    grids,
                     chunks,
-                    |level, chunk: &Chunk, table| {
-                        material.scatter_level(level, &chunk.material, table);
-                    },
+                    Material::levels,
+                    |chunk| &chunk.d_material_network,
+                    |field, level, chunk, table| field.scatter_level(level, &chunk.material, table),
                 );
             }
         });

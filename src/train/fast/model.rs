@@ -346,8 +346,9 @@ impl Model for Fast {
     }
 
     fn follow(&mut self) {
-        if let Some(poses) = &self.photos.poses {
-            self.pixels.set_cameras(&poses.cameras());
+        let poses = self.photos.poses.as_mut();
+        if let Some(cameras) = poses.and_then(Poses::take_changed) {
+            self.pixels.set_cameras(&cameras);
         }
     }
 

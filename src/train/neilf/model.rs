@@ -18,7 +18,7 @@ use crate::train::config::TrainConfig;
 use crate::train::pixels::store::PixelStore;
 use crate::train::preparation::Prepared;
 use crate::train::random::SlotRandom;
-use crate::train::step::chunks::{N_CHUNKS, scatter_levels, share, sum_in_order};
+use crate::train::step::chunks::{N_CHUNKS, share};
 use crate::train::step::display::LearnedDisplay;
 use crate::train::step::learned::Learned;
 use crate::train::step::model::{Model, Stage, StepStats};
@@ -148,32 +148,22 @@ impl Model for Neilf {
     }
 
     fn gather(&mut self, _now: &Now<'_>) {
-        let chunks = &self.chunks;
-        let (light, light_network, light_grids) = self.light.split_gradient();
-        let (material, material_network, material_grids) = self.material.split_gradient();
+        let (chunks, light, material) = (&self.chunks, &mut self.light, &mut self.material);
         rayon::scope(|scope| {
-            scatter_levels(
+            light.gather(
                 scope,
-                light.levels(),
-                light_grids,
                 chunks,
-                |level, c: &Chunk, table| {
-                    light.scatter_level(level, &c.light, table);
-                },
+                IncidentLight::levels,
+                |chunk: &Chunk| &chunk.d_light_network,
+                |field, level, chunk, table| field.scatter_level(level, &chunk.light, table),
             );
-            scatter_levels(
+            material.gather(
                 scope,
-                material.levels(),
-                material_grids,
                 chunks,
-                |level, c: &Chunk, table| {
-                    material.scatter_level(level, &c.material, table);
-                },
+                Material::levels,
+                |chunk: &Chunk| &chunk.d_material_network,
+                |field, level, chunk, table| field.scatter_level(level, &chunk.material, table),
             );
-            let d_light = chunks.iter().map(|c| c.d_light_network.as_slice());
-            sum_in_order(light_network, d_light);
-            let d_material = chunks.iter().map(|c| c.d_material_network.as_slice());
-            sum_in_order(material_network, d_material);
         });
         self.display.gradient = chunks.iter().map(|c| c.loss.d_gamma).sum::<f64>() as f32;
     }

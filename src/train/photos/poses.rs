@@ -55,6 +55,8 @@ pub struct Poses {
     /// Whether the corrections are used however small they are.
     is_forced: bool,
     are_corrected: bool,
+    /// Whether they have changed since [`Self::take_changed`].
+    have_changed: bool,
     /// Mean square of the corrections' noise, pixels.
     noise: f32,
 }
@@ -86,6 +88,7 @@ impl Poses {
             given,
             is_forced: fit == PhotoFit::On,
             are_corrected: false,
+            have_changed: false,
             noise: 0.0,
         };
         poses.shift(known_share(shifts), shifts);
@@ -144,6 +147,11 @@ impl Poses {
             across.length() as f32 / camera.pixel_angle()
         };
         self.given.iter().zip(corrections).map(moved).collect()
+    }
+
+    /// The cameras as they are used, once after each change.
+    pub(in crate::train) fn take_changed(&mut self) -> Option<Vec<Camera>> {
+        std::mem::take(&mut self.have_changed).then(|| self.cameras())
     }
 
     /// Takes up the equations of step `step`, while they are sought.
@@ -242,6 +250,7 @@ impl Part for Poses {
     fn update(&mut self, now: &Now<'_>) {
         if self.are_sought(now.step) && now.step.is_multiple_of(EVERY) {
             self.correct();
+            self.have_changed = true;
         }
     }
 
@@ -258,6 +267,7 @@ impl Part for Poses {
     }
 
     fn restore(&mut self, file: &TensorFile) -> Result<(), TrainError> {
+        self.have_changed = true;
         let numbers = finite(file, CORRECTIONS, 6 * self.corrections.len())?;
         let bits = file.u64(SUMS, &[Sums::LEN * self.sums.len() + 2])?;
         self.set_corrections(&numbers);

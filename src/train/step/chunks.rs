@@ -3,10 +3,6 @@
 
 use std::ops::Range;
 
-use rayon::Scope;
-
-use crate::neif::networks::hash_grid::{FEATURES, Level};
-
 /// Chunks a step is cut into.
 pub(in crate::train) const N_CHUNKS: usize = 16;
 
@@ -30,24 +26,5 @@ pub(in crate::train) fn sum_in_order<'a>(
         for (sum, value) in total.iter_mut().zip(part) {
             *sum += value;
         }
-    }
-}
-
-/// Adds all chunks' gradients to the grids `[level][n_entries][4]`, each level by one task.
-pub(in crate::train) fn scatter_levels<'s, C: Sync>(
-    scope: &Scope<'s>,
-    levels: &[Level],
-    mut grids: &'s mut [f32],
-    chunks: &'s [C],
-    scatter: impl Fn(usize, &C, &mut [f32]) + Copy + Send + 's,
-) {
-    for (level, shape) in levels.iter().enumerate() {
-        let (table, rest) = grids.split_at_mut(shape.n_entries * FEATURES);
-        grids = rest;
-        scope.spawn(move |_| {
-            for chunk in chunks {
-                scatter(level, chunk, table);
-            }
-        });
     }
 }

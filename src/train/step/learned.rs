@@ -2,12 +2,16 @@
 
 use std::fmt;
 
+use rayon::Scope;
+
 use super::adam::{Adam, store_bf16};
+use super::chunks::sum_in_order;
 use super::now::Now;
 use super::part::{Part, finite, insert};
 use crate::data::files::tensor_file::TensorFile;
 use crate::neif::field::radiance_field::RadianceField;
 use crate::neif::neilf::IncidentLight;
+use crate::neif::networks::hash_grid::{FEATURES, Level};
 use crate::neif::paper::{PaperField, PaperMaterial};
 use crate::neif::surface::material::Material;
 use crate::train::TrainError;
@@ -88,10 +92,30 @@ impl<N: Network> Learned<N> {
         self
     }
 
-    /// The gradients of the networks and of the grids.
-    pub(in crate::train) fn split_gradient(&mut self) -> (&N, &mut [f32], &mut [f32]) {
-        let (networks, grids) = self.gradient.split_at_mut(self.value.n_head());
-        (&self.value, networks, grids)
+    /// Adds all chunks' gradients in order: of the networks, as `of_networks` has them, by one task, and of each of the grid's
+    /// `levels` by one task, as `scatter` adds a chunk's to that level's `[n_entries][4]`.
+    pub(in crate::train) fn gather<'s, C: Sync>(
+        &'s mut self,
+        scope: &Scope<'s>,
+        chunks: &'s [C],
+        levels: fn(&N) -> &[Level],
+        of_networks: fn(&C) -> &[f32],
+        scatter: fn(&N, usize, &C, &mut [f32]),
+    ) where
+        N: Sync,
+    {
+        let field = &self.value;
+        let (networks, mut grids) = self.gradient.split_at_mut(field.n_head());
+        for (level, shape) in levels(field).iter().enumerate() {
+            let (table, rest) = grids.split_at_mut(shape.n_entries * FEATURES);
+            grids = rest;
+            scope.spawn(move |_| {
+                for chunk in chunks {
+                    scatter(field, level, chunk, table);
+                }
+            });
+        }
+        scope.spawn(move |_| sum_in_order(networks, chunks.iter().map(of_networks)));
     }
 
     /// All that follows from the parameters, after they were set from outside.
