@@ -6,4 +6,5 @@ pub mod data;
 pub mod geometry;
 pub mod neif;
 pub mod render;
+pub mod scans;
 pub mod train;

@@ -90,7 +90,7 @@ impl DataError {
         self
     }
 
-    pub(super) fn unusable(path: &Path, problem: impl Into<String>) -> Self {
+    pub(crate) fn unusable(path: &Path, problem: impl Into<String>) -> Self {
         Self::Unusable {
             path: path.to_owned(),
             problem: problem.into(),

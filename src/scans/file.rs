@@ -1,0 +1,64 @@
+//! A scan's file, recognised by its content.
+
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+
+use glam::Vec3;
+
+use super::nerf::{self, Nerf};
+use super::picture::ScanPicture;
+use super::raster;
+use super::splats::{self, Splats};
+use crate::data::DataError;
+use crate::geometry::Camera;
+
+/// Another program's radiance field.
+#[derive(Clone, Debug)]
+pub enum Scan {
+    /// 3D Gaussians.
+    Splats(Splats),
+    /// A neural radiance field.
+    Nerf(Nerf),
+}
+
+impl Scan {
+    /// Whether the file holds a scan, by its first bytes; damaged or unsupported ones too, for [`Self::read`] to report.
+    pub fn is_scan(path: &Path) -> bool {
+        splats::is_splats(path) || nerf::is_nerf(path)
+    }
+
+    /// Reads a scan.
+    ///
+    /// # Errors
+    /// When the file is no scan, of a kind that is not supported, or damaged.
+    pub fn read(path: &Path) -> Result<Self, DataError> {
+        if nerf::is_nerf(path) {
+            return Ok(Self::Nerf(nerf::read(path)?));
+        }
+        Ok(Self::Splats(splats::read(path)?))
+    }
+
+    /// What it is, for people: "3D Gaussian splats (500,000, spherical harmonics of degree 3)".
+    pub fn describe(&self) -> String {
+        match self {
+            Self::Splats(splats) => splats.describe(),
+            Self::Nerf(nerf) => nerf.describe(),
+        }
+    }
+
+    /// The view of a pinhole camera; `None` when cancelled. Runs on the current rayon pool.
+    pub fn picture(&self, camera: &Camera, cancel: &AtomicBool) -> Option<ScanPicture> {
+        match self {
+            Self::Splats(splats) => raster::picture(splats, camera, cancel),
+            Self::Nerf(nerf) => nerf.picture(camera, cancel),
+        }
+    }
+
+    /// Points on what is visible, at most `most` of them, spread over it evenly; scene units.
+    pub fn surface_points(&self, most: usize) -> Vec<Vec3> {
+        match self {
+            Self::Splats(splats) => splats.surface_points(most),
+            Self::Nerf(nerf) => nerf.surface_points(most),
+        }
+    }
+}
