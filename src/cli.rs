@@ -75,7 +75,7 @@ pub(crate) fn run(started: Instant) -> Result<(), Failure> {
         Some(Command::Export(args)) => export::run(&args),
         Some(Command::Bench(command)) => bench::run(&command),
         Some(Command::Env(env::EnvCommand::Train(args))) => env::train(&args, started),
-        Some(Command::Env(env::EnvCommand::Import(args))) => env_import::run(&args),
+        Some(Command::Env(env::EnvCommand::Import(args))) => env_import::run(&args, started),
         Some(Command::Env(env::EnvCommand::Panorama(args))) => env::panorama(&args),
     }
 }

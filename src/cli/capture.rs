@@ -40,9 +40,12 @@ impl PhotoArgs {
 /// How a capture is read.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub(crate) struct CaptureArgs {
-    /// Which way is up in the capture: x, y, z, -x, -y, -z or X,Y,Z [default: as the cameras were held]
+    /// Which way is up in the capture: x, y, z, -x, -y, -z or X,Y,Z [default: as the cameras were held; in a scan, across its floors and tables]
     #[arg(long, value_name = "AXIS|X,Y,Z", value_parser = values::direction, allow_hyphen_values = true)]
     pub(crate) up: Option<Vec3>,
+    /// Where in a scan the object will stand: light is learned around it [default: a free place near the middle]
+    #[arg(long, value_name = "X,Y,Z", value_parser = values::vector, allow_hyphen_values = true)]
+    pub(crate) at: Option<Vec3>,
     #[command(flatten)]
     pub(crate) photos: PhotoArgs,
 }
@@ -52,6 +55,7 @@ impl CaptureArgs {
     pub(crate) fn choices(&self) -> CaptureChoices {
         CaptureChoices {
             up: self.up,
+            at: self.at,
             ..self.photos.over(CaptureChoices::default())
         }
     }

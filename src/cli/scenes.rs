@@ -4,15 +4,17 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use neif::data::{CaptureChoices, Dataset, Frame, LoadOptions, Split, Splits, View, read_frames};
+use neif::data::{CaptureChoices, Frame, LoadOptions, Split, Splits, View, read_frames};
 use neif::geometry::Camera;
 use neif::neif::{Environment, EnvironmentTransform, Storage};
 use neif::render::Scene;
+use neif::scans::load_capture;
 use neif::train::photos::photo_exposures::PhotoExposures;
 use neif::train::session::saved::run_folder::{ENVIRONMENT, RunFolder};
 
 use super::capture::PhotoArgs;
 use super::failure::{Failure, OrUnusable as _};
+use super::interrupt;
 
 /// A trained run with where its capture lies.
 #[derive(Debug)]
@@ -59,9 +61,11 @@ impl OpenRun {
             choices: photos.over(self.choices.clone()),
             ..LoadOptions::default()
         };
-        let dataset = Dataset::load(&self.dataset, &options)
+        let cancel = interrupt::install()?;
+        let dataset = load_capture(&self.dataset, &options, cancel)
             .context("the run's capture cannot be read (--dataset says where it lies now)")
-            .or_unusable()?;
+            .or_unusable()?
+            .ok_or(Failure::Interrupted)?;
         let views = match split {
             Split::Test => dataset.test,
             Split::Val => dataset.val,

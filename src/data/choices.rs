@@ -11,6 +11,8 @@ use serde::{Deserialize, Serialize};
 pub struct CaptureChoices {
     /// The direction that is up in the world; estimated from how the cameras were held where absent.
     pub up: Option<Vec3>,
+    /// Where in a scan (another program's radiance field) the object will stand, scene units; chosen where absent.
+    pub at: Option<Vec3>,
     /// Most pixels of all photos together, in millions; larger photos are reduced while they are read.
     pub max_megapixels: f32,
     /// Every how many-th photo is for testing, whatever the files say; 0 for none.
@@ -25,6 +27,7 @@ impl Default for CaptureChoices {
     fn default() -> Self {
         Self {
             up: None,
+            at: None,
             max_megapixels: 100.0,
             test_every: None,
             split_lists: None,

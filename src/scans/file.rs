@@ -61,4 +61,13 @@ impl Scan {
             Self::Nerf(nerf) => nerf.surface_points(most),
         }
     }
+
+    /// The axes that are up by convention in such files, the most usual first.
+    pub(super) fn up_conventions(&self) -> &'static [Vec3] {
+        match self {
+            // As structure from motion leaves it, y down; or turned for a program whose z is up.
+            Self::Splats(_) => &[Vec3::NEG_Y, Vec3::Z],
+            Self::Nerf(_) => &[Vec3::Z, Vec3::Y],
+        }
+    }
 }

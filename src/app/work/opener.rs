@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 use crossbeam::channel::{Receiver, Sender, bounded};
 use egui::Context;
@@ -13,6 +14,7 @@ use crate::data::{DataError, Dataset, LoadOptions, Photo, first_photo, list_capt
 use crate::neif::distant::is_environment_file;
 use crate::neif::{Environment, EnvironmentTransform};
 use crate::render::Scene;
+use crate::scans::load_capture;
 use crate::train::Snapshot;
 use crate::train::session::events::TrainEvent;
 use crate::train::session::saved::run_folder::{ENVIRONMENT, RunFolder};
@@ -245,8 +247,9 @@ fn open_run(path: &Path, send: &dyn Fn(Opened)) {
         choices: config.dataset.choices,
         ..LoadOptions::default()
     };
-    match Dataset::load(&dataset, &options) {
-        Ok(dataset) => send(Opened::RunDataset {
+    match load_capture(&dataset, &options, &AtomicBool::new(false)) {
+        Ok(None) => (),
+        Ok(Some(dataset)) => send(Opened::RunDataset {
             path: path.to_owned(),
             dataset: Arc::new(dataset),
         }),

@@ -6,6 +6,7 @@ use std::time::Instant;
 use glam::Vec3;
 use neif::color::srgb_from_linear;
 use neif::data::{ExrSample, write_exr, write_png_srgb};
+use neif::neif::Environment;
 use neif::render::{Picture, panorama as render_panorama};
 use neif::train::session::options::SessionOptions;
 
@@ -20,7 +21,7 @@ use crate::cli::{interrupt, output, scenes, training, values};
 pub(crate) enum EnvCommand {
     /// Train an environment from posed photos, without an object
     Train(EnvTrainArgs),
-    /// Make an environment of a panorama: an HDRI (.hdr, .exr), or a picture (.png, .jpg)
+    /// Make an environment of another program's scan (Gaussian splats, a NeRF) or of a panorama (.hdr, .exr, .png, .jpg)
     Import(EnvImportArgs),
     /// Render what a point of the environment sees all around
     Panorama(PanoramaArgs),
@@ -65,15 +66,25 @@ pub(crate) fn train(args: &EnvTrainArgs, started: Instant) -> Result<(), Failure
         environment_only: true,
         choices: args.capture.choices(),
         started,
+        storage: scenes::storage(args.half),
         ..SessionOptions::new(&args.images, config, args.budget.or_default())
     };
-    let outcome = training::train(options, args.json)?;
-    outcome
-        .snapshot
-        .environment
-        .save(&target, scenes::storage(args.half))?;
-    if !args.json {
-        outcome.report(&target)?;
+    train_into(&target, options, args.json, |environment| environment)
+}
+
+/// Trains, and writes what `finished` makes of the environment.
+pub(super) fn train_into(
+    target: &Path,
+    options: SessionOptions,
+    json: bool,
+    finished: impl FnOnce(Environment) -> Environment,
+) -> Result<(), Failure> {
+    let storage = options.storage;
+    let outcome = training::train(options, json)?;
+    let environment = finished(Environment::clone(&outcome.snapshot.environment));
+    environment.save(target, storage)?;
+    if !json {
+        outcome.report(target)?;
     }
     outcome.verdict()
 }

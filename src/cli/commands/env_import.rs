@@ -1,42 +1,115 @@
-//! `neif env import`: an environment from an equirectangular picture.
+//! `neif env import`: an environment from another program's radiance field, or from an equirectangular picture.
 
 use std::path::PathBuf;
+use std::time::Instant;
 
-use neif::neif::distant::{ImportOptions, Imported, UpAxis, import_environment};
+use glam::Vec3;
+use neif::data::CaptureChoices;
+use neif::neif::distant::{ImportOptions, Imported, import_environment};
+use neif::scans::Scan;
+use neif::train::session::options::SessionOptions;
 
+use super::env::train_into;
+use super::train::{BudgetArgs, config};
 use crate::cli::failure::{Failure, OrUnusable as _};
 use crate::cli::{output, scenes, values};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct EnvImportArgs {
-    /// The panorama: .hdr or .exr (linear), or .png or .jpg (lamps no brighter than white)
+    /// A scan: 3D Gaussian splats (.ply, .splat, .spz, .sog) or a NeRF (instant-ngp, nerfstudio, nerf-pytorch). Or a panorama: .hdr
+    /// or .exr (linear), .png or .jpg (lamps no brighter than white)
     #[arg(value_name = "FILE")]
     file: PathBuf,
     /// The environment file (.safetensors) to write, or a folder to put it in
     #[arg(long, value_name = "ENV")]
     out: PathBuf,
-    /// Turn it about the up axis, in degrees, anticlockwise seen from above
-    #[arg(long, value_name = "DEG", default_value = "0", value_parser = values::finite, allow_hyphen_values = true)]
-    rotate: f32,
-    /// The world's axis that the panorama's top becomes; its centre is at +x
-    #[arg(long, value_name = "AXIS", default_value = "z")]
-    up: UpAxis,
-    /// Brighten it, in photographic stops
-    #[arg(long, value_name = "EV", default_value = "0", value_parser = values::finite, allow_hyphen_values = true)]
-    exposure: f32,
+    /// Of a panorama, the direction that its top becomes [default: z]; of a scan, which way is up in it [default: across its floors
+    /// and tables]
+    #[arg(long, value_name = "AXIS|X,Y,Z", value_parser = values::direction, allow_hyphen_values = true)]
+    up: Option<Vec3>,
     /// What it is called in lists [default: the file's name]
     #[arg(long, value_name = "NAME")]
     name: Option<String>,
     /// Store it in 16 bits: a smaller file
     #[arg(long)]
     half: bool,
+    #[command(flatten)]
+    scan: ScanArgs,
+    #[command(flatten)]
+    panorama: PanoramaArgs,
 }
 
-pub(crate) fn run(args: &EnvImportArgs) -> Result<(), Failure> {
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Of a scan")]
+struct ScanArgs {
+    /// Where in it the object will stand: light is learned around it [default: a free place near the middle]
+    #[arg(long, value_name = "X,Y,Z", value_parser = values::vector, allow_hyphen_values = true)]
+    at: Option<Vec3>,
+    #[command(flatten)]
+    budget: BudgetArgs,
+    /// Seed of all random choices [default: 0]
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Worker threads; 0 is one for each core
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    threads: usize,
+    /// Write events as lines of JSON
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Of a panorama")]
+struct PanoramaArgs {
+    /// Turn it about the up axis, in degrees, anticlockwise seen from above; the centre of a picture whose top is +z is at +x
+    #[arg(long, value_name = "DEG", default_value = "0", value_parser = values::finite, allow_hyphen_values = true)]
+    rotate: f32,
+    /// Brighten it, in photographic stops
+    #[arg(long, value_name = "EV", default_value = "0", value_parser = values::finite, allow_hyphen_values = true)]
+    exposure: f32,
+}
+
+pub(crate) fn run(args: &EnvImportArgs, started: Instant) -> Result<(), Failure> {
+    if Scan::is_scan(&args.file) {
+        distill(args, started)
+    } else {
+        import_panorama(args)
+    }
+}
+
+/// Trains an environment on pictures of the scan.
+fn distill(args: &EnvImportArgs, started: Instant) -> Result<(), Failure> {
+    let target = scenes::new_environment(&args.out)?;
+    let mut config = config(None, args.scan.seed)?;
+    config.threads = args.scan.threads;
+    let options = SessionOptions {
+        environment_only: true,
+        choices: CaptureChoices {
+            up: args.up,
+            at: args.scan.at,
+            ..CaptureChoices::default()
+        },
+        storage: scenes::storage(args.half),
+        started,
+        ..SessionOptions::new(&args.file, config, args.scan.budget.or_default())
+    };
+    train_into(
+        &target,
+        options,
+        args.scan.json,
+        |environment| match &args.name {
+            Some(name) => environment.renamed(name),
+            None => environment,
+        },
+    )
+}
+
+fn import_panorama(args: &EnvImportArgs) -> Result<(), Failure> {
+    let defaults = ImportOptions::default();
     let options = ImportOptions {
-        up: args.up,
-        rotate_deg: args.rotate,
-        exposure_ev: args.exposure,
+        up: args.up.unwrap_or(defaults.up),
+        rotate_deg: args.panorama.rotate,
+        exposure_ev: args.panorama.exposure,
         name: args.name.clone(),
     };
     let Imported {

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use neif::data::{Dataset, LoadOptions, check};
 use neif::neif::distant::is_environment_file;
 use neif::neif::{Environment, SurfaceField};
+use neif::scans::{Scan, Survey};
 use neif::train::session::saved::run_folder::RunFolder;
 use serde_json::{Value, json};
 
@@ -31,6 +32,8 @@ pub(crate) fn run(args: &InfoArgs) -> Result<(), Failure> {
         listed(about_run(path)?)
     } else if is_environment_file(path) {
         listed(about_tensors(path)?)
+    } else if Scan::is_scan(path) {
+        listed(about_scan(path, &args.capture)?)
     } else {
         about_capture(path, &args.capture)?
     };
@@ -102,6 +105,18 @@ fn about_environment(environment: &Environment) -> Value {
         "inner_box": [inner.min.to_array(), inner.max.to_array()],
         "up": environment.up().to_array(),
     })
+}
+
+/// What kind of scan it is, and what was found in it.
+fn about_scan(path: &Path, args: &CaptureArgs) -> Result<Value, Failure> {
+    let survey = Survey::of(path, &args.choices()).or_unusable()?;
+    Ok(json!({
+        "kind": "scan",
+        "format": survey.scan.describe(),
+        "size": survey.size,
+        "up": survey.up.to_array(),
+        "place": survey.at.to_array(),
+    }))
 }
 
 /// What is in a capture and what is wrong with it, as JSON and as a page for people.

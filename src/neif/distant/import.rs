@@ -16,37 +16,30 @@ const MIN_WIDTH: usize = 8;
 /// How far the sides' ratio may be from two.
 const RATIO_TOLERANCE: f32 = 0.01;
 
-/// Which world axis is up.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
-pub enum UpAxis {
-    /// The picture's top is +z and its centre +x: the convention of panoramas here and in Blender.
-    #[default]
-    Z,
-    /// The picture's top is +y and its centre +x, for captures whose y is up.
-    Y,
-}
-
-impl UpAxis {
-    /// The unit axis.
-    pub fn vector(self) -> Vec3 {
-        match self {
-            Self::Z => Vec3::Z,
-            Self::Y => Vec3::Y,
-        }
-    }
-}
-
 /// How a picture becomes an environment.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct ImportOptions {
-    /// The world's up axis.
-    pub up: UpAxis,
+    /// The unit direction in the world that the picture's top becomes. The centre of a picture whose top is +z, the convention here
+    /// and in Blender, is at +x; others are turned from there by the least angle.
+    pub up: Vec3,
     /// Rotation about it, degrees, anticlockwise seen from above.
     pub rotate_deg: f32,
     /// Exposure, stops.
     pub exposure_ev: f32,
     /// Shown in lists; none is the file's name.
     pub name: Option<String>,
+}
+
+impl Default for ImportOptions {
+    /// As it is, z up.
+    fn default() -> Self {
+        Self {
+            up: Vec3::Z,
+            rotate_deg: 0.0,
+            exposure_ev: 0.0,
+            name: None,
+        }
+    }
 }
 
 /// What came of a picture.
@@ -113,7 +106,7 @@ pub fn import_environment(path: &Path, options: &ImportOptions) -> Result<Import
     let light = DistantLight::new(config, picture.pixels().as_flattened())
         .ok_or_else(|| unusable("has an unusable size"))?;
     Ok(Imported {
-        environment: Environment::of_distant(name, options.up.vector(), light),
+        environment: Environment::of_distant(name, options.up, light),
         notices,
     })
 }
@@ -169,12 +162,12 @@ fn sized(
 }
 
 fn world_from_picture(options: &ImportOptions) -> Quat {
-    let upright = match options.up {
-        UpAxis::Z => Quat::IDENTITY,
-        // Takes +z to +y and leaves +x.
-        UpAxis::Y => Quat::from_rotation_x(-std::f32::consts::FRAC_PI_2),
+    let upright = if options.up == Vec3::NEG_Z {
+        Quat::from_rotation_x(std::f32::consts::PI)
+    } else {
+        Quat::from_rotation_arc(Vec3::Z, options.up)
     };
-    let turn = Quat::from_axis_angle(options.up.vector(), options.rotate_deg.to_radians());
+    let turn = Quat::from_axis_angle(options.up, options.rotate_deg.to_radians());
     (turn * upright).normalize()
 }
 
@@ -244,7 +237,7 @@ mod tests {
         let z_up = import(ImportOptions::default());
         assert!(z_up.notices.is_empty(), "{:?}", z_up.notices);
         let y_up = import(ImportOptions {
-            up: UpAxis::Y,
+            up: Vec3::Y,
             ..ImportOptions::default()
         });
         let turned = import(ImportOptions {
@@ -271,7 +264,7 @@ mod tests {
     fn an_imported_environment_is_saved_and_read_back() {
         let (folder, path) = written(32, 16, &sky());
         let options = ImportOptions {
-            up: UpAxis::Y,
+            up: Vec3::Y,
             rotate_deg: 30.0,
             name: Some("evening".to_owned()),
             ..ImportOptions::default()

@@ -10,6 +10,6 @@ mod pyramid;
 
 pub use equirect::Equirect;
 pub use import::{
-    ImportOptions, Imported, UpAxis, import_environment, is_environment_file, is_panorama_file,
+    ImportOptions, Imported, import_environment, is_environment_file, is_panorama_file,
 };
 pub use light::{DistantConfig, DistantLight};

@@ -2,7 +2,10 @@
 //!
 //! One file a format, each an `is_…` by the first bytes and a reader.
 
+pub(super) mod harmonics;
+
 use std::path::Path;
+use std::sync::OnceLock;
 
 use glam::{Quat, Vec3};
 
@@ -34,6 +37,8 @@ pub struct Splats {
     /// Whether it was trained with the screen filter of Mip-Splatting (`rasterize_mode: antialiased`): then a Gaussian that is
     /// widened to a pixel's size loses opacity instead of growing.
     pub is_antialiased: bool,
+    /// See [`Self::size`].
+    pub(super) size: OnceLock<f32>,
 }
 
 /// Whether the file holds Gaussians, by its first bytes.
@@ -43,10 +48,38 @@ pub(super) fn is_splats(path: &Path) -> bool {
 
 /// Reads Gaussians of any supported format.
 pub(super) fn read(path: &Path) -> Result<Splats, DataError> {
-    Err(DataError::unusable(path, "Gaussian splats are not read yet"))
+    Err(DataError::unusable(
+        path,
+        "Gaussian splats are not read yet",
+    ))
 }
 
 impl Splats {
+    /// Coefficients of a colour, each RGB: 1, 4, 9 or 16.
+    pub fn n_coefficients(&self) -> usize {
+        (self.degree + 1) * (self.degree + 1)
+    }
+
+    /// The longest side of the box that holds nine tenths of the Gaussians along each axis, scene units.
+    pub(super) fn size(&self) -> f32 {
+        *self.size.get_or_init(|| {
+            let side = |axis: usize| {
+                let mut along: Vec<f32> = self.splats.iter().map(|s| s.center[axis]).collect();
+                let n = along.len();
+                let mut at = |share: usize| {
+                    let (_, value, _) =
+                        along.select_nth_unstable_by(n * share / 20, f32::total_cmp);
+                    *value
+                };
+                at(19) - at(1)
+            };
+            if self.splats.is_empty() {
+                return 0.0;
+            }
+            (0..3).map(side).fold(0.0, f32::max)
+        })
+    }
+
     /// What it is, for people.
     pub(super) fn describe(&self) -> String {
         let (n, degree) = (self.splats.len(), self.degree);

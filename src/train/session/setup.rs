@@ -9,6 +9,7 @@ use super::run::{Run, Worker};
 use super::saved::run_folder::RunFolder;
 use crate::data::{Dataset, LoadOptions, Problem, Severity, Splits, background_stands_still};
 use crate::geometry::ScalarGrid;
+use crate::scans::load_capture;
 use crate::train::TrainError;
 use crate::train::config::{PhotoFit, TrainConfig};
 use crate::train::new_trainer;
@@ -33,7 +34,9 @@ impl Worker {
         if let (Some(path), Start::Fresh) = (&options.run, options.start) {
             RunFolder::check_free(path)?;
         }
-        let mut dataset = self.load()?;
+        let Some(mut dataset) = self.load()? else {
+            return Ok(None);
+        };
         if !self.complete_mesh(&mut dataset)? {
             return Ok(None);
         }
@@ -61,7 +64,8 @@ impl Worker {
         Ok(Some(run))
     }
 
-    fn load(&self) -> Result<Dataset, SessionError> {
+    /// Reads the capture; `None` when it was asked to stop meanwhile.
+    fn load(&self) -> Result<Option<Dataset>, SessionError> {
         self.loading(READING, 0.0);
         let report = |done, all| self.loading(READING, done as f32 / all as f32);
         // An environment has no test of its own: every photo that does not validate teaches.
@@ -77,13 +81,15 @@ impl Worker {
             choices: self.options.choices.clone(),
             on_progress: &report,
         };
-        let load = || Dataset::load(&self.options.dataset, &options);
-        let mut dataset = self.pool.install(load)?;
+        let load = || load_capture(&self.options.dataset, &options, &self.shared.stop);
+        let Some(mut dataset) = self.pool.install(load)? else {
+            return Ok(None);
+        };
         if environment_only {
             dataset.mesh = None;
             dataset.train.append(&mut dataset.test);
         }
-        Ok(dataset)
+        Ok(Some(dataset))
     }
 
     /// Gives the capture a mesh where it has none and what one can be made from, or one with better normals: a run that
