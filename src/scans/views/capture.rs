@@ -8,7 +8,9 @@ use rayon::prelude::*;
 use super::cameras::cameras;
 use super::stand::Stand;
 use super::survey::Survey;
-use crate::data::{DataError, Dataset, LoadOptions, Origin, Photo, Split, View};
+use crate::data::{
+    DataError, Dataset, DepthMap, DepthView, LoadOptions, Origin, Photo, Split, View,
+};
 use crate::geometry::Camera;
 use crate::scans::{Scan, ScanPicture};
 
@@ -18,6 +20,9 @@ const N_PHOTOS: usize = 144;
 const SIDE: u32 = 256;
 /// Of how many photos one is held out to validate, and one to test.
 const HOLD_OUT_EVERY: usize = 12;
+/// Opacity from which on a pixel shows a surface.
+const SOLID: f32 = 0.9;
+
 /// Reads a capture, or photographs the scan in a file from around where an object may stand; `None` when cancelled. Runs on the
 /// current rayon pool.
 ///
@@ -65,18 +70,21 @@ fn photograph(
     let take = |&(i, split, camera): &(usize, Split, &Camera)| {
         let picture = scan.picture(camera, cancel)?;
         (options.on_progress)(n_done.fetch_add(1, Ordering::Relaxed) + 1, planned.len());
-        Some(View {
+        let view = View {
             name: format!("{i:03}"),
             split,
             camera: *camera,
             photo: photo(&picture),
             mask: None,
-        })
+        };
+        let depths = DepthView::rendered(view.name.clone(), depths(&picture, camera));
+        Some((view, depths))
     };
-    let views: Option<Vec<View>> = planned.par_iter().map(take).collect();
+    let views: Option<Vec<_>> = planned.par_iter().map(take).collect();
     let Some(views) = views else {
         return Ok(None);
     };
+    let (views, depths): (Vec<View>, Vec<DepthView>) = views.into_iter().unzip();
     let of = |split| {
         let views = views.iter().filter(|view| view.split == split);
         views.cloned().collect()
@@ -92,6 +100,7 @@ fn photograph(
             recognised: scan.describe(),
             up: Some(survey.up),
             up_is_given: choices.up.is_some(),
+            depths,
             split_rule: format!("one of {HOLD_OUT_EVERY} pictures of the scan each"),
             ..Origin::default()
         },
@@ -113,5 +122,24 @@ fn photo(picture: &ScanPicture) -> Photo {
         width: picture.width,
         height: picture.height,
         pixels: picture.srgb.iter().map(|srgb| srgb.map(code)).collect(),
+    }
+}
+
+/// A picture's depths along the camera's axis, 0 where nothing is.
+fn depths(picture: &ScanPicture, camera: &Camera) -> DepthMap {
+    let forward = camera.forward();
+    let depth = |(i, distance): (usize, &f32)| {
+        let (x, y) = (i as u32 % picture.width, i as u32 / picture.width);
+        let ray = camera.ray(x as f32 + 0.5, y as f32 + 0.5).direction;
+        let is_solid = picture.opacity[i] > SOLID;
+        if is_solid {
+            distance * ray.dot(forward)
+        } else {
+            0.0
+        }
+    };
+    DepthMap {
+        camera: *camera,
+        depths: picture.distance.iter().enumerate().map(depth).collect(),
     }
 }

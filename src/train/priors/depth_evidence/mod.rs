@@ -81,8 +81,15 @@ impl SeenDepths {
         let of_photo = |i| neighbours(&pinholes, i, TYPICAL * frame.half_side);
         let all = (0..photos.len()).into_par_iter();
         let neighbours: Vec<Vec<usize>> = all.map(of_photo).collect();
+        let maps = dataset.origin.depths.iter();
+        let measured: HashMap<&str, &DepthView> =
+            maps.map(|map| (map.name.as_str(), map)).collect();
+        let map_of = |i: usize| measured.get(dataset.train[i].name.as_str());
         let of_photo = |(i, neighbours): (usize, &Vec<usize>)| {
             go_on().then(|| {
+                if map_of(chosen[i]).is_some_and(|map| map.is_complete()) {
+                    return PhotoDepths::unknown(&photos[i], frame);
+                }
                 let others: Vec<_> = neighbours.iter().map(|i| &photos[*i]).collect();
                 PhotoDepths::swept(&photos[i], &others, frame)
             })
@@ -95,14 +102,10 @@ impl SeenDepths {
         for (photo, nearness) in swept.iter_mut().zip(confirmed) {
             photo.nearness = nearness;
         }
-        let maps = dataset.origin.depths.iter();
-        let measured: HashMap<&str, &DepthView> =
-            maps.map(|map| (map.name.as_str(), map)).collect();
         let found = chosen.par_iter().zip(&photos).zip(&mut swept);
         found.for_each(|((i, photo), depths)| {
-            let map = measured.get(dataset.train[*i].name.as_str());
             // Without a map that can be read, the depths stay those estimated from the photos.
-            if let Some(map) = map.and_then(|map| map.read(&dataset.train[*i].camera).ok()) {
+            if let Some(map) = map_of(*i).and_then(|map| map.read(&dataset.train[*i].camera).ok()) {
                 depths.measure(photo, &map);
             }
         });
@@ -143,6 +146,15 @@ impl PhotoDepths {
             camera: photo.camera,
             nearness,
             step: steps.width,
+        }
+    }
+
+    /// Before anything is measured.
+    fn unknown(photo: &SmallPhoto, frame: &FieldFrame) -> Self {
+        Self {
+            camera: photo.camera,
+            nearness: vec![f32::NAN; photo.grey.len()],
+            step: 1.0 / (NEAREST * frame.half_side * MOST_STEPS as f32),
         }
     }
 

@@ -2,6 +2,7 @@
 //! normal that its map shows, so that maps from all sides agree (Bylow et al. 2013 compare such distances).
 
 use std::collections::HashMap;
+use std::sync::Arc;
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -84,7 +85,7 @@ pub(super) fn evenly<T: Copy>(items: &[T], n: usize) -> Vec<T> {
 
 /// A depth map ready for points of the world.
 struct Source<'a> {
-    map: DepthMap,
+    map: Arc<DepthMap>,
     projector: Projector,
     eye: Vec3,
     forward: Vec3,
@@ -97,7 +98,7 @@ impl<'a> Source<'a> {
         let Depths { map, view } = depths;
         let map = match map {
             Map::File(depth) => depth.read(&view.camera).ok()?,
-            Map::Known(map) => (*map).clone(),
+            Map::Known(map) => Arc::new((*map).clone()),
         };
         let camera = map.camera;
         Some(Self {
