@@ -1,11 +1,24 @@
 //! 3D Gaussians (Kerbl et al., 3D Gaussian Splatting for Real-Time Radiance Field Rendering, 2023) and their files.
 //!
-//! One file a format, each an `is_…` by the first bytes and a reader.
+//! One file a format, each a recogniser by the first bytes and a reader; [`Collector`] keeps what of a file can be drawn.
 
+mod collect;
+mod compressed_ply;
+mod dot_splat;
+mod encoding;
+mod inria_ply;
+mod ply_file;
+#[cfg(test)]
+mod test_files;
+
+use std::fs::File;
+use std::io::Read as _;
 use std::path::Path;
 
 use glam::{Quat, Vec3};
 
+use self::collect::Collector;
+use self::ply_file::PlyFile;
 use crate::data::DataError;
 
 /// A Gaussian in space.
@@ -36,14 +49,57 @@ pub struct Splats {
     pub is_antialiased: bool,
 }
 
-/// Whether the file holds Gaussians, by its first bytes.
+/// How Gaussians are stored.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Format {
+    InriaPly,
+    CompressedPly,
+    DotSplat,
+}
+
+/// Opacity from which on a Gaussian counts as a surface.
+const SOLID: f32 = 0.5;
+
+/// Whether the file holds Gaussians, by its first bytes; damaged or unsupported ones too, for [`read`] to report.
 pub(super) fn is_splats(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e == "ply")
+    Format::of(path).is_some()
 }
 
 /// Reads Gaussians of any supported format.
 pub(super) fn read(path: &Path) -> Result<Splats, DataError> {
-    Err(DataError::unusable(path, "Gaussian splats are not read yet"))
+    File::open(path).map_err(|e| DataError::io(path, e))?;
+    match Format::of(path) {
+        Some(Format::InriaPly) => inria_ply::read(path),
+        Some(Format::CompressedPly) => compressed_ply::read(path),
+        Some(Format::DotSplat) => dot_splat::read(path),
+        None => Err(DataError::unusable(
+            path,
+            "no Gaussian splats of a known format (.ply, .splat)",
+        )),
+    }
+}
+
+impl Format {
+    /// The format of a file, by its content.
+    fn of(path: &Path) -> Option<Self> {
+        let mut magic = Vec::new();
+        File::open(path)
+            .ok()?
+            .take(4)
+            .read_to_end(&mut magic)
+            .ok()?;
+        match &magic[..] {
+            [b'p', b'l', b'y', _] => Self::of_ply(&PlyFile::open(path).ok()?),
+            _ => dot_splat::is_dot_splat(path).then_some(Self::DotSplat),
+        }
+    }
+
+    fn of_ply(file: &PlyFile) -> Option<Self> {
+        if compressed_ply::is_compressed(file) {
+            return Some(Self::CompressedPly);
+        }
+        inria_ply::is_inria(file).then_some(Self::InriaPly)
+    }
 }
 
 impl Splats {
@@ -53,9 +109,82 @@ impl Splats {
         format!("3D Gaussian splats ({n}, spherical harmonics of degree {degree})")
     }
 
-    /// Centres of Gaussians that are visible, at most `most`.
+    /// Centres of Gaussians that are opaque, at most `most`, spread over the list evenly; where few are, of the most opaque tenth.
     pub(super) fn surface_points(&self, most: usize) -> Vec<Vec3> {
-        let visible = self.splats.iter().filter(|s| s.opacity > 0.5);
-        visible.map(|s| s.center).take(most).collect()
+        let mut opacities: Vec<f32> = self.splats.iter().map(|s| s.opacity).collect();
+        let tenth = opacities.len() * 9 / 10;
+        if tenth >= opacities.len() {
+            return Vec::new();
+        }
+        let (_, tenth, _) = opacities.select_nth_unstable_by(tenth, f32::total_cmp);
+        let least = tenth.min(SOLID);
+        let solid = self.splats.iter().filter(|s| s.opacity >= least);
+        let centers: Vec<Vec3> = solid.map(|s| s.center).collect();
+        let n = centers.len();
+        if n <= most {
+            return centers;
+        }
+        (0..most).map(|i| centers[i * n / most]).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A row of Gaussians along x with these opacities.
+    fn row(opacities: &[f32]) -> Splats {
+        let splat = |(i, opacity): (usize, &f32)| Splat {
+            center: Vec3::X * i as f32,
+            scale: Vec3::ONE,
+            rotation: Quat::IDENTITY,
+            opacity: *opacity,
+        };
+        Splats {
+            splats: opacities.iter().enumerate().map(splat).collect(),
+            ..Splats::default()
+        }
+    }
+
+    #[test]
+    fn surface_points_are_of_opaque_gaussians_and_spread_over_the_list() {
+        let mut opacities = vec![0.9; 1000];
+        opacities[..500].fill(0.1);
+        let points = row(&opacities).surface_points(10);
+        let expected: Vec<Vec3> = (0..10).map(|i| Vec3::X * (500 + 50 * i) as f32).collect();
+        assert_eq!(points, expected);
+        assert_eq!(row(&opacities).surface_points(5000).len(), 500);
+    }
+
+    #[test]
+    fn surface_points_of_a_faint_scan_are_the_most_opaque_tenth() {
+        let opacities: Vec<f32> = (0..100).map(|i| i as f32 * 0.001).collect();
+        let points = row(&opacities).surface_points(100);
+        let expected: Vec<Vec3> = (90..100).map(|i| Vec3::X * i as f32).collect();
+        assert_eq!(points, expected);
+        assert!(row(&[]).surface_points(10).is_empty());
+        assert_eq!(row(&[0.01]).surface_points(10), [Vec3::ZERO]);
+    }
+
+    #[test]
+    fn other_files_hold_no_splats_and_the_error_names_them() {
+        let folder = tempfile::tempdir().unwrap();
+        for bytes in [
+            &b""[..],
+            b"ply",
+            b"ply\n",
+            b"{}",
+            b"PK\x03\x04",
+            b"\x1f\x8b",
+        ] {
+            let path = folder.path().join("other.bin");
+            std::fs::write(&path, bytes).unwrap();
+            assert!(!is_splats(&path), "{bytes:?}");
+            let message = read(&path).unwrap_err().to_string();
+            assert!(message.contains("other.bin"), "{message}");
+        }
+        assert!(!is_splats(folder.path()), "a folder");
+        let missing = read(&folder.path().join("missing.ply")).unwrap_err();
+        assert!(missing.to_string().contains("missing.ply"), "{missing}");
     }
 }
