@@ -115,7 +115,10 @@ pub(super) fn error_of(name: &str, bytes: &[u8]) -> String {
     let path = folder.path().join(name);
     std::fs::write(&path, bytes).unwrap();
     assert!(is_splats(&path), "{name} is not recognised");
-    let message = read(&path).unwrap_err().to_string();
+    let Err(error) = read(&path) else {
+        panic!("{name} was read");
+    };
+    let message = error.to_string();
     assert!(message.contains(name), "no file is named: {message}");
     message
 }
