@@ -1,5 +1,5 @@
-//! The compressed `.ply` of SuperSplat (PlayCanvas; github.com/playcanvas/splat-transform, `decompress-ply.ts`): Gaussians of 16
-//! bytes within the bounds of their chunk of 256, and their harmonics, a byte each, in an element of their own.
+//! The compressed `.ply` of `SuperSplat` (`PlayCanvas`; github.com/playcanvas/splat-transform, `decompress-ply.ts`): Gaussians of
+//! 16 bytes within the bounds of their chunk of 256, and their harmonics, a byte each, in an element of their own.
 
 use std::path::Path;
 
@@ -207,12 +207,14 @@ fn harmonic_of(byte: f32) -> f32 {
 
 #[cfg(test)]
 mod tests {
+    use std::fmt::Write as _;
+
     use super::super::test_files::{
         check_damaged, color, directions, error_of, random_splats, read_bytes,
     };
     use super::*;
 
-    /// What SuperSplat would write of one chunk, by its `CompressedChunk`.
+    /// What `SuperSplat` would write of one chunk, by its `CompressedChunk`.
     fn file_of(splats: &Splats, has_colors: bool) -> Vec<u8> {
         let n = (splats.degree + 1).pow(2);
         let pack = |v: f32, bits: u32| (v * ((1 << bits) - 1) as f32).round() as u32;
@@ -224,16 +226,16 @@ mod tests {
         let columns = [CENTERS, SCALES, COLORS];
         let n_columns = if has_colors { 3 } else { 2 };
         for column in columns[..n_columns].iter().flatten() {
-            text += &format!("property float {column}\n");
+            writeln!(text, "property float {column}").unwrap();
         }
-        text += &format!("element vertex {}\n", splats.splats.len());
+        writeln!(text, "element vertex {}", splats.splats.len()).unwrap();
         for name in ["position", "rotation", "scale", "color"] {
-            text += &format!("property uint packed_{name}\n");
+            writeln!(text, "property uint packed_{name}").unwrap();
         }
         if splats.degree > 0 {
-            text += &format!("element sh {}\n", splats.splats.len());
+            writeln!(text, "element sh {}", splats.splats.len()).unwrap();
             for i in 0..3 * (n - 1) {
-                text += &format!("property uchar f_rest_{i}\n");
+                writeln!(text, "property uchar f_rest_{i}").unwrap();
             }
         }
         let mut bytes = (text + "end_header\n").into_bytes();
@@ -242,7 +244,7 @@ mod tests {
             bytes.extend([most.to_le_bytes(); 3].concat());
         }
         for (i, splat) in splats.splats.iter().enumerate() {
-            let Quat { x, y, z, w } = splat.rotation;
+            let [x, y, z, w] = splat.rotation.to_array();
             let all = [w, x, y, z];
             let largest = (0..4)
                 .max_by(|a, b| all[*a].abs().total_cmp(&all[*b].abs()))

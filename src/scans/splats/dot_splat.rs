@@ -8,7 +8,7 @@ use std::path::Path;
 use glam::{Quat, Vec3};
 
 use super::encoding::constant_of;
-use super::{Collector, Splat, Splats};
+use super::{Collector, Splat, Splats, has_extension};
 use crate::data::DataError;
 
 /// Length of a record, bytes.
@@ -20,8 +20,7 @@ const BUFFER: usize = 1 << 20;
 
 /// Whether it looks like one, which has no mark to know it by: of that name, and most of its first records plausible.
 pub(super) fn is_dot_splat(path: &Path) -> bool {
-    let is_named = |name: &std::ffi::OsStr| name.eq_ignore_ascii_case("splat");
-    if !path.extension().is_some_and(is_named) {
+    if !has_extension(path, "splat") {
         return false;
     }
     let mut head = Vec::new();
@@ -95,7 +94,7 @@ mod tests {
             }
             bytes.extend(harmonic.map(|h| ((0.5 + 0.282_094_8 * h) * 255.0) as u8));
             bytes.push((splat.opacity * 255.0) as u8);
-            let Quat { x, y, z, w } = splat.rotation;
+            let [x, y, z, w] = splat.rotation.to_array();
             bytes.extend([w, x, y, z].map(|v| (v * 128.0 + 128.0).clamp(0.0, 255.0) as u8));
         }
         bytes

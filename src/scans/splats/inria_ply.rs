@@ -67,13 +67,13 @@ pub(super) fn read(path: &Path) -> Result<Splats, DataError> {
 
 /// Whether the last comment about it says so.
 pub(super) fn says_antialiased(comments: &[String]) -> bool {
-    let told = comments.iter().filter_map(|comment| {
+    let mut told = comments.iter().rev().filter_map(|comment| {
         let comment = comment.trim().to_ascii_lowercase();
         let value = comment.strip_prefix("splatrendermode:");
         let value = value.or_else(|| comment.strip_prefix("antialiased "));
         Some(matches!(value?.trim(), "mip" | "1"))
     });
-    told.last().unwrap_or(false)
+    told.next().unwrap_or(false)
 }
 
 impl Layout {
@@ -143,6 +143,8 @@ fn smooth(splat: &mut Splat, filter: f32) {
 
 #[cfg(test)]
 mod tests {
+    use std::fmt::Write as _;
+
     use super::super::test_files::{
         check_damaged, color, directions, error_of, random_splats, read_bytes,
     };
@@ -190,7 +192,7 @@ mod tests {
     fn header(format: &str, comment: &str, n: usize, columns: &[Column<'_>]) -> String {
         let mut text = format!("ply\nformat {format} 1.0\n{comment}element vertex {n}\n");
         for (name, _) in columns {
-            text += &format!("property float {name}\n");
+            writeln!(text, "property float {name}").unwrap();
         }
         text + "end_header\n"
     }

@@ -9,6 +9,9 @@ mod encoding;
 pub(super) mod harmonics;
 mod inria_ply;
 mod ply_file;
+mod sog;
+mod sog_files;
+mod spz;
 #[cfg(test)]
 mod test_files;
 
@@ -56,6 +59,10 @@ enum Format {
     InriaPly,
     CompressedPly,
     DotSplat,
+    Spz,
+    Sog,
+    /// Of `GaussianSplats3D`, which is not read.
+    Ksplat,
 }
 
 /// Gaussians that a scan's size is measured by.
@@ -75,9 +82,15 @@ pub(super) fn read(path: &Path) -> Result<Splats, DataError> {
         Some(Format::InriaPly) => inria_ply::read(path),
         Some(Format::CompressedPly) => compressed_ply::read(path),
         Some(Format::DotSplat) => dot_splat::read(path),
+        Some(Format::Spz) => spz::read(path),
+        Some(Format::Sog) => sog::read(path),
+        Some(Format::Ksplat) => Err(DataError::unusable(
+            path,
+            ".ksplat is not supported: convert it to .ply, as SuperSplat can",
+        )),
         None => Err(DataError::unusable(
             path,
-            "no Gaussian splats of a known format (.ply, .splat)",
+            "no Gaussian splats of a known format (.ply, .splat, .spz, .sog)",
         )),
     }
 }
@@ -93,6 +106,9 @@ impl Format {
             .ok()?;
         match &magic[..] {
             [b'p', b'l', b'y', _] => Self::of_ply(&PlyFile::open(path).ok()?),
+            _ if spz::is_spz(path) => Some(Self::Spz),
+            [b'P', b'K', 3, 4] | [b'{', ..] if sog::is_sog(path) => Some(Self::Sog),
+            _ if has_extension(path, "ksplat") => Some(Self::Ksplat),
             _ => dot_splat::is_dot_splat(path).then_some(Self::DotSplat),
         }
     }
@@ -103,6 +119,12 @@ impl Format {
         }
         inria_ply::is_inria(file).then_some(Self::InriaPly)
     }
+}
+
+/// Whether a file's name ends so, in any case.
+fn has_extension(path: &Path, extension: &str) -> bool {
+    path.extension()
+        .is_some_and(|other| other.eq_ignore_ascii_case(extension))
 }
 
 impl Splats {

@@ -115,23 +115,32 @@ pub(super) fn error_of(name: &str, bytes: &[u8]) -> String {
     let path = folder.path().join(name);
     std::fs::write(&path, bytes).unwrap();
     assert!(is_splats(&path), "{name} is not recognised");
-    let message = read(&path).unwrap_err().to_string();
+    let Err(error) = read(&path) else {
+        panic!("{name} was read");
+    };
+    let message = error.to_string();
     assert!(message.contains(name), "no file is named: {message}");
     message
 }
 
-/// Shortens the file at every sixteenth and damages it at random: it must be read or refused by name, and never panic.
+/// Shortens a file at every sixteenth and damages it at random: it must be read or refused by name, and never panic.
 pub(super) fn check_damaged(name: &str, whole: &[u8]) {
+    check_damaged_inside(name, whole, <[u8]>::to_vec);
+}
+
+/// The same for what is wrapped up in a file, where damages meet no checksum.
+pub(super) fn check_damaged_inside(name: &str, whole: &[u8], wrap: impl Fn(&[u8]) -> Vec<u8>) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(name);
     for i in 0..16 {
         let shortened = &whole[..whole.len() * i / 16];
-        std::fs::write(&path, shortened).unwrap();
+        std::fs::write(&path, wrap(shortened)).unwrap();
         assert_eq!(fault(&path, name), None, "{i}/16 of {name}");
         assert!(read(&path).is_err(), "{i}/16 of {name} was read");
     }
     for seed in 0..N_SEEDS {
-        std::fs::write(&path, damaged(whole, &mut Random(seed))).unwrap();
+        let damaged = damaged(whole, &mut Random(seed));
+        std::fs::write(&path, wrap(&damaged)).unwrap();
         assert_eq!(fault(&path, name), None, "{name}, seed {seed}");
     }
     let peak = peak_kb();
