@@ -15,9 +15,9 @@ use crate::geometry::Camera;
 use crate::scans::{Scan, ScanPicture};
 
 /// Photos that are taken.
-const N_PHOTOS: usize = 144;
+const N_PHOTOS: usize = 168;
 /// Pixels along a photo's sides.
-const SIDE: u32 = 256;
+const SIDE: u32 = 320;
 /// Of how many photos one is held out to validate, and one to test.
 const HOLD_OUT_EVERY: usize = 12;
 /// Opacity from which on a pixel shows a surface.
