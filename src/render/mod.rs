@@ -15,6 +15,7 @@ pub mod preview;
 #[cfg(test)]
 mod region_tests;
 pub mod scene;
+mod standing;
 #[cfg(test)]
 pub(crate) mod test_scene;
 
@@ -40,3 +41,4 @@ pub use irradiance::{DiffuseLights, trained_light};
 pub use neilf::render_neilf;
 pub use point::{PointValues, PointView, lobe_half_width, point_values};
 pub use scene::{Layer, Scene};
+pub use standing::{Support, motion_between};

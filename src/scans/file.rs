@@ -12,6 +12,9 @@ use super::splats::{self, Splats};
 use crate::data::DataError;
 use crate::geometry::Camera;
 
+/// How the names of scans end.
+const ENDINGS: [&str; 7] = ["ply", "splat", "spz", "sog", "ckpt", "msgpack", "ingp"];
+
 /// Another program's radiance field.
 #[derive(Clone, Debug)]
 pub enum Scan {
@@ -25,6 +28,12 @@ impl Scan {
     /// Whether the file holds a scan, by its first bytes; damaged or unsupported ones too, for [`Self::read`] to report.
     pub fn is_scan(path: &Path) -> bool {
         splats::is_splats(path) || nerf::is_nerf(path)
+    }
+
+    /// Whether the file's name ends as those of scans do, for where no file should be looked into.
+    pub fn is_named_so(path: &Path) -> bool {
+        let ending = path.extension().unwrap_or_default().to_string_lossy();
+        ENDINGS.contains(&&*ending.to_ascii_lowercase())
     }
 
     /// Reads a scan.

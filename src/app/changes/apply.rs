@@ -46,6 +46,7 @@ fn dispatch(state: &mut AppState, command: Command, effects: &mut Vec<Effect>) {
         Command::Edit(edit) => state.look.edit = edit,
         Command::MoveEnvironment(transform) => state.look.transform = transform,
         Command::MatchExposure => effects.push(Effect::MatchExposure),
+        Command::StopImport(index) => effects.push(Effect::StopImport(index)),
         Command::ChooseEnvironment(index) => choose_environment(state, index, effects),
         Command::Lighting(command) => lighting::apply(state, command),
         Command::ShowOriginal(on) => state.is_original_shown = on,

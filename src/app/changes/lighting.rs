@@ -1,12 +1,16 @@
 //! What seeing, grabbing and comparing the environment do.
 
-use glam::Vec2;
+use glam::{Vec2, Vec3};
 
 use crate::app::lighting::anchor::{anchor, object_size};
 use crate::app::lighting::gizmo::{Grab, Snap};
 use crate::app::lighting::{LARGEST_DISPLAY_EV, LightingCommand};
 use crate::app::state::app_state::{AppState, Compare};
 use crate::app::state::source::EnvironmentContent;
+use crate::app::state::training_state::Level;
+use crate::geometry::Ray;
+use crate::neif::EnvironmentTransform;
+use crate::render::{Support, motion_between};
 
 /// Changes the state by a command.
 pub(super) fn apply(state: &mut AppState, command: LightingCommand) {
@@ -19,6 +23,13 @@ pub(super) fn apply(state: &mut AppState, command: LightingCommand) {
         LightingCommand::ToggleGizmo => {
             state.lighting.is_gizmo_shown ^= true;
             state.lighting.grab = None;
+        }
+        LightingCommand::ToggleSettingDown => state.lighting.is_setting_down ^= true,
+        LightingCommand::SetDown { at, window } => {
+            if !set_down(state, at, window) {
+                let said = "There is nothing to stand on";
+                state.messages.say(Level::Info, said);
+            }
         }
         LightingCommand::Grab {
             handle,
@@ -62,6 +73,62 @@ fn drag(state: &mut AppState, at: Vec2, is_snapped: bool) {
     if let Some(moved) = (state.lighting.grab.as_ref()).and_then(|grab| grab.dragged_to(at, snap)) {
         state.look.transform = moved;
     }
+}
+
+/// Stands the object on what the shown environment has at a pixel; false where that is nothing. The camera goes with the
+/// environment: in the picture, the object moves.
+fn set_down(state: &mut AppState, at: Vec2, window: (u32, u32)) -> bool {
+    let ray = state.window_camera(window).ray(at.x, at.y);
+    let before = state.look.transform;
+    let Some(after) = stood_on(state, &ray) else {
+        return false;
+    };
+    let moved = motion_between(&before, &after);
+    let viewpoint = &mut state.view.viewpoint;
+    viewpoint.camera.world_from_camera = moved * viewpoint.camera.world_from_camera;
+    viewpoint.pivot = anchor(state);
+    state.view.at_view = None;
+    state.view.was_moved = true;
+    state.look.transform = after;
+    true
+}
+
+/// Stands the object on what is below the middle of the shown environment, if anything.
+pub(in crate::app) fn set_down_in_the_middle(state: &mut AppState) {
+    let Some(environment) = state.shown_environment() else {
+        return;
+    };
+    let motion = state.look.transform.environment_from_world();
+    let ray = Ray {
+        origin: motion.world_point(environment.inner_box().center()),
+        direction: motion.world_direction(-environment.up()),
+    };
+    if let Some(after) = stood_on(state, &ray) {
+        state.look.transform = after;
+    }
+}
+
+/// The transform with which the object stands on what a ray meets, world coordinates.
+fn stood_on(state: &AppState, ray: &Ray) -> Option<EnvironmentTransform> {
+    let before = &state.look.transform;
+    let motion = before.environment_from_world();
+    let inside = Ray {
+        origin: motion.point(ray.origin),
+        direction: motion.direction(ray.direction),
+    };
+    let support = Support::met_by(state.shown_environment()?, &inside)?;
+    let up = state.view.up;
+    Some(support.under(foot(state, up), up, before))
+}
+
+/// The middle of the object's underside; without an object, what the camera turns about.
+fn foot(state: &AppState, up: Vec3) -> Vec3 {
+    let middle = anchor(state);
+    let heights = state.object().map(|object| {
+        let positions = object.tracer.mesh().positions.iter();
+        positions.map(|p| p.dot(up)).fold(f32::INFINITY, f32::min)
+    });
+    heights.map_or(middle, |lowest| middle + (lowest - middle.dot(up)) * up)
 }
 
 fn remove(state: &mut AppState, index: usize) {

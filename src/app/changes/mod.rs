@@ -9,7 +9,7 @@ pub mod export;
 pub mod history;
 mod inspect;
 pub mod leaving;
-mod lighting;
+pub(super) mod lighting;
 pub(super) mod palette;
 mod paths;
 pub(super) mod preferences;

@@ -155,6 +155,12 @@ fn environment() -> Vec<Binding> {
         )
         .marked(|state| state.lighting.is_gizmo_shown),
         entry(
+            "P",
+            "Set the object down: press or drag in the picture",
+            lighting(LightingCommand::ToggleSettingDown),
+        )
+        .marked(|state| state.lighting.is_setting_down),
+        entry(
             "L",
             "Axes and bounds",
             lighting(LightingCommand::ToggleLines),

@@ -21,6 +21,17 @@ use crate::render::{Background, ToneMap};
 /// Largest exposure of the picture either way, stops.
 pub const LARGEST_DISPLAY_EV: f32 = 10.0;
 
+/// A scan of which an environment is being made.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Import {
+    /// The environment, by its index on the list.
+    pub environment: usize,
+    /// What is being done, for people.
+    pub what: String,
+    /// How much of it is done, 0 to 1.
+    pub fraction: f32,
+}
+
 /// What is chosen of it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LightingState {
@@ -32,6 +43,8 @@ pub struct LightingState {
     pub tone_map: ToneMap,
     /// Whether the environment can be grabbed in the picture.
     pub is_gizmo_shown: bool,
+    /// Whether a press in the picture sets the object down there.
+    pub is_setting_down: bool,
     /// The handle that is held.
     pub grab: Option<Grab>,
     /// Whether axes and bounds are drawn.
@@ -42,6 +55,8 @@ pub struct LightingState {
     pub kept: Option<Look>,
     /// Environments taken off the list, by index: a removed one keeps its index, so that looks stay valid.
     pub removed: BTreeSet<usize>,
+    /// Scans of which environments are being made.
+    pub imports: Vec<Import>,
 }
 
 /// What may happen to it.
@@ -55,6 +70,15 @@ pub enum LightingCommand {
     SetToneMap(ToneMap),
     /// Show or hide the gizmo.
     ToggleGizmo,
+    /// Begin or end setting the object down in the picture.
+    ToggleSettingDown,
+    /// Move environment and camera so that the object stands on what is seen at a pixel, where the picture stays still.
+    SetDown {
+        /// From the top left.
+        at: Vec2,
+        /// Width and height of the window in pixels.
+        window: (u32, u32),
+    },
     /// Take hold of a handle.
     Grab {
         /// Which.

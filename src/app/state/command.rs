@@ -85,6 +85,8 @@ pub enum Command {
     MatchExposure,
     /// Choose an environment; none is the capture's own.
     ChooseEnvironment(Option<usize>),
+    /// End the import of the environment with this index; what was learned stays.
+    StopImport(usize),
     /// See, grab or compare the environment.
     Lighting(LightingCommand),
     /// Hide the edits, or show them.
@@ -159,6 +161,8 @@ pub enum Effect {
     AddEnvironment(PathBuf),
     /// Read the environment with this index.
     LoadEnvironment(usize),
+    /// End the import of the environment with this index.
+    StopImport(usize),
     /// Find the exposure and white balance of the chosen environment.
     MatchExposure,
     /// Show the system's dialog.

@@ -15,13 +15,14 @@ use super::overlay::{Pictures, WHOLE, label};
 use super::screen::Screen;
 use crate::app::inspect::marker::{marker_ui, pick_ui};
 use crate::app::lighting::anchor::anchor;
-use crate::app::lighting::{gizmo_ui, lines_ui, split_ui};
+use crate::app::lighting::{LightingCommand, gizmo_ui, lines_ui, split_ui};
 use crate::app::panels::widgets::{log_place, on_click, weak};
 use crate::app::state::app_state::{AppState, Compare, PathPurpose};
 use crate::app::state::command::Command;
 use crate::app::state::source::{Source, file_name};
 use crate::app::state::training_state::Phase;
 use crate::neif::distant::is_environment_file;
+use crate::scans::Scan;
 
 /// Radians the camera turns for a drag by one point.
 const ORBIT_PER_POINT: f32 = 0.008;
@@ -52,7 +53,8 @@ pub fn viewport_ui(
             fly_ui(ui, &response, state, commands);
             split_ui::pictures_ui(ui, rect, state, preview, pictures.preview_b);
             // A click on a camera goes there instead of looking into what is behind it.
-            if !frustums_ui(ui, screen, &response, state, commands) {
+            let is_free = !state.lighting.is_setting_down;
+            if !frustums_ui(ui, screen, &response, state, commands) && is_free {
                 pick_ui(ui, &response, screen, commands);
             }
             photo_ui(ui, (beside, rect), state, pictures, commands);
@@ -90,6 +92,10 @@ fn mouse_ui(
     commands: &mut Vec<Command>,
 ) {
     let modifiers = ui.input(|input| input.modifiers);
+    let is_setting_down = state.lighting.is_setting_down && !modifiers.any();
+    if is_setting_down && set_down_ui(ui, response, screen, commands) {
+        return;
+    }
     let drag = response.drag_delta();
     let drag_px = Vec2::new(drag.x, drag.y) * screen.per_point;
     let is_middle = response.dragged_by(PointerButton::Middle);
@@ -137,6 +143,23 @@ fn mouse_ui(
     }
 }
 
+/// A press or drag that sets the object down; whether it is one.
+fn set_down_ui(ui: &Ui, response: &Response, screen: Screen, commands: &mut Vec<Command>) -> bool {
+    if response.hovered() {
+        ui.ctx().set_cursor_icon(CursorIcon::Crosshair);
+    }
+    let is_dragged = response.dragged_by(PointerButton::Primary);
+    let is_new = response.drag_started_by(PointerButton::Primary)
+        || response.clicked_by(PointerButton::Primary)
+        || is_dragged && response.drag_delta() != egui::Vec2::ZERO;
+    if is_new && let Some(at) = response.interact_pointer_pos() {
+        let (at, window) = (screen.to_pixels(at), screen.window);
+        let command = LightingCommand::SetDown { at, window };
+        commands.push(Command::Lighting(command));
+    }
+    is_dragged || is_new
+}
+
 /// The scene follows the pointer, so the camera goes the other way.
 fn pan(state: &AppState, drag_px: Vec2, (width, height): (u32, u32)) -> CameraMove {
     let photo = state.view.viewpoint.photo_area(width, height);
@@ -175,7 +198,7 @@ fn empty_ui(ui: &mut Ui, rect: Rect, state: &AppState, commands: &mut Vec<Comman
         ui.vertical_centered(|ui| match (&state.source, &state.training.phase) {
             (Source::Nothing, _) => {
                 ui.heading("Open a capture to relight it");
-                ui.label(weak(ui, "Posed photos of a glossy object, a saved run or an environment.\nDrop it here, or:"));
+                ui.label(weak(ui, "Posed photos of a glossy object, a saved run, an environment or a scan.\nDrop it here, or:"));
                 ui.add_space(8.0);
                 let open = Command::AskPath(PathPurpose::Open);
                 on_click(&ui.button("Open…"), open, commands);
@@ -206,7 +229,7 @@ fn drop_ui(ui: &Ui, rect: Rect) {
     let Some(first) = hovered.first() else { return };
     let path = first.path.as_ref();
     let name = path.map_or("this".to_owned(), |path| file_name(path));
-    let text = if path.is_some_and(|path| is_environment_file(path)) {
+    let text = if path.is_some_and(|path| is_environment_file(path) || Scan::is_named_so(path)) {
         format!("Drop to light the scene with “{name}”")
     } else {
         format!("Drop to open “{name}”")

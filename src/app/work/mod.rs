@@ -6,6 +6,7 @@
 mod dialog;
 pub(super) mod error_maps;
 mod exporter;
+mod importer;
 pub(super) mod keeper;
 pub(super) mod opener;
 pub mod pace;

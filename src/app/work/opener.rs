@@ -14,7 +14,7 @@ use crate::data::{DataError, Dataset, LoadOptions, Photo, first_photo, list_capt
 use crate::neif::distant::is_environment_file;
 use crate::neif::{Environment, EnvironmentTransform};
 use crate::render::Scene;
-use crate::scans::load_capture;
+use crate::scans::{Scan, load_capture};
 use crate::train::Snapshot;
 use crate::train::session::events::TrainEvent;
 use crate::train::session::saved::run_folder::{ENVIRONMENT, RunFolder};
@@ -73,6 +73,8 @@ pub(super) enum Opened {
         path: PathBuf,
         dataset: Arc<Dataset>,
     },
+    /// Another program's scan, of which an environment is to be made.
+    Scan(PathBuf),
     /// An environment, or why it cannot be used.
     Environment {
         path: PathBuf,
@@ -207,6 +209,8 @@ fn open(path: PathBuf, send: &dyn Fn(Opened)) {
         open_run(&path, send);
     } else if is_environment_file(&path) {
         send(load_environment(path));
+    } else if Scan::is_scan(&path) {
+        send(Opened::Scan(path));
     } else if path.extension().is_some_and(|ending| ending == EXTENSION) {
         let session = SessionFile::read(&path).map(Box::new);
         send(session.map_or_else(Opened::Failed, |session| Opened::Session { path, session }));
@@ -215,7 +219,7 @@ fn open(path: PathBuf, send: &dyn Fn(Opened)) {
         send(match list_capture(&path) {
             Ok(_) => Opened::Capture(path),
             Err(error @ DataError::NotADataset { .. }) => {
-                let else_ = "nor is it a run folder or an environment (.safetensors, .hdr, .exr)";
+                let else_ = "nor is it a run folder, an environment (.safetensors, .hdr, .exr) or a scan (.ply, .splat, .spz, .sog, a NeRF)";
                 Opened::Failed(format!("{error}\n  {else_}"))
             }
             Err(error) => Opened::Failed(error.to_string()),
@@ -261,6 +265,9 @@ fn open_run(path: &Path, send: &dyn Fn(Opened)) {
 }
 
 fn load_environment(path: PathBuf) -> Opened {
+    if Scan::is_scan(&path) {
+        return Opened::Scan(path);
+    }
     let result = Environment::open(&path)
         .map(Arc::new)
         .map_err(|error| with_causes(&error));

@@ -10,6 +10,7 @@ use egui::Context;
 
 use super::dialog::{FileDialog, ask, ask_export};
 use super::exporter::Exporter;
+use super::importer::Importer;
 use super::keeper::Keeper;
 use super::opener::{Opened, Opener, ScreenPhoto};
 use crate::app::assets;
@@ -69,6 +70,7 @@ pub(in crate::app) struct Work {
     chosen: Vec<(PathBuf, CaptureChoices)>,
     keeper: Keeper,
     exporter: Exporter,
+    importer: Importer,
 }
 
 impl Work {
@@ -85,6 +87,7 @@ impl Work {
             chosen: Vec::new(),
             keeper: Keeper::new(move || wake.request_repaint())?,
             exporter: Exporter::new(ctx),
+            importer: Importer::default(),
         })
     }
 
@@ -137,6 +140,7 @@ impl Work {
                     self.opener.load_environment(&entry.path);
                 }
             }
+            Effect::StopImport(index) => self.importer.stop(index),
             Effect::MatchExposure => self.match_exposure(state),
             Effect::Browse(kind, purpose) => {
                 self.browse(state, move || ask(kind, purpose), Command::Browsed);
@@ -285,6 +289,7 @@ impl Work {
     pub(in crate::app) fn poll(&mut self, state: &mut AppState) -> Vec<News> {
         self.poll_session(state);
         self.exporter.poll(state);
+        let _made = self.importer.poll(state);
         self.poll_keeper(state);
         let mut news: Vec<News> = self.poll_growth(state).into_iter().collect();
         while let Some(opened) = self.opener.next() {
@@ -364,6 +369,10 @@ impl Work {
                 state.set_dataset(dataset);
                 stand_at_wanted_view(state);
             }
+            Opened::Scan(path) if state.source == Source::Nothing => {
+                return Some(self.open_capture(state, Source::Capture(path)));
+            }
+            Opened::Scan(path) => self.importer.start(state, &path, &self.ctx),
             Opened::Environment { path, result } => {
                 return self.take_environment(state, path, result);
             }

@@ -27,11 +27,11 @@ pub fn path_dialog_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>
             let (title, what) = match dialog.purpose {
                 PathPurpose::Open => (
                     "Open",
-                    "A capture (folder or transforms.json), a saved run, a session, or an environment (.safetensors, or a panorama as .hdr or .exr). Dropping it on the window works too.",
+                    "A capture (folder or transforms.json), a saved run, a session, an environment (.safetensors, or a panorama as .hdr or .exr), or a scan (Gaussian splats or a NeRF). Dropping it on the window works too.",
                 ),
                 PathPurpose::AddEnvironment => (
                     "Add an environment",
-                    "A trained environment (.safetensors), a saved run whose environment is meant, or a panorama (.hdr, .exr). Dropping a file on the window works too.",
+                    "A trained environment (.safetensors), a saved run whose environment is meant, a scan (Gaussian splats or a NeRF), or a panorama (.hdr, .exr). Dropping a file on the window works too.",
                 ),
                 PathPurpose::Save => (
                     "Save the run",

@@ -120,13 +120,17 @@ fn transform_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
 }
 
 fn tools_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
-    ui.horizontal(|ui| {
+    ui.horizontal_wrapped(|ui| {
         let button = Button::new("Match exposure");
         let button = ui.add_enabled(state.chosen_environment().is_some(), button);
         let button = button
             .on_hover_text("Exposure and white balance by which this environment lights the object as much as its own")
             .on_disabled_hover_text("Choose another environment first");
         on_click(&button, Command::MatchExposure, commands);
+        let set_down = Button::selectable(state.lighting.is_setting_down, "Set down");
+        let what = "Press or drag in the picture: the object stands on the surface under the pointer (P)";
+        let toggle = Command::Lighting(LightingCommand::ToggleSettingDown);
+        on_click(&ui.add(set_down).on_hover_text(what), toggle, commands);
         let handles = Button::selectable(state.lighting.is_gizmo_shown, "Handles");
         let what = "Arrows, rings and a square in the picture to move, turn and scale the environment; Ctrl for round steps (M)";
         let toggle = Command::Lighting(LightingCommand::ToggleGizmo);

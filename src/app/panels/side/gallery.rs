@@ -4,7 +4,7 @@ use std::path::Path;
 
 use egui::text::{LayoutJob, TextWrapping};
 use egui::{
-    Align2, Color32, FontId, Rect, Response, Role, ScrollArea, Sense, Stroke, StrokeKind,
+    Align2, Color32, FontId, ProgressBar, Rect, Response, Role, ScrollArea, Sense, Stroke, StrokeKind,
     TextureId, Ui, WidgetInfo, pos2, vec2,
 };
 
@@ -51,10 +51,27 @@ pub fn gallery_ui(ui: &mut Ui, state: &AppState, pictures: &Pictures, commands: 
                 });
             }
         });
+    imports_ui(ui, state, commands);
     let add = ui.button("Add environment…");
-    let what = "A trained environment (.safetensors), a saved run, or a panorama (.hdr, .exr)";
+    let what = "A trained environment (.safetensors), a saved run, a scan (Gaussian splats, a NeRF), or a panorama (.hdr, .exr)";
     let ask = Command::AskPath(PathPurpose::AddEnvironment);
     on_click(&add.on_hover_text(what), ask, commands);
+}
+
+/// How far the imports of scans are.
+fn imports_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
+    for import in &state.lighting.imports {
+        let Some(entry) = state.environments.get(import.environment) else {
+            continue;
+        };
+        ui.horizontal(|ui| {
+            let stop = ui.button("Stop").on_hover_text("What was learned so far stays");
+            on_click(&stop, Command::StopImport(import.environment), commands);
+            let text = format!("{}: {}", entry.name, import.what);
+            let bar = ProgressBar::new(import.fraction).text(text);
+            ui.add(bar);
+        });
+    }
 }
 
 fn tiles<'a>(state: &'a AppState, pictures: &Pictures) -> Vec<Tile<'a>> {

@@ -1,0 +1,164 @@
+//! Makes environments of scans: a training session each, whose environment lights the object while it takes shape.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+
+use egui::Context;
+
+use crate::app::changes::lighting::set_down_in_the_middle;
+use crate::app::lighting::Import;
+use crate::app::state::app_state::AppState;
+use crate::app::state::source::EnvironmentContent;
+use crate::app::state::training_state::Level;
+use crate::neif::Environment;
+use crate::train::config::TrainConfig;
+use crate::train::session::events::{TrainCommand, TrainEvent};
+use crate::train::session::handle::Session;
+use crate::train::session::options::SessionOptions;
+use crate::train::session::plan::Budget;
+
+/// Training time of a scan, seconds.
+const BUDGET_SECS: f64 = 180.0;
+/// An import wakes the window at most so often.
+const REPAINT: Duration = Duration::from_millis(250);
+
+/// The imports that go on.
+#[derive(Debug, Default)]
+pub(super) struct Importer {
+    running: Vec<Running>,
+}
+
+#[derive(Debug)]
+struct Running {
+    session: Session,
+    /// Its environment, by its index on the list.
+    index: usize,
+    version: u64,
+    is_over: bool,
+}
+
+/// An environment that was made of a scan.
+pub(super) struct Made {
+    /// The scan's file.
+    pub(super) scan: PathBuf,
+    pub(super) environment: Arc<Environment>,
+}
+
+impl Importer {
+    /// Begins to make an environment of a scan, unless that goes on already.
+    pub(super) fn start(&mut self, state: &mut AppState, path: &Path, ctx: &Context) {
+        let index = state.environment_of_file(path);
+        if self.running.iter().any(|running| running.index == index) {
+            return;
+        }
+        let ctx = ctx.clone();
+        let wake = move || ctx.request_repaint_after(REPAINT);
+        let session = TrainConfig::preset("fast").map_err(|error| error.to_string());
+        let session = session.and_then(|config| {
+            let options = SessionOptions {
+                nice: true,
+                environment_only: true,
+                ..SessionOptions::new(path, config, Budget::Seconds(BUDGET_SECS))
+            };
+            Session::spawn(options, wake).map_err(|error| error.to_string())
+        });
+        match session {
+            Ok(session) => {
+                state.environments[index].content = EnvironmentContent::Loading;
+                state.lighting.removed.remove(&index);
+                state.lighting.imports.push(Import {
+                    environment: index,
+                    what: "Reading the scan".to_owned(),
+                    fraction: 0.0,
+                });
+                self.running.push(Running {
+                    session,
+                    index,
+                    version: 0,
+                    is_over: false,
+                });
+            }
+            Err(reason) => fail(state, index, reason),
+        }
+    }
+
+    /// Ends an import; what was learned so far stays.
+    pub(super) fn stop(&self, index: usize) {
+        let found = self.running.iter().find(|running| running.index == index);
+        if let Some(running) = found {
+            running.session.send(TrainCommand::Stop);
+        }
+    }
+
+    /// Takes in what was learned since the last frame; returns what is complete.
+    pub(super) fn poll(&mut self, state: &mut AppState) -> Vec<Made> {
+        let mut made = Vec::new();
+        for running in &mut self.running {
+            running.poll(state);
+            if running.is_over {
+                let index = running.index;
+                state.lighting.imports.retain(|import| import.environment != index);
+                let entry = &state.environments[index];
+                if let EnvironmentContent::Ready(environment) = &entry.content {
+                    made.push(Made {
+                        scan: entry.path.clone(),
+                        environment: Arc::clone(environment),
+                    });
+                }
+            }
+        }
+        self.running.retain(|running| !running.is_over);
+        made
+    }
+}
+
+impl Running {
+    fn poll(&mut self, state: &mut AppState) {
+        while let Ok(event) = self.session.events().try_recv() {
+            tracing::trace!(?event, "import");
+            let import = state.lighting.imports.iter_mut();
+            let import = import.into_iter().find(|import| import.environment == self.index);
+            match (event, import) {
+                (TrainEvent::Loading { what, fraction }, Some(import)) => {
+                    (import.what, import.fraction) = (what, fraction);
+                }
+                (TrainEvent::Progress(progress), Some(import)) => {
+                    "Learning its light".clone_into(&mut import.what);
+                    import.fraction = progress.fraction;
+                }
+                (TrainEvent::Warning(text), _) => state.messages.say(Level::Warning, text),
+                (TrainEvent::Failed(reason), _) => {
+                    self.is_over = true;
+                    fail(state, self.index, reason);
+                }
+                (TrainEvent::Finished(_), _) => self.is_over = true,
+                _ => {}
+            }
+        }
+        let version = self.session.snapshot_version();
+        if version != self.version
+            && let Some(snapshot) = self.session.snapshot()
+        {
+            self.version = version;
+            self.take(state, Arc::clone(&snapshot.environment));
+        }
+    }
+
+    /// The environment as it is now; the first time, the object is lit by it and set down in it.
+    fn take(&self, state: &mut AppState, environment: Arc<Environment>) {
+        let entry = &mut state.environments[self.index];
+        let is_first = !matches!(entry.content, EnvironmentContent::Ready(_));
+        let environment = Environment::clone(&environment).renamed(&entry.name);
+        entry.content = EnvironmentContent::Ready(Arc::new(environment));
+        if is_first && !state.lighting.removed.contains(&self.index) {
+            state.look.environment = Some(self.index);
+            set_down_in_the_middle(state);
+        }
+    }
+}
+
+fn fail(state: &mut AppState, index: usize, reason: String) {
+    state.environments[index].content = EnvironmentContent::Failed(reason.clone());
+    state.messages.say(Level::Error, reason);
+}
