@@ -7,5 +7,6 @@ pub(super) mod capture_path;
 pub(super) mod film;
 pub(super) mod npy;
 pub(super) mod pickle;
+pub(crate) mod pickle_machine;
 pub(super) mod staged_folder;
 pub mod tensor_file;

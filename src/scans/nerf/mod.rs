@@ -1,41 +1,210 @@
 //! Neural radiance fields of other programs, one file a format.
+//!
+//! `classic` is the original network, `ngp` and `nerfacto` fields with grids (`hash_field`); a [`Field`] answers with
+//! densities and colours at points, `occupancy` knows where it has anything, `march` makes pictures of it. Everything in
+//! here is in the field's own coordinates; [`Nerf`] stands between those and the scene's.
 
+mod checkpoint;
+mod classic;
+mod field;
+mod layers;
+mod march;
+mod occupancy;
+mod torch_pickle;
+
+use std::fs::File;
+use std::io::Read as _;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, OnceLock};
 
-use glam::Vec3;
+use glam::{Mat3, Vec3};
 
+use self::checkpoint::Checkpoint;
+use self::field::{Densities, Field, Scratch};
+use self::march::{March, Steps};
+use self::occupancy::{Cubes, Occupancy};
 use super::picture::ScanPicture;
+use crate::color::srgb_from_linear;
 use crate::data::DataError;
-use crate::geometry::Camera;
+use crate::geometry::{Camera, Ray};
+
+/// Bytes that say what a file is.
+const HEAD: u64 = 256;
+/// Fraction of light that a cell of a surface takes at least.
+const SOLID: f32 = 0.5;
 
 /// A neural radiance field.
 #[derive(Clone, Debug)]
-pub struct Nerf;
+pub struct Nerf {
+    field: Arc<dyn Field>,
+    description: String,
+    field_from_scene: Similarity,
+    cubes: Cubes,
+    /// Made when first looked at.
+    occupancy: Arc<OnceLock<Occupancy>>,
+    steps: Steps,
+    colors: Colors,
+}
+
+/// What a field's colours are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Colors {
+    Srgb,
+    Linear,
+}
+
+/// Turned, scaled and moved: `scale * rotation * p + translation`.
+#[derive(Clone, Copy, Debug)]
+struct Similarity {
+    rotation: Mat3,
+    scale: f32,
+    translation: Vec3,
+}
+
+impl Similarity {
+    const IDENTITY: Self = Self {
+        rotation: Mat3::IDENTITY,
+        scale: 1.0,
+        translation: Vec3::ZERO,
+    };
+
+    fn point(&self, p: Vec3) -> Vec3 {
+        self.scale * (self.rotation * p) + self.translation
+    }
+
+    fn inverse_point(&self, p: Vec3) -> Vec3 {
+        self.rotation.transpose() * (p - self.translation) / self.scale
+    }
+}
 
 /// Whether the file holds a neural radiance field, by its first bytes.
-pub(super) fn is_nerf(_path: &Path) -> bool {
-    false
+pub(super) fn is_nerf(path: &Path) -> bool {
+    let mut head = Vec::new();
+    let Ok(file) = File::open(path) else {
+        return false;
+    };
+    let is_read = file.take(HEAD).read_to_end(&mut head).is_ok();
+    is_read && checkpoint::is_checkpoint(&head)
 }
 
 /// Reads a neural radiance field of any supported format.
 pub(super) fn read(path: &Path) -> Result<Nerf, DataError> {
-    Err(DataError::unusable(path, "not read yet"))
+    let checkpoint = Checkpoint::read(path)?;
+    if classic::is_classic(&checkpoint) {
+        let field = classic::read(&checkpoint)?;
+        return Ok(Nerf::of_classic(field));
+    }
+    let problem = "a checkpoint of torch, but of no radiance field that is known";
+    Err(DataError::unusable(path, problem))
 }
 
 impl Nerf {
+    /// In the box of the synthetic scenes.
+    fn of_classic(field: classic::ClassicField) -> Self {
+        Self {
+            description: field.describe(),
+            field: Arc::new(field),
+            field_from_scene: Similarity::IDENTITY,
+            cubes: Cubes {
+                center: Vec3::ZERO,
+                half: 1.5,
+                n_cascades: 1,
+                n: 128,
+            },
+            occupancy: Arc::default(),
+            steps: Steps {
+                min: 3.0 / 512.0,
+                cone: 0.0,
+                max_cells: 1.0,
+                near: 0.0,
+                far: f32::INFINITY,
+            },
+            colors: Colors::Srgb,
+        }
+    }
+
     /// What it is, for people.
     pub(super) fn describe(&self) -> String {
-        "neural radiance field".to_owned()
+        self.description.clone()
     }
 
     /// The view of a pinhole camera; `None` when cancelled.
-    pub(super) fn picture(&self, _camera: &Camera, _cancel: &AtomicBool) -> Option<ScanPicture> {
-        None
+    pub(super) fn picture(&self, camera: &Camera, cancel: &AtomicBool) -> Option<ScanPicture> {
+        let (width, height) = (camera.width, camera.height);
+        let ray = |i: usize| {
+            let (x, y) = (i % width as usize, i / width as usize);
+            let ray = camera.ray(x as f32 + 0.5, y as f32 + 0.5);
+            Ray {
+                origin: self.field_from_scene.point(ray.origin),
+                direction: self.field_from_scene.rotation * ray.direction,
+            }
+        };
+        let march = March {
+            field: &*self.field,
+            occupancy: self.occupancy(),
+            steps: self.steps,
+            cube: (self.cubes.center, self.cubes.outer_half()),
+        };
+        let seen = march.see(width as usize * height as usize, ray, cancel)?;
+        let color = |color: [f32; 3]| match self.colors {
+            Colors::Srgb => color,
+            Colors::Linear => color.map(srgb_from_linear),
+        };
+        let scale = self.field_from_scene.scale;
+        Some(ScanPicture {
+            width,
+            height,
+            srgb: seen.iter().map(|seen| color(seen.color)).collect(),
+            opacity: seen.iter().map(|seen| seen.opacity.min(1.0)).collect(),
+            distance: seen.iter().map(|seen| seen.distance / scale).collect(),
+        })
     }
 
     /// Points on what is visible, at most `most`.
-    pub(super) fn surface_points(&self, _most: usize) -> Vec<Vec3> {
-        Vec::new()
+    pub(super) fn surface_points(&self, most: usize) -> Vec<Vec3> {
+        let occupancy = self.occupancy();
+        let mut points = Vec::new();
+        // What surrounds the scene says nothing about where it is, unless there is nothing else.
+        for cascade in 0..occupancy.n_cascades() {
+            if cascade < 2 || points.is_empty() {
+                points.extend(self.solid_cells(occupancy, cascade));
+            }
+        }
+        let n = points.len().min(most);
+        let evenly = (0..n).map(|i| points[i * points.len() / n.max(1)]);
+        evenly
+            .map(|p| self.field_from_scene.inverse_point(p))
+            .collect()
+    }
+
+    /// The middles of cells that take much light and from which not all six neighbours do.
+    fn solid_cells(&self, occupancy: &Occupancy, cascade: u32) -> Vec<Vec3> {
+        let (centers, width) = occupancy.occupied_cells(cascade);
+        let mut answers = Densities::default();
+        self.field
+            .densities(&centers, &mut Scratch::default(), &mut answers);
+        let key = |p: Vec3| ((p - self.cubes.center) / width).floor().as_ivec3();
+        let is_solid = |density: f32| 1.0 - (-density * width).exp() > SOLID;
+        let pairs = centers.iter().zip(&answers.densities);
+        let solid: Vec<Vec3> = pairs
+            .filter(|(_, density)| is_solid(**density))
+            .map(|(p, _)| *p)
+            .collect();
+        let filled: std::collections::HashSet<glam::IVec3> =
+            solid.iter().map(|p| key(*p)).collect();
+        let axes = [glam::IVec3::X, glam::IVec3::Y, glam::IVec3::Z];
+        let is_inside = |p: &Vec3| {
+            let mut sides = axes
+                .iter()
+                .flat_map(|axis| [key(*p) + axis, key(*p) - axis]);
+            sides.all(|side| filled.contains(&side))
+        };
+        solid.into_iter().filter(|p| !is_inside(p)).collect()
+    }
+
+    fn occupancy(&self) -> &Occupancy {
+        self.occupancy
+            .get_or_init(|| Occupancy::of_field(&*self.field, &self.cubes))
     }
 }
