@@ -84,9 +84,10 @@ fn set_down(state: &mut AppState, at: Vec2, window: (u32, u32)) -> bool {
         return false;
     };
     let moved = motion_between(&before, &after);
+    let pivot = anchor(state);
     let viewpoint = &mut state.view.viewpoint;
     viewpoint.camera.world_from_camera = moved * viewpoint.camera.world_from_camera;
-    viewpoint.pivot = anchor(state);
+    viewpoint.pivot = pivot;
     state.view.at_view = None;
     state.view.was_moved = true;
     state.look.transform = after;

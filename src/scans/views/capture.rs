@@ -9,7 +9,7 @@ use super::cameras::cameras;
 use super::stand::Stand;
 use super::survey::Survey;
 use crate::data::{
-    DataError, Dataset, DepthMap, DepthView, LoadOptions, Origin, Photo, Split, View,
+    DataError, Dataset, DepthMap, DepthView, LoadOptions, Origin, Photo, Split, Splits, View,
 };
 use crate::geometry::Camera;
 use crate::scans::{Scan, ScanPicture};
@@ -45,42 +45,8 @@ fn photograph(
     options: &LoadOptions<'_>,
     cancel: &AtomicBool,
 ) -> Result<Option<Dataset>, DataError> {
-    let choices = &options.choices;
-    let survey = Survey::of(path, choices)?;
-    let Survey { scan, points, .. } = &survey;
-    let Some(stand) = Stand::at(scan, survey.at, survey.size, cancel) else {
-        return Ok(None);
-    };
-    let is_wanted = |split| match split {
-        Split::Train => options.splits.train,
-        Split::Val => options.splits.val,
-        Split::Test => options.splits.test,
-    };
-    let cameras = cameras(&stand, points, survey.up, N_PHOTOS, SIDE);
-    let planned = cameras.iter().enumerate().map(|(i, camera)| {
-        let split = match i % HOLD_OUT_EVERY {
-            5 => Split::Val,
-            11 => Split::Test,
-            _ => Split::Train,
-        };
-        (i, split, camera)
-    });
-    let planned: Vec<_> = planned.filter(|(_, split, _)| is_wanted(*split)).collect();
-    let n_done = AtomicUsize::new(0);
-    let take = |&(i, split, camera): &(usize, Split, &Camera)| {
-        let picture = scan.picture(camera, cancel)?;
-        (options.on_progress)(n_done.fetch_add(1, Ordering::Relaxed) + 1, planned.len());
-        let view = View {
-            name: format!("{i:03}"),
-            split,
-            camera: *camera,
-            photo: photo(&picture),
-            mask: None,
-        };
-        let depths = DepthView::rendered(view.name.clone(), depths(&picture, camera));
-        Some((view, depths))
-    };
-    let views: Option<Vec<_>> = planned.par_iter().map(take).collect();
+    let survey = Survey::of(path, &options.choices)?;
+    let views = photographs(&survey, options.splits, cancel, options.on_progress);
     let Some(views) = views else {
         return Ok(None);
     };
@@ -97,9 +63,9 @@ fn photograph(
             .into_owned(),
         root: path.to_owned(),
         origin: Origin {
-            recognised: scan.describe(),
+            recognised: survey.scan.describe(),
             up: Some(survey.up),
-            up_is_given: choices.up.is_some(),
+            up_is_given: options.choices.up.is_some(),
             depths,
             split_rule: format!("one of {HOLD_OUT_EVERY} pictures of the scan each"),
             ..Origin::default()
@@ -113,6 +79,47 @@ fn photograph(
         environment_visible: true,
         problems: vec![survey.finding()],
     }))
+}
+
+/// Takes the photos of these splits, with the depths of what they show; `None` when cancelled.
+pub(super) fn photographs(
+    survey: &Survey,
+    splits: Splits,
+    cancel: &AtomicBool,
+    on_progress: &(dyn Fn(usize, usize) + Sync),
+) -> Option<Vec<(View, DepthView)>> {
+    let Survey { scan, points, .. } = survey;
+    let stand = Stand::at(scan, survey.at, survey.size, cancel)?;
+    let is_wanted = |split| match split {
+        Split::Train => splits.train,
+        Split::Val => splits.val,
+        Split::Test => splits.test,
+    };
+    let cameras = cameras(&stand, points, survey.up, N_PHOTOS, SIDE);
+    let planned = cameras.iter().enumerate().map(|(i, camera)| {
+        let split = match i % HOLD_OUT_EVERY {
+            5 => Split::Val,
+            11 => Split::Test,
+            _ => Split::Train,
+        };
+        (i, split, camera)
+    });
+    let planned: Vec<_> = planned.filter(|(_, split, _)| is_wanted(*split)).collect();
+    let n_done = AtomicUsize::new(0);
+    let take = |&(i, split, camera): &(usize, Split, &Camera)| {
+        let picture = scan.picture(camera, cancel)?;
+        on_progress(n_done.fetch_add(1, Ordering::Relaxed) + 1, planned.len());
+        let view = View {
+            name: format!("{i:03}"),
+            split,
+            camera: *camera,
+            photo: photo(&picture),
+            mask: None,
+        };
+        let depths = DepthView::rendered(view.name.clone(), depths(&picture, camera));
+        Some((view, depths))
+    };
+    planned.par_iter().map(take).collect()
 }
 
 /// A picture as a camera would store it.

@@ -11,3 +11,6 @@ mod upright;
 
 pub use self::capture::load_capture;
 pub use self::survey::Survey;
+
+#[cfg(test)]
+mod tests;

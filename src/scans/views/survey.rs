@@ -33,18 +33,23 @@ impl Survey {
     /// # Errors
     /// When the file is no scan, or one that cannot be used.
     pub fn of(path: &Path, choices: &CaptureChoices) -> Result<Self, DataError> {
-        let scan = Scan::read(path)?;
+        let survey = Self::of_scan(Scan::read(path)?, choices);
+        survey.ok_or_else(|| DataError::unusable(path, "nothing in it is visible"))
+    }
+
+    /// Looks at a scan; `None` where nothing in it is visible.
+    pub(super) fn of_scan(scan: Scan, choices: &CaptureChoices) -> Option<Self> {
         let points = scan.surface_points(N_POINTS);
         let (middle, size) = middle_and_size(&points);
         let has_size = size > 0.0 && size.is_finite();
         if points.is_empty() || !has_size {
-            return Err(DataError::unusable(path, "nothing in it is visible"));
+            return None;
         }
         let up = choices.up.and_then(Vec3::try_normalize);
         let up = up.unwrap_or_else(|| up_direction(&points, size, scan.up_conventions()));
         let at = choices.at;
         let at = at.unwrap_or_else(|| free_place(&points, middle, size));
-        Ok(Self {
+        Some(Self {
             scan,
             points,
             size,
