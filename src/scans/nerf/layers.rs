@@ -118,6 +118,11 @@ pub(super) struct Mlp {
 }
 
 impl Mlp {
+    /// Numbers it makes.
+    pub(super) fn n_out(&self) -> usize {
+        self.layers.last().map_or(0, Layer::n_out)
+    }
+
     /// The outputs of inputs `[n][n_in]`, in `outputs`; `spare` is overwritten.
     pub(super) fn apply(&self, inputs: &[f32], spare: &mut Vec<f32>, outputs: &mut Vec<f32>) {
         let n = self.layers.len();
