@@ -3,7 +3,7 @@
 
 use glam::Vec3;
 
-use super::field::{Densities, Field, Scratch, logistic, usable_density};
+use super::field::{Densities, Field, Scratch, logistic, usable_color, usable_density};
 use super::hash_grid::HashGrid;
 use super::layers::{Layer, Mlp};
 use super::sphere::{N_HARMONICS, harmonics};
@@ -250,7 +250,7 @@ impl Field for HashField {
         let rows = scratch.outputs.as_chunks::<3>().0;
         colors.extend(
             rows.iter()
-                .map(|row| row.map(|x| self.color_output.of(x).max(0.0))),
+                .map(|row| usable_color(row.map(|x| self.color_output.of(x)))),
         );
     }
 }

@@ -187,13 +187,13 @@ impl Level {
         is_smooth: bool,
     ) -> [f32; F] {
         let at = p * self.scale + self.shift;
-        let floor = at.floor();
-        let mut to = at - floor;
+        // Not below zero, so that cutting off is rounding down, which takes a call without newer instructions.
+        let low = at.as_uvec3();
+        let mut to = at - low.as_vec3();
         if is_smooth {
             to = to * to * (3.0 - 2.0 * to);
         }
         let from = 1.0 - to;
-        let low = floor.as_ivec3().as_uvec3();
         let (x, y, z) = if self.is_hashed {
             (1, PRIMES[0], PRIMES[1])
         } else {

@@ -83,8 +83,15 @@ impl Layer {
                 if activation == Activation::Relu {
                     *sums = sums.map(|sum| sum.max(0.0));
                 }
-                let output = &mut outputs[r * self.n_out + p * WIDTH..][..n_wanted];
-                output.copy_from_slice(&sums[..n_wanted]);
+                let output = &mut outputs[r * self.n_out + p * WIDTH..];
+                // A copy of known length is no call.
+                if let Some(whole) = output.first_chunk_mut::<WIDTH>() {
+                    if n_wanted == WIDTH {
+                        *whole = *sums;
+                        continue;
+                    }
+                }
+                output[..n_wanted].copy_from_slice(&sums[..n_wanted]);
             }
         }
     }

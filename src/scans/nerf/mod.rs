@@ -17,13 +17,15 @@ mod occupancy;
 mod sphere;
 mod torch_pickle;
 
+use std::collections::HashSet;
 use std::fs::File;
 use std::io::Read as _;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, OnceLock};
 
-use glam::{Mat3, Vec3};
+use glam::{IVec3, Mat3, Vec3};
+use rayon::prelude::*;
 
 use self::checkpoint::Checkpoint;
 use self::field::{Densities, Field, Scratch};
@@ -36,6 +38,8 @@ use crate::geometry::{Aabb, Camera, Ray};
 
 /// Bytes that say what a file is.
 const HEAD: u64 = 256;
+/// Points asked about at once.
+const BATCH: usize = 4096;
 /// Fraction of light that a cell of a surface takes at least.
 const SOLID: f32 = 0.5;
 
@@ -283,19 +287,20 @@ impl Nerf {
     /// The middles of cells that take much light and from which not all six neighbours do.
     fn solid_cells(&self, occupancy: &Occupancy, cascade: u32) -> Vec<Vec3> {
         let (centers, width) = occupancy.occupied_cells(cascade);
-        let mut answers = Densities::default();
-        self.field
-            .densities(&centers, &mut Scratch::default(), &mut answers);
-        let key = |p: Vec3| ((p - self.cubes.center) / width).floor().as_ivec3();
         let is_solid = |density: f32| 1.0 - (-density * width).exp() > SOLID;
-        let pairs = centers.iter().zip(&answers.densities);
-        let solid: Vec<Vec3> = pairs
-            .filter(|(_, density)| is_solid(**density))
-            .map(|(p, _)| *p)
+        let batches = centers.par_chunks(BATCH);
+        let solid: Vec<Vec3> = batches
+            .flat_map_iter(|centers| {
+                let mut answers = Densities::default();
+                self.field
+                    .densities(centers, &mut Scratch::default(), &mut answers);
+                let pairs = centers.iter().zip(answers.densities);
+                pairs.filter_map(move |(p, density)| is_solid(density).then_some(*p))
+            })
             .collect();
-        let filled: std::collections::HashSet<glam::IVec3> =
-            solid.iter().map(|p| key(*p)).collect();
-        let axes = [glam::IVec3::X, glam::IVec3::Y, glam::IVec3::Z];
+        let key = |p: Vec3| ((p - self.cubes.center) / width).floor().as_ivec3();
+        let filled: HashSet<IVec3> = solid.iter().map(|p| key(*p)).collect();
+        let axes = [IVec3::X, IVec3::Y, IVec3::Z];
         let is_inside = |p: &Vec3| {
             let mut sides = axes
                 .iter()
