@@ -290,3 +290,80 @@ fn exports_that_cannot_be_are_refused() {
         assert!(run.stderr.contains(expected), "{line}: {}", run.stderr);
     }
 }
+
+/// A room of 4 x 4 x 2.6 about the origin as a `.splat` file, z up: its walls have a colour each.
+fn write_room_of_splats(file: &Path) {
+    let mut bytes = Vec::new();
+    let n = 40;
+    let at = |i: i32, half: f32| half * (2.0 * i as f32 / n as f32 - 1.0);
+    for (axis, half) in [(0, 2.0_f32), (1, 2.0), (2, 1.3)] {
+        for (side, color) in [(1.0, 200), (-1.0, 60)] {
+            for k in 0..=n * n {
+                let (i, j) = (k % n, k / n);
+                let mut center = [at(i, 2.0), at(j, 2.0), 0.0];
+                if axis < 2 {
+                    center = [at(i, 2.0), at(i, 2.0), at(j, 1.3)];
+                }
+                center[axis] = side * half;
+                for value in center.into_iter().chain([0.06; 3]) {
+                    bytes.extend(value.to_le_bytes());
+                }
+                let mut rgba = [90, 90, 90, 250];
+                rgba[axis] = color;
+                bytes.extend(rgba);
+                bytes.extend([255, 128, 128, 128]);
+            }
+        }
+    }
+    fs::write(file, bytes).expect("a scan");
+}
+
+#[test]
+fn a_scan_becomes_an_environment_that_looks_like_it() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let (scan, env) = (
+        folder.path().join("room.splat"),
+        folder.path().join("env.safetensors"),
+    );
+    write_room_of_splats(&scan);
+    let info = neif(&["info", text(&scan), "--json"]).succeeds().json();
+    assert_eq!(info["kind"], "scan", "{info}");
+    let up = info["up"][2].as_f64().expect("a direction");
+    assert!(up > 0.99, "across floor and ceiling: {info}");
+    let line = [
+        "env",
+        "import",
+        text(&scan),
+        "--out",
+        text(&env),
+        "--steps",
+        "300",
+    ];
+    neif(&[&line[..], &["--seed", "1", "--name", "box"]].concat()).succeeds();
+    let about = neif(&["info", text(&env), "--json"]).succeeds().json();
+    assert_eq!(
+        (&about["name"], &about["is_far"]),
+        (&"box".into(), &false.into())
+    );
+    let view = folder.path().join("all.png");
+    let flags = ["--at", "0,0,0", "--width", "32", "--out", text(&view)];
+    neif(&[&["env", "panorama", text(&env)][..], &flags].concat()).succeeds();
+    let seen = read_photo(&view).expect("a panorama");
+    // The picture's centre is +x, and y grows to the left.
+    for (column, expected) in [
+        (16, [200, 90, 90]),
+        (0, [60, 90, 90]),
+        (8, [90, 200, 90]),
+        (24, [90, 60, 90]),
+    ] {
+        let pixel = seen.srgb(8 * 32 + column);
+        let off = (0..3).map(|c| (pixel[c] - expected[c] as f32 / 255.0).abs());
+        let off = off.fold(0.0, f32::max);
+        assert!(
+            off < 0.08,
+            "column {column}: {pixel:?} instead of {expected:?}"
+        );
+    }
+    let again = neif(&[&line[..], &["--at", "nowhere"]].concat());
+    assert_eq!(again.code, 2, "{}", again.stderr);
+}

@@ -12,7 +12,7 @@
 use glam::Vec3;
 
 use super::checkpoint::Checkpoint;
-use super::field::{Densities, Field, Scratch, logistic, usable_density};
+use super::field::{Densities, Field, Scratch, logistic, usable_color, usable_density};
 use super::layers::{Activation, Layer};
 use crate::data::DataError;
 
@@ -397,7 +397,7 @@ impl Field for ClassicField {
         } = &self.head
         else {
             let rows = features.as_chunks::<3>().0;
-            colors.extend(rows.iter().map(|row| row.map(logistic)));
+            colors.extend(rows.iter().map(|row| usable_color(row.map(logistic))));
             return;
         };
         feature.apply(features, *feature_activation, &mut scratch.hidden);
@@ -413,7 +413,7 @@ impl Field for ClassicField {
         }
         color.apply(&scratch.hidden, Activation::None, &mut scratch.outputs);
         let rows = scratch.outputs.chunks_exact(color.n_out());
-        colors.extend(rows.map(|row| [row[0], row[1], row[2]].map(logistic)));
+        colors.extend(rows.map(|row| usable_color([row[0], row[1], row[2]].map(logistic))));
     }
 }
 

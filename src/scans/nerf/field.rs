@@ -50,3 +50,8 @@ pub(super) fn usable_density(density: f32) -> f32 {
     // NaN becomes 0.
     density.max(0.0).min(1e12)
 }
+
+/// A colour that can be shown, whatever a network's damaged weights make.
+pub(super) fn usable_color(color: [f32; 3]) -> [f32; 3] {
+    color.map(|x| x.max(0.0).min(1e6))
+}

@@ -83,8 +83,15 @@ impl Layer {
                 if activation == Activation::Relu {
                     *sums = sums.map(|sum| sum.max(0.0));
                 }
-                let output = &mut outputs[r * self.n_out + p * WIDTH..][..n_wanted];
-                output.copy_from_slice(&sums[..n_wanted]);
+                let output = &mut outputs[r * self.n_out + p * WIDTH..];
+                // A copy of known length is no call.
+                if let Some(whole) = output.first_chunk_mut::<WIDTH>() {
+                    if n_wanted == WIDTH {
+                        *whole = *sums;
+                        continue;
+                    }
+                }
+                output[..n_wanted].copy_from_slice(&sums[..n_wanted]);
             }
         }
     }
@@ -118,6 +125,11 @@ pub(super) struct Mlp {
 }
 
 impl Mlp {
+    /// Numbers it makes.
+    pub(super) fn n_out(&self) -> usize {
+        self.layers.last().map_or(0, Layer::n_out)
+    }
+
     /// The outputs of inputs `[n][n_in]`, in `outputs`; `spare` is overwritten.
     pub(super) fn apply(&self, inputs: &[f32], spare: &mut Vec<f32>, outputs: &mut Vec<f32>) {
         let n = self.layers.len();

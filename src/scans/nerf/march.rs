@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::field::{Densities, Field, Scratch};
 use super::occupancy::Occupancy;
-use crate::geometry::Ray;
+use crate::geometry::{Aabb, Ray};
 
 /// Rays marched together: as many as keep batches long and their buffers in the cache.
 const RAYS: usize = 2048;
@@ -52,8 +52,8 @@ pub(super) struct March<'a> {
     pub(super) field: &'a dyn Field,
     pub(super) occupancy: &'a Occupancy,
     pub(super) steps: Steps,
-    /// Half the side of the cube outside of which nothing is, and its middle.
-    pub(super) cube: (Vec3, f32),
+    /// The box outside of which nothing is shown.
+    pub(super) shown: Aabb,
 }
 
 /// A ray on its way.
@@ -120,15 +120,10 @@ impl March<'_> {
         Some(seen)
     }
 
-    /// The ray where it enters the cube.
+    /// The ray where it enters the box.
     fn start(&self, i: usize, ray: Ray) -> Option<Walker> {
         let inverse_direction = ray.direction.recip();
-        let (center, half) = self.cube;
-        let aabb = crate::geometry::Aabb {
-            min: center - half,
-            max: center + half,
-        };
-        let (start, end) = aabb.span(&ray)?;
+        let (start, end) = self.shown.span(&ray)?;
         let walker = Walker {
             i,
             ray,

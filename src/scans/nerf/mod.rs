@@ -7,18 +7,25 @@
 mod checkpoint;
 mod classic;
 mod field;
+mod hash_field;
+mod hash_grid;
 mod layers;
 mod march;
+mod nerfacto;
+mod ngp;
 mod occupancy;
+mod sphere;
 mod torch_pickle;
 
+use std::collections::HashSet;
 use std::fs::File;
 use std::io::Read as _;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, OnceLock};
 
-use glam::{Mat3, Vec3};
+use glam::{IVec3, Mat3, Vec3};
+use rayon::prelude::*;
 
 use self::checkpoint::Checkpoint;
 use self::field::{Densities, Field, Scratch};
@@ -27,10 +34,12 @@ use self::occupancy::{Cubes, Occupancy};
 use super::picture::ScanPicture;
 use crate::color::srgb_from_linear;
 use crate::data::DataError;
-use crate::geometry::{Camera, Ray};
+use crate::geometry::{Aabb, Camera, Ray};
 
 /// Bytes that say what a file is.
 const HEAD: u64 = 256;
+/// Points asked about at once.
+const BATCH: usize = 4096;
 /// Fraction of light that a cell of a surface takes at least.
 const SOLID: f32 = 0.5;
 
@@ -41,6 +50,8 @@ pub struct Nerf {
     description: String,
     field_from_scene: Similarity,
     cubes: Cubes,
+    /// What is shown of them.
+    shown: Aabb,
     /// Made when first looked at.
     occupancy: Arc<OnceLock<Occupancy>>,
     steps: Steps,
@@ -80,20 +91,31 @@ impl Similarity {
 
 /// Whether the file holds a neural radiance field, by its first bytes.
 pub(super) fn is_nerf(path: &Path) -> bool {
+    let head = head(path);
+    checkpoint::is_checkpoint(&head) || ngp::is_snapshot(&head)
+}
+
+/// A file's first bytes, or none.
+fn head(path: &Path) -> Vec<u8> {
     let mut head = Vec::new();
-    let Ok(file) = File::open(path) else {
-        return false;
-    };
-    let is_read = file.take(HEAD).read_to_end(&mut head).is_ok();
-    is_read && checkpoint::is_checkpoint(&head)
+    let file = File::open(path);
+    match file.and_then(|file| file.take(HEAD).read_to_end(&mut head)) {
+        Ok(_) => head,
+        Err(_) => Vec::new(),
+    }
 }
 
 /// Reads a neural radiance field of any supported format.
 pub(super) fn read(path: &Path) -> Result<Nerf, DataError> {
+    if ngp::is_snapshot(&head(path)) {
+        return Ok(Nerf::of_snapshot(ngp::read(path)?));
+    }
     let checkpoint = Checkpoint::read(path)?;
     if classic::is_classic(&checkpoint) {
-        let field = classic::read(&checkpoint)?;
-        return Ok(Nerf::of_classic(field));
+        return Ok(Nerf::of_classic(classic::read(&checkpoint)?));
+    }
+    if nerfacto::is_nerfacto(&checkpoint) {
+        return Ok(Nerf::of_nerfacto(nerfacto::read(&checkpoint)?));
     }
     let problem = "a checkpoint of torch, but of no radiance field that is known";
     Err(DataError::unusable(path, problem))
@@ -102,16 +124,18 @@ pub(super) fn read(path: &Path) -> Result<Nerf, DataError> {
 impl Nerf {
     /// In the box of the synthetic scenes.
     fn of_classic(field: classic::ClassicField) -> Self {
+        let cubes = Cubes {
+            center: Vec3::ZERO,
+            half: 1.5,
+            n_cascades: 1,
+            n: 128,
+        };
         Self {
             description: field.describe(),
             field: Arc::new(field),
             field_from_scene: Similarity::IDENTITY,
-            cubes: Cubes {
-                center: Vec3::ZERO,
-                half: 1.5,
-                n_cascades: 1,
-                n: 128,
-            },
+            cubes,
+            shown: cubes.outer(),
             occupancy: Arc::default(),
             steps: Steps {
                 min: 3.0 / 512.0,
@@ -119,6 +143,88 @@ impl Nerf {
                 max_cells: 1.0,
                 near: 0.0,
                 far: f32::INFINITY,
+            },
+            colors: Colors::Srgb,
+        }
+    }
+
+    /// In the cube of instant-ngp.
+    fn of_snapshot(snapshot: ngp::Snapshot) -> Self {
+        let cubes = Cubes {
+            center: Vec3::splat(0.5),
+            half: 0.5,
+            n_cascades: snapshot.aabb_scale.ilog2() + 1,
+            n: ngp::GRID,
+        };
+        let occupancy = OnceLock::new();
+        if !snapshot.occupied.is_empty() {
+            occupancy.get_or_init(|| {
+                let n_cells = ngp::GRID.pow(3) as usize;
+                Occupancy::from_cells(&cubes, |cascade, cell| {
+                    snapshot.occupied[cascade as usize * n_cells + ngp::cell_index(cell)]
+                })
+            });
+        }
+        let [min, max] = snapshot.shown;
+        Self {
+            description: format!("neural radiance field ({})", snapshot.field.describe()),
+            field: Arc::new(snapshot.field),
+            field_from_scene: Similarity {
+                rotation: snapshot.rotation,
+                scale: snapshot.scale,
+                translation: snapshot.rotation * snapshot.offset,
+            },
+            cubes,
+            shown: Aabb { min, max },
+            occupancy: Arc::new(occupancy),
+            steps: Steps {
+                min: ngp::MIN_STEP,
+                cone: if snapshot.aabb_scale > 1 {
+                    1.0 / 256.0
+                } else {
+                    0.0
+                },
+                max_cells: 1.0,
+                near: 0.0,
+                far: f32::INFINITY,
+            },
+            colors: if snapshot.is_hdr {
+                Colors::Linear
+            } else {
+                Colors::Srgb
+            },
+        }
+    }
+
+    /// In all of space, or a box.
+    fn of_nerfacto(nerfacto: nerfacto::Nerfacto) -> Self {
+        let (half, n_cascades, n) = match nerfacto.half {
+            Some(half) => (half, 1, 128),
+            None => (1.0, 11, 64),
+        };
+        let cubes = Cubes {
+            center: Vec3::ZERO,
+            half,
+            n_cascades,
+            n,
+        };
+        Self {
+            description: format!("neural radiance field ({})", nerfacto.field.describe()),
+            field: Arc::new(nerfacto.field),
+            field_from_scene: Similarity {
+                rotation: nerfacto.rotation,
+                scale: nerfacto.scale,
+                translation: nerfacto.scale * nerfacto.translation,
+            },
+            cubes,
+            shown: cubes.outer(),
+            occupancy: Arc::default(),
+            steps: Steps {
+                min: half / 256.0,
+                cone: 1.0 / 128.0,
+                max_cells: 1.0,
+                near: 0.05,
+                far: 1000.0,
             },
             colors: Colors::Srgb,
         }
@@ -144,7 +250,7 @@ impl Nerf {
             field: &*self.field,
             occupancy: self.occupancy(),
             steps: self.steps,
-            cube: (self.cubes.center, self.cubes.outer_half()),
+            shown: self.shown,
         };
         let seen = march.see(width as usize * height as usize, ray, cancel)?;
         let color = |color: [f32; 3]| match self.colors {
@@ -181,19 +287,20 @@ impl Nerf {
     /// The middles of cells that take much light and from which not all six neighbours do.
     fn solid_cells(&self, occupancy: &Occupancy, cascade: u32) -> Vec<Vec3> {
         let (centers, width) = occupancy.occupied_cells(cascade);
-        let mut answers = Densities::default();
-        self.field
-            .densities(&centers, &mut Scratch::default(), &mut answers);
-        let key = |p: Vec3| ((p - self.cubes.center) / width).floor().as_ivec3();
         let is_solid = |density: f32| 1.0 - (-density * width).exp() > SOLID;
-        let pairs = centers.iter().zip(&answers.densities);
-        let solid: Vec<Vec3> = pairs
-            .filter(|(_, density)| is_solid(**density))
-            .map(|(p, _)| *p)
+        let batches = centers.par_chunks(BATCH);
+        let solid: Vec<Vec3> = batches
+            .flat_map_iter(|centers| {
+                let mut answers = Densities::default();
+                self.field
+                    .densities(centers, &mut Scratch::default(), &mut answers);
+                let pairs = centers.iter().zip(answers.densities);
+                pairs.filter_map(move |(p, density)| is_solid(density).then_some(*p))
+            })
             .collect();
-        let filled: std::collections::HashSet<glam::IVec3> =
-            solid.iter().map(|p| key(*p)).collect();
-        let axes = [glam::IVec3::X, glam::IVec3::Y, glam::IVec3::Z];
+        let key = |p: Vec3| ((p - self.cubes.center) / width).floor().as_ivec3();
+        let filled: HashSet<IVec3> = solid.iter().map(|p| key(*p)).collect();
+        let axes = [IVec3::X, IVec3::Y, IVec3::Z];
         let is_inside = |p: &Vec3| {
             let mut sides = axes
                 .iter()

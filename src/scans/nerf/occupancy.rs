@@ -7,11 +7,12 @@ use glam::{UVec3, Vec3};
 use rayon::prelude::*;
 
 use super::field::{Densities, Field, Scratch};
+use crate::geometry::Aabb;
 
 /// Points asked about at once.
 const BATCH: usize = 4096;
 /// Fraction of the light that all cells of a cascade left out may take together.
-const LEFT_OUT: f32 = 0.02;
+const LEFT_OUT: f32 = 0.005;
 
 /// Where a field has anything: cubes around a point.
 #[derive(Clone, Debug)]
@@ -42,9 +43,13 @@ impl Cubes {
         self.half * (cascade as f32).exp2()
     }
 
-    /// Half the side of the largest cascade.
-    pub(super) fn outer_half(&self) -> f32 {
-        self.half_of(self.n_cascades - 1)
+    /// All of them.
+    pub(super) fn outer(&self) -> Aabb {
+        let half = self.half_of(self.n_cascades - 1);
+        Aabb {
+            min: self.center - half,
+            max: self.center + half,
+        }
     }
 
     /// The middle of a cell.
