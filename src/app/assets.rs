@@ -24,3 +24,31 @@ pub fn environments(library: &Library) -> Result<Vec<EnvironmentEntry>, LibraryE
     };
     Ok(library.entries()?.into_iter().map(listed).collect())
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use glam::Vec3;
+
+    use super::*;
+    use crate::neif::Storage;
+    use crate::render::library::{Record, sky};
+
+    #[test]
+    fn the_library_s_environments_are_listed_with_what_is_known_and_not_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let library = Library::new(Some(folder.path().to_owned()), None);
+        assert!(environments(&library).unwrap().is_empty());
+        let record = Record {
+            licence: Some("CC0".to_owned()),
+            ..Record::default()
+        };
+        let light = Arc::new(sky([1.0; 3], Vec3::Z));
+        let added = library.add(&light, Storage::F32, record).unwrap();
+        let listed = environments(&library).unwrap().pop().unwrap();
+        assert_eq!((listed.name, listed.path), ("sky".to_owned(), added.file));
+        assert_eq!(listed.about, "Licence: CC0");
+        assert!(matches!(listed.content, EnvironmentContent::NotLoaded));
+    }
+}

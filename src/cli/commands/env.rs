@@ -10,6 +10,7 @@ use neif::neif::Environment;
 use neif::render::library::Record;
 use neif::render::{Picture, panorama as render_panorama};
 use neif::train::session::options::SessionOptions;
+use serde_json::json;
 
 use super::env_import::EnvImportArgs;
 use super::env_library::{EnvAddArgs, EnvListArgs, EnvRemoveArgs};
@@ -100,6 +101,9 @@ pub(super) fn train_into(
     let file = place.put(environment, storage, record)?;
     if !json {
         outcome.report(&file)?;
+    } else if let Place::Library(_) = place {
+        // The library chooses the name.
+        output::json_line(&json!({"event": "added", "path": file.to_string_lossy()}))?;
     }
     outcome.verdict()
 }

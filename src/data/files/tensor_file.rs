@@ -215,7 +215,10 @@ impl TensorFile {
         };
         let mut file = File::open(path).map_err(io_error)?;
         let mut length = [0; 8];
-        file.read_exact(&mut length).map_err(io_error)?;
+        file.read_exact(&mut length).map_err(|e| match e.kind() {
+            io::ErrorKind::UnexpectedEof => damaged("it is too short"),
+            _ => io_error(e),
+        })?;
         let length = u64::from_le_bytes(length);
         // Else a file that is none could ask for all memory.
         if length > MOST_HEADER {

@@ -213,3 +213,6 @@ fn delete(light: &Path) -> Result<(), LibraryError> {
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests;
