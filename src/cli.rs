@@ -5,8 +5,10 @@ mod commands;
 mod edits;
 mod failure;
 mod interrupt;
+mod library;
 mod output;
 mod photos_found;
+mod place;
 mod scenes;
 mod sheet;
 mod shots;
@@ -17,7 +19,9 @@ use std::time::Instant;
 
 use clap::{Parser, Subcommand};
 
-use self::commands::{bench, env, env_import, eval, export, info, mesh, render, train, view};
+use self::commands::{
+    bench, env, env_import, env_library, eval, export, info, mesh, render, train, view,
+};
 use self::failure::Failure;
 
 /// Relight photographed objects: train a neural illumination field on posed photos, edit the
@@ -50,7 +54,7 @@ enum Command {
     /// Measure this program on this machine
     #[command(subcommand)]
     Bench(bench::BenchCommand),
-    /// An environment alone: train it, import it, look at it
+    /// An environment alone: train it, import it, look at it, keep it in the library
     #[command(subcommand)]
     Env(env::EnvCommand),
 }
@@ -77,6 +81,9 @@ pub(crate) fn run(started: Instant) -> Result<(), Failure> {
         Some(Command::Env(env::EnvCommand::Train(args))) => env::train(&args, started),
         Some(Command::Env(env::EnvCommand::Import(args))) => env_import::run(&args, started),
         Some(Command::Env(env::EnvCommand::Panorama(args))) => env::panorama(&args),
+        Some(Command::Env(env::EnvCommand::List(args))) => env_library::list(&args),
+        Some(Command::Env(env::EnvCommand::Add(args))) => env_library::add(&args),
+        Some(Command::Env(env::EnvCommand::Remove(args))) => env_library::remove(&args),
     }
 }
 

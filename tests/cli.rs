@@ -5,6 +5,8 @@
 
 #[path = "cli/capture.rs"]
 mod capture;
+#[path = "cli/library.rs"]
+mod library;
 #[path = "cli/mesh.rs"]
 mod mesh;
 #[path = "cli/program.rs"]

@@ -262,6 +262,7 @@ fn another_environment_is_read_when_it_is_chosen() {
     state.environments.push(EnvironmentEntry {
         name: "gallery".to_owned(),
         path: PathBuf::from("/env/gallery.safetensors"),
+        about: String::new(),
         content: EnvironmentContent::NotLoaded,
     });
     let mut harness = harness(state);
@@ -434,6 +435,7 @@ fn another_environment_says_where_it_is_and_can_be_matched() {
     state.environments.push(EnvironmentEntry {
         name: "sky".to_owned(),
         path: PathBuf::from("/sky.hdr"),
+        about: String::new(),
         content: EnvironmentContent::Ready(Arc::new(sky)),
     });
     let mut harness = harness(state);

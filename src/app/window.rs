@@ -33,6 +33,7 @@ use super::{assets, shell, theme};
 use crate::app::AppOptions;
 use crate::geometry::Camera;
 use crate::render::GpuChoice;
+use crate::render::library::Library;
 use crate::train::Snapshot;
 
 /// Pictures on the graphics card.
@@ -113,7 +114,7 @@ impl Window {
             },
         };
         window.recall(ctx);
-        window.state.environments = assets::environments();
+        window.list_library();
         window.state.recent = recent::load();
         window.work.read_as(&options.open, &options.choices);
         let mut effects: Vec<Effect> = options.open.into_iter().map(Effect::Open).collect();
@@ -137,6 +138,17 @@ impl Window {
         self.prefer(ctx);
         if let Some(file) = self.autosave.left_behind() {
             self.work.opener().left_behind(file);
+        }
+    }
+
+    /// Lists the library's environments; a listing alone, none of them is read.
+    fn list_library(&mut self) {
+        match assets::environments(&Library::of_system()) {
+            Ok(environments) => self.state.environments = environments,
+            Err(error) => {
+                let what = format!("The library of environments is not shown\n{error}");
+                self.state.messages.say(Level::Warning, what);
+            }
         }
     }
 

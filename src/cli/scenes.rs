@@ -14,7 +14,7 @@ use neif::train::session::saved::run_folder::{ENVIRONMENT, RunFolder};
 
 use super::capture::PhotoArgs;
 use super::failure::{Failure, OrUnusable as _};
-use super::interrupt;
+use super::{interrupt, library};
 
 /// A trained run with where its capture lies.
 #[derive(Debug)]
@@ -79,11 +79,14 @@ impl OpenRun {
     }
 }
 
-/// Opens an environment: an environment file, the run folder or other folder that holds one, or a panorama (.hdr, .exr).
+/// Opens an environment: an environment file, the run folder or other folder that holds one, a panorama (.hdr, .exr), or
+/// where nothing is at the path the library's environment of that name.
 pub(crate) fn open_environment(path: &Path) -> Result<Arc<Environment>, Failure> {
-    let inside = path.join(ENVIRONMENT);
-    let file = if path.is_dir() { &inside } else { path };
-    Ok(Arc::new(Environment::open(file).or_unusable()?))
+    let mut file = library::path_or_name(path)?;
+    if file.is_dir() {
+        file.push(ENVIRONMENT);
+    }
+    Ok(Arc::new(Environment::open(&file).or_unusable()?))
 }
 
 /// Opens an environment as a scene: with the object whose traces are in it, where it is a run's.
@@ -120,23 +123,6 @@ pub(crate) fn read_cameras(json: &Path) -> Result<Vec<(String, Camera)>, Failure
         Ok((frame.name.clone(), camera))
     };
     frames.iter().map(camera).collect()
-}
-
-/// Where an environment is written for `--out ENV`, the file itself or inside a folder: it must not exist yet, and its
-/// folder is made.
-pub(crate) fn new_environment(out: &Path) -> Result<PathBuf, Failure> {
-    let is_file = out.extension().is_some() && !out.is_dir();
-    let target = if is_file {
-        out.to_owned()
-    } else {
-        out.join(ENVIRONMENT)
-    };
-    if target.exists() {
-        let what = "exists already; remove it or choose another --out";
-        return Err(Failure::at(&target, what));
-    }
-    make_folder_of(&target)?;
-    Ok(target)
 }
 
 /// The precision of stored grid values: of 16 bits where `half` is asked for.

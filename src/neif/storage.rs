@@ -84,10 +84,16 @@ pub(super) struct StoredField {
 impl FieldFormat {
     /// Reads a file of the format.
     pub(super) fn read(&'static self, path: &Path) -> Result<StoredField, NeifError> {
-        let stored = StoredField {
-            file: TensorFile::read(path)?,
-            format: self,
-        };
+        self.checked(TensorFile::read(path)?)
+    }
+
+    /// Reads the beginning of a file of the format, without its arrays: enough for [`StoredField::kind`].
+    pub(super) fn read_metadata(&'static self, path: &Path) -> Result<StoredField, NeifError> {
+        self.checked(TensorFile::read_metadata(path)?)
+    }
+
+    fn checked(&'static self, file: TensorFile) -> Result<StoredField, NeifError> {
+        let stored = StoredField { file, format: self };
         if stored.file.text("format")? == self.name {
             return Ok(stored);
         }

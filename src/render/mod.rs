@@ -6,6 +6,7 @@ pub mod ground;
 mod highlight;
 pub mod irradiance;
 mod lamps;
+pub mod library;
 mod named;
 pub mod neilf;
 pub mod output;

@@ -90,6 +90,13 @@ pub(crate) fn neif_with_path(path: &str, args: &[&str]) -> Run {
     run_of(&output.expect("the program starts"))
 }
 
+/// Runs the program in a folder with the library in another one to its end.
+pub(crate) fn neif_with_library(library: &Path, folder: &Path, args: &[&str]) -> Run {
+    let mut command = command(args);
+    command.current_dir(folder).env("NEIF_LIBRARY", library);
+    run_of(&command.output().expect("the program starts"))
+}
+
 /// Runs the program and presses Ctrl-C once it has noted progress with `sign` in it.
 pub(crate) fn interrupted_while_noting(args: &[&str], sign: &str) -> Run {
     let mut command = command(args);

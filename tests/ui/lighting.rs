@@ -193,6 +193,7 @@ fn an_environment_is_added_by_path_and_taken_off_the_list() {
         .push(EnvironmentEntry {
             name: "hall".to_owned(),
             path: PathBuf::from("/env/hall.safetensors"),
+            about: String::new(),
             content: EnvironmentContent::Ready(room()),
         });
     harness.run_steps(2);

@@ -196,6 +196,7 @@ mod tests {
             state.environments.push(EnvironmentEntry {
                 name: name.to_owned(),
                 path: name.into(),
+                about: String::new(),
                 content: EnvironmentContent::Loading,
             });
         }

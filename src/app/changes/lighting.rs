@@ -169,6 +169,7 @@ mod tests {
         state.environments.push(EnvironmentEntry {
             name: "other".to_owned(),
             path: PathBuf::from("/other.safetensors"),
+            about: String::new(),
             content: EnvironmentContent::Ready(environment),
         });
         state.environments.len() - 1

@@ -6,7 +6,7 @@ use std::sync::{Arc, Weak};
 
 use egui::{Context, TextureHandle, TextureId, TextureOptions};
 
-use super::thumbnails::{Subject, Thumbnails, cache_folder};
+use super::thumbnails::{Kept, Subject, Thumbnails};
 use crate::app::state::app_state::AppState;
 use crate::app::state::training_state::Phase;
 use crate::app::viewport::texture;
@@ -39,7 +39,7 @@ impl GalleryPictures {
     pub(in crate::app) fn new(ctx: &Context) -> std::io::Result<Self> {
         let wake = ctx.clone();
         Ok(Self {
-            thumbnails: Thumbnails::new(cache_folder(), move || wake.request_repaint())?,
+            thumbnails: Thumbnails::new(Kept::in_system(), move || wake.request_repaint())?,
             of_files: Vec::new(),
             own: None,
             asked: None,

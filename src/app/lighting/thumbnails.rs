@@ -1,34 +1,24 @@
 //! Small panoramas of environments: made one after the other on a thread of their own. Those of files are kept between
-//! sessions in the user's cache folder by path, size and time of change.
+//! sessions in the user's cache folder by path, size and time of change, those of the library beside its environments.
 
 use std::collections::HashSet;
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 use crossbeam::channel::{Receiver, Sender, bounded};
 use directories::ProjectDirs;
-use glam::Vec3;
 
 use crate::app::work::opener::ScreenPhoto;
 use crate::app::work::threads;
-use crate::color::luminance;
-use crate::data::write_atomically;
+use crate::data::Rgba8;
 use crate::neif::Environment;
-use crate::neif::light::display::Display;
-use crate::render::{PanoramaView, Scene, panorama_of};
+use crate::render::library::{self, Library, THUMBNAIL_WIDTH};
 
-/// Pixels per row; half as many rows.
-const WIDTH: u32 = 176;
 /// Paths that may wait; more are asked for again later.
 const QUEUE: usize = 256;
 /// Below the window, its preview and reading; above the trainer.
 const NICE: i32 = 10;
-/// What the median luminance becomes, so that pictures of any exposure can be distinguished.
-const MEDIAN: f32 = 0.2;
-/// Most that a picture is brightened or darkened by, as a factor.
-const MOST_GAIN: f32 = 64.0;
 
 /// What a small picture is of.
 #[derive(Clone, Debug)]
@@ -37,6 +27,15 @@ pub(super) enum Subject {
     File(PathBuf),
     /// One that is in no file, or is still being trained.
     Loaded(Arc<Environment>),
+}
+
+/// Where the small pictures of files are kept.
+#[derive(Debug, Default)]
+pub(super) struct Kept {
+    /// The folder for those that this thread made; without it none is kept.
+    cache: Option<PathBuf>,
+    /// It has pictures of its own.
+    library: Library,
 }
 
 /// Makes thumbnails of environments and collects them.
@@ -48,20 +47,17 @@ pub(super) struct Thumbnails {
 }
 
 impl Thumbnails {
-    /// Starts the thread; `wake` is called after each picture. Without a folder nothing is kept.
+    /// Starts the thread; `wake` is called after each picture.
     ///
     /// # Errors
     /// When the system gives no thread.
-    pub(super) fn new(
-        folder: Option<PathBuf>,
-        wake: impl Fn() + Send + 'static,
-    ) -> std::io::Result<Self> {
+    pub(super) fn new(kept: Kept, wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
         let (wanted, subjects) = bounded::<Subject>(QUEUE);
         let (sender, done) = bounded(QUEUE);
         let pool = threads::pool("neif-thumbnail", 1, NICE)?;
         let work = move || {
             for subject in subjects {
-                let Some(photo) = pool.install(|| subject.photo(folder.as_deref())) else {
+                let Some(photo) = pool.install(|| subject.photo(&kept)) else {
                     continue;
                 };
                 // The window has closed when nobody takes pictures any more.
@@ -101,42 +97,57 @@ impl Thumbnails {
 
 impl Subject {
     /// Its picture; none where its file cannot be read.
-    fn photo(&self, folder: Option<&Path>) -> Option<ScreenPhoto> {
+    fn photo(&self, kept: &Kept) -> Option<ScreenPhoto> {
         match self {
-            Self::File(path) => thumbnail(path, folder)
+            Self::File(path) => kept
+                .thumbnail(path)
                 .inspect_err(|error| tracing::debug!("{}: no thumbnail: {error}", path.display()))
                 .ok(),
-            Self::Loaded(environment) => Some(picture_of(Arc::clone(environment))),
+            Self::Loaded(environment) => {
+                Some(screen_photo(library::thumbnail(Arc::clone(environment))))
+            }
         }
     }
 }
 
-/// Where thumbnails are kept; none on a system without a home folder.
-pub(super) fn cache_folder() -> Option<PathBuf> {
-    ProjectDirs::from("", "", "neif").map(|dirs| dirs.cache_dir().join("thumbnails"))
-}
+impl Kept {
+    /// In the system's folders; on a system without a home folder nowhere.
+    pub(super) fn in_system() -> Self {
+        let folders = ProjectDirs::from("", "", "neif");
+        Self {
+            cache: folders.map(|folders| folders.cache_dir().join("thumbnails")),
+            library: Library::of_system(),
+        }
+    }
 
-fn thumbnail(path: &Path, folder: Option<&Path>) -> Result<ScreenPhoto, String> {
-    let kept = folder.map(|folder| cached_file(folder, path)).transpose();
-    let kept = kept.map_err(|error| error.to_string())?;
-    if let Some(photo) = kept.as_deref().and_then(read_kept) {
-        return Ok(photo);
+    /// The picture of a file, which is made and kept where there is none.
+    fn thumbnail(&self, path: &Path) -> Result<ScreenPhoto, String> {
+        let of_library = self.library.picture(path);
+        if let Some(photo) = of_library.as_deref().and_then(read_kept) {
+            return Ok(photo);
+        }
+        let kept = self.cache.as_deref();
+        let kept = kept.map(|folder| cached_file(folder, path)).transpose();
+        let kept = kept.map_err(|error| error.to_string())?;
+        if let Some(photo) = kept.as_deref().and_then(read_kept) {
+            return Ok(photo);
+        }
+        let environment = Environment::open(path).map_err(|error| error.to_string())?;
+        let picture = library::thumbnail(Arc::new(environment));
+        if let Some(kept) = kept
+            && let Err(error) = keep(&kept, &picture)
+        {
+            tracing::debug!("{}: cannot keep a thumbnail: {error}", kept.display());
+        }
+        Ok(screen_photo(picture))
     }
-    let environment = Environment::open(path).map_err(|error| error.to_string())?;
-    let photo = picture_of(Arc::new(environment));
-    if let Some(kept) = kept
-        && let Err(error) = keep(&kept, &photo)
-    {
-        tracing::debug!("{}: cannot keep a thumbnail: {error}", kept.display());
-    }
-    Ok(photo)
 }
 
 /// The file in which the thumbnail of `path`, as it is now, is kept.
 fn cached_file(folder: &Path, path: &Path) -> std::io::Result<PathBuf> {
     let metadata = std::fs::metadata(path)?;
     let mut hasher = DefaultHasher::new();
-    let key = (std::path::absolute(path)?, metadata.len(), WIDTH);
+    let key = (std::path::absolute(path)?, metadata.len(), THUMBNAIL_WIDTH);
     (key, metadata.modified()?).hash(&mut hasher);
     Ok(folder.join(format!("{:016x}.png", hasher.finish())))
 }
@@ -151,100 +162,44 @@ fn read_kept(file: &Path) -> Option<ScreenPhoto> {
     })
 }
 
-fn keep(file: &Path, photo: &ScreenPhoto) -> std::io::Result<()> {
+fn keep(file: &Path, picture: &Rgba8) -> Result<(), String> {
     let folder = file.parent().unwrap_or(Path::new("."));
-    std::fs::create_dir_all(folder)?;
-    let [width, height] = photo.size.map(|side| side as u32);
-    let bytes = photo.pixels.as_flattened().to_vec();
-    let image = image::RgbaImage::from_raw(width, height, bytes)
-        .ok_or_else(|| std::io::Error::other("the picture has another size"))?;
-    write_atomically(file, |into| {
-        image
-            .write_to(into, image::ImageFormat::Png)
-            .map_err(std::io::Error::other)
-    })
+    std::fs::create_dir_all(folder).map_err(|error| error.to_string())?;
+    picture.write_png(file).map_err(|error| error.to_string())
 }
 
-/// What the middle of the environment sees all around, its up axis upwards.
-fn picture_of(environment: Arc<Environment>) -> ScreenPhoto {
-    let view = PanoramaView {
-        at: environment.inner_box().center(),
-        up: environment.up(),
-        roughness: 0.0,
-        width: WIDTH,
-    };
-    let gamma = environment.gamma();
-    let display = Display { gamma };
-    let scene = Scene::new(None, environment);
-    let seen = panorama_of(&scene, &view, &AtomicBool::new(false));
-    // Nothing cancels it.
-    let (width, height, pixels) = seen.map_or((0, 0, Vec::new()), |seen| {
-        (seen.width, seen.height, seen.pixels)
-    });
-    let gain = gain(&pixels);
-    let shown = |v: f32| (display.value((v * gain).max(0.0)).min(1.0) * 255.0 + 0.5) as u8;
-    ScreenPhoto::thinned(width as usize, height as usize, |i| pixels[i].map(shown))
-}
-
-/// Brings the median luminance to [`MEDIAN`].
-fn gain(pixels: &[[f32; 3]]) -> f32 {
-    let mut light: Vec<f32> = pixels.iter().map(|p| luminance(Vec3::from(*p))).collect();
-    light.sort_by(f32::total_cmp);
-    let median = light.get(light.len() / 2).copied().unwrap_or(MEDIAN);
-    // A black environment stays black.
-    (MEDIAN / median.max(1e-9)).clamp(1.0 / MOST_GAIN, MOST_GAIN)
+fn screen_photo(picture: Rgba8) -> ScreenPhoto {
+    ScreenPhoto {
+        size: [picture.width as usize, picture.height as usize],
+        pixels: picture.pixels,
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use std::time::Duration;
 
-    use glam::Quat;
+    use glam::Vec3;
 
     use super::*;
     use crate::neif::Storage;
-    use crate::neif::distant::{DistantConfig, DistantLight};
-
-    fn sky(color: [f32; 3], up: Vec3) -> Environment {
-        let config = DistantConfig {
-            width: 16,
-            height: 8,
-            world_from_picture: Quat::IDENTITY,
-        };
-        // The upper half (towards +z) has the colour, the lower one is black.
-        let pixel = |i: usize| if i < 64 { color } else { [0.0; 3] };
-        let pixels: Vec<f32> = (0..128).flat_map(pixel).collect();
-        let light = DistantLight::new(config, &pixels).expect("a picture");
-        Environment::of_distant("sky".to_owned(), up, light)
-    }
-
-    #[test]
-    fn the_up_axis_is_up_in_a_thumbnail() {
-        let top = |up| {
-            let photo = picture_of(Arc::new(sky([3.0, 1.0, 1.0], up)));
-            let row = photo.size[0];
-            (
-                photo.pixels[row * 4][0],
-                photo.pixels[photo.pixels.len() - row * 4][0],
-            )
-        };
-        let (above, below) = top(Vec3::Z);
-        assert!(above > 100 && below < 50, "{above} {below}");
-        let (above, below) = top(Vec3::NEG_Z);
-        assert!(above < 50 && below > 100, "{above} {below}");
-    }
+    use crate::render::library::{Record, sky};
 
     #[test]
     fn a_thumbnail_is_kept_until_its_file_changes() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("a.safetensors");
         let cache = folder.path().join("cache");
+        let kept = Kept {
+            cache: Some(cache.clone()),
+            library: Library::default(),
+        };
         sky([1.0, 0.2, 0.2], Vec3::Z)
             .save(&file, Storage::F32)
             .unwrap();
         let n_kept = || std::fs::read_dir(&cache).unwrap().count();
-        let first = thumbnail(&file, Some(&cache)).unwrap();
-        assert_eq!(thumbnail(&file, Some(&cache)).unwrap(), first);
+        let first = kept.thumbnail(&file).unwrap();
+        assert_eq!(kept.thumbnail(&file).unwrap(), first);
         assert_eq!(n_kept(), 1, "taken from the cache");
         sky([0.2, 0.2, 1.0], Vec3::Z)
             .save(&file, Storage::F32)
@@ -255,8 +210,33 @@ mod tests {
             .open(&file)
             .and_then(|file| file.set_modified(later))
             .unwrap();
-        assert_ne!(thumbnail(&file, Some(&cache)).unwrap(), first, "made anew");
+        assert_ne!(kept.thumbnail(&file).unwrap(), first, "made anew");
         assert_eq!(n_kept(), 2);
+    }
+
+    #[test]
+    fn the_library_s_own_picture_is_taken_where_there_is_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let library = Library::new(Some(folder.path().to_owned()), None);
+        let environment = Arc::new(sky([1.0, 0.2, 0.2], Vec3::Z));
+        let entry = library
+            .add(&environment, Storage::F32, Record::default())
+            .unwrap();
+        // The light itself is not read for it.
+        let file = std::fs::File::options()
+            .write(true)
+            .open(&entry.file)
+            .unwrap();
+        let changed = file.metadata().and_then(|of| of.modified()).unwrap();
+        file.set_len(9)
+            .and_then(|()| file.set_modified(changed))
+            .unwrap();
+        let kept = Kept {
+            cache: None,
+            library,
+        };
+        let expected = screen_photo(library::thumbnail(environment));
+        assert_eq!(kept.thumbnail(&entry.file), Ok(expected));
     }
 
     #[test]
@@ -268,7 +248,7 @@ mod tests {
         std::fs::write(&bad, "no environment").unwrap();
         let (sender, woken) = bounded(8);
         let wake = move || sender.send(()).unwrap();
-        let mut thumbnails = Thumbnails::new(None, wake).unwrap();
+        let mut thumbnails = Thumbnails::new(Kept::default(), wake).unwrap();
         thumbnails.ask(&bad);
         thumbnails.ask(&good);
         thumbnails.ask(&good);

@@ -10,7 +10,7 @@ use super::history::History;
 use super::look::Look;
 use super::messages::Messages;
 use super::palette::Palette;
-use super::source::{EnvironmentContent, EnvironmentEntry, Source, environment_name};
+use super::source::{EnvironmentContent, EnvironmentEntry, Source};
 use super::training_state::{Level, TrainingState};
 use super::watch::{Comparison, WatchState};
 use crate::app::inspect::InspectState;
@@ -279,6 +279,7 @@ impl AppState {
             self.environments.push(EnvironmentEntry {
                 name: environment_name(path),
                 path: path.to_owned(),
+                about: String::new(),
                 content: EnvironmentContent::NotLoaded,
             });
             self.environments.len() - 1

@@ -64,15 +64,6 @@ pub fn file_stem(path: &Path) -> String {
     )
 }
 
-/// The name of the environment in a file. Runs all call theirs the same; the folder's name says more.
-pub fn environment_name(path: &Path) -> String {
-    let stem = file_stem(path);
-    match path.parent().and_then(Path::file_name) {
-        Some(folder) if stem == "environment" => folder.to_string_lossy().into_owned(),
-        _ => stem,
-    }
-}
-
 /// An environment that can be chosen.
 #[derive(Clone, Debug)]
 pub struct EnvironmentEntry {
@@ -80,6 +71,8 @@ pub struct EnvironmentEntry {
     pub name: String,
     /// The file.
     pub path: PathBuf,
+    /// Where it came from and what may be done with it, for people; empty where nobody said.
+    pub about: String,
     /// What is known of it.
     pub content: EnvironmentContent,
 }

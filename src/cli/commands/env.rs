@@ -7,13 +7,17 @@ use glam::Vec3;
 use neif::color::srgb_from_linear;
 use neif::data::{ExrSample, write_exr, write_png_srgb};
 use neif::neif::Environment;
+use neif::render::library::Record;
 use neif::render::{Picture, panorama as render_panorama};
 use neif::train::session::options::SessionOptions;
+use serde_json::json;
 
 use super::env_import::EnvImportArgs;
+use super::env_library::{EnvAddArgs, EnvListArgs, EnvRemoveArgs};
 use super::train::{BudgetArgs, config};
 use crate::cli::capture::CaptureArgs;
 use crate::cli::failure::{Failure, OrUnusable as _};
+use crate::cli::place::{AboutArgs, Place};
 use crate::cli::{interrupt, output, scenes, training, values};
 
 /// What can be done with an environment.
@@ -25,6 +29,12 @@ pub(crate) enum EnvCommand {
     Import(EnvImportArgs),
     /// Render what a point of the environment sees all around
     Panorama(PanoramaArgs),
+    /// List the library: environments that go by a name wherever one is asked for, in the window too
+    List(EnvListArgs),
+    /// Add an environment to the library
+    Add(EnvAddArgs),
+    /// Delete an environment of the library
+    Remove(EnvRemoveArgs),
 }
 
 #[derive(Debug, clap::Args)]
@@ -32,9 +42,12 @@ pub(crate) struct EnvTrainArgs {
     /// A folder or file of posed photos
     #[arg(value_name = "IMAGES")]
     images: PathBuf,
-    /// The environment file (.safetensors) to write, or a folder to put it in
+    /// The environment file (.safetensors) to write, or a folder to put it in; `library` puts it into the library
     #[arg(long, value_name = "ENV")]
     out: PathBuf,
+    /// What it is called in lists [default: the capture's name]
+    #[arg(long, value_name = "NAME")]
+    name: Option<String>,
     /// Settings: `fast`, `paper`, or a TOML file with the values that differ from it [default: fast]
     #[arg(long, value_name = "NAME|FILE.toml")]
     preset: Option<String>,
@@ -54,11 +67,13 @@ pub(crate) struct EnvTrainArgs {
     /// Write events as lines of JSON
     #[arg(long)]
     json: bool,
+    #[command(flatten, next_help_heading = "In the library")]
+    about: AboutArgs,
 }
 
 pub(crate) fn train(args: &EnvTrainArgs, started: Instant) -> Result<(), Failure> {
     // Before the training, so that a wrong place shows at once.
-    let target = scenes::new_environment(&args.out)?;
+    let place = Place::of(&args.out, &args.about)?;
     let mut config = config(args.preset.as_deref(), args.seed)?;
     config.threads = args.threads;
     config.validate().or_unusable()?;
@@ -69,29 +84,33 @@ pub(crate) fn train(args: &EnvTrainArgs, started: Instant) -> Result<(), Failure
         storage: scenes::storage(args.half),
         ..SessionOptions::new(&args.images, config, args.budget.or_default())
     };
-    train_into(&target, options, args.json, |environment| environment)
+    let record = args.about.record(args.name.as_deref(), &args.images);
+    train_into(&place, options, args.json, record)
 }
 
-/// Trains, and writes what `finished` makes of the environment.
+/// Trains, and puts the environment into its place.
 pub(super) fn train_into(
-    target: &Path,
+    place: &Place,
     options: SessionOptions,
     json: bool,
-    finished: impl FnOnce(Environment) -> Environment,
+    record: Record,
 ) -> Result<(), Failure> {
     let storage = options.storage;
     let outcome = training::train(options, json)?;
-    let environment = finished(Environment::clone(&outcome.snapshot.environment));
-    environment.save(target, storage)?;
+    let environment = Environment::clone(&outcome.snapshot.environment);
+    let file = place.put(environment, storage, record)?;
     if !json {
-        outcome.report(target)?;
+        outcome.report(&file)?;
+    } else if let Place::Library(_) = place {
+        // The library chooses the name.
+        output::json_line(&json!({"event": "added", "path": file.to_string_lossy()}))?;
     }
     outcome.verdict()
 }
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct PanoramaArgs {
-    /// An environment file or a run folder
+    /// An environment file, a run folder or a name of the library
     #[arg(value_name = "ENV")]
     environment: PathBuf,
     /// The point in the world to look from

@@ -12,6 +12,7 @@ use neif::train::session::options::SessionOptions;
 use super::env::train_into;
 use super::train::{BudgetArgs, config};
 use crate::cli::failure::{Failure, OrUnusable as _};
+use crate::cli::place::{AboutArgs, Place};
 use crate::cli::{output, scenes, values};
 
 #[derive(Debug, clap::Args)]
@@ -20,7 +21,7 @@ pub(crate) struct EnvImportArgs {
     /// or .exr (linear), .png or .jpg (lamps no brighter than white)
     #[arg(value_name = "FILE")]
     file: PathBuf,
-    /// The environment file (.safetensors) to write, or a folder to put it in
+    /// The environment file (.safetensors) to write, or a folder to put it in; `library` puts it into the library
     #[arg(long, value_name = "ENV")]
     out: PathBuf,
     /// Of a panorama, the direction that its top becomes [default: z]; of a scan, which way is up in it [default: across its floors
@@ -37,6 +38,8 @@ pub(crate) struct EnvImportArgs {
     scan: ScanArgs,
     #[command(flatten)]
     panorama: PanoramaArgs,
+    #[command(flatten, next_help_heading = "In the library")]
+    about: AboutArgs,
 }
 
 #[derive(Debug, clap::Args)]
@@ -79,7 +82,7 @@ pub(crate) fn run(args: &EnvImportArgs, started: Instant) -> Result<(), Failure>
 
 /// Trains an environment on pictures of the scan.
 fn distill(args: &EnvImportArgs, started: Instant) -> Result<(), Failure> {
-    let target = scenes::new_environment(&args.out)?;
+    let place = Place::of(&args.out, &args.about)?;
     let mut config = config(None, args.scan.seed)?;
     config.threads = args.scan.threads;
     let options = SessionOptions {
@@ -93,15 +96,8 @@ fn distill(args: &EnvImportArgs, started: Instant) -> Result<(), Failure> {
         started,
         ..SessionOptions::new(&args.file, config, args.scan.budget.or_default())
     };
-    train_into(
-        &target,
-        options,
-        args.scan.json,
-        |environment| match &args.name {
-            Some(name) => environment.renamed(name),
-            None => environment,
-        },
-    )
+    let record = args.about.record(args.name.as_deref(), &args.file);
+    train_into(&place, options, args.scan.json, record)
 }
 
 fn import_panorama(args: &EnvImportArgs) -> Result<(), Failure> {
@@ -116,8 +112,9 @@ fn import_panorama(args: &EnvImportArgs) -> Result<(), Failure> {
         environment,
         notices,
     } = import_environment(&args.file, &options).or_unusable()?;
-    let target = scenes::new_environment(&args.out)?;
-    environment.save(&target, scenes::storage(args.half))?;
+    let place = Place::of(&args.out, &args.about)?;
+    let record = args.about.record(args.name.as_deref(), &args.file);
+    let target = place.put(environment, scenes::storage(args.half), record)?;
     for notice in notices {
         output::note(&format!("{}: {notice}", args.file.display()));
     }

@@ -47,7 +47,8 @@ pub(crate) struct EvalArgs {
     /// Leave the diffuse part as it was learned when the light changes, as the paper does
     #[arg(long)]
     baked_diffuse: bool,
-    /// An environment trained on another capture, under that capture's name, for relightings that use it
+    /// An environment trained on another capture (a file, or a name of the library), under that capture's name, for relightings that
+    /// use it
     #[arg(long, value_name = "NAME=FILE", value_parser = values::named_path)]
     env: Vec<(String, PathBuf)>,
     /// Make another environment as bright, and of the same white, as the object's own; not so in the ground truth of

@@ -11,12 +11,12 @@ use serde_json::{Value, json};
 
 use crate::cli::capture::CaptureArgs;
 use crate::cli::failure::{Failure, OrUnusable as _};
-use crate::cli::output;
 use crate::cli::photos_found::PhotosFound;
+use crate::cli::{library, output};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct InfoArgs {
-    /// A capture, a run folder, the file of an environment or of a trained object, or a panorama (.hdr, .exr)
+    /// A capture, a run folder, the file of an environment or of a trained object, a panorama (.hdr, .exr), or a name of the library
     #[arg(value_name = "PATH")]
     path: PathBuf,
     #[command(flatten)]
@@ -27,7 +27,9 @@ pub(crate) struct InfoArgs {
 }
 
 pub(crate) fn run(args: &InfoArgs) -> Result<(), Failure> {
-    let path = &args.path;
+    let named = (!args.path.exists()).then(|| library::named(&args.path).ok());
+    let named = named.flatten().map(|entry| entry.file);
+    let path = named.as_ref().unwrap_or(&args.path);
     let (facts, page) = if RunFolder::is_run(path) {
         listed(about_run(path)?)
     } else if is_environment_file(path) {

@@ -4,6 +4,7 @@ pub(super) mod bench;
 pub(super) mod demo;
 pub(super) mod env;
 pub(super) mod env_import;
+pub(super) mod env_library;
 pub(super) mod eval;
 pub(super) mod export;
 pub(super) mod info;

@@ -24,7 +24,7 @@ pub(crate) struct RenderArgs {
     run: PathBuf,
     #[command(flatten)]
     cameras: CameraFlags,
-    /// Another environment: an environment file, a run folder, or `own`
+    /// Another environment: an environment file, a run folder, a name of the library, or `own`
     #[arg(long, value_name = "ENV", default_value = "own")]
     env: PathBuf,
     /// Make another environment as bright, and of the same white, as the object's own; `--env-exposure` comes on top

@@ -7,10 +7,11 @@ use neif::data::CaptureChoices;
 use super::demo;
 use crate::cli::capture::CaptureArgs;
 use crate::cli::failure::Failure;
+use crate::cli::library;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct ViewArgs {
-    /// Captures, run folders or environment files to open
+    /// Captures, run folders or environment files to open, or names of the library
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
     #[command(flatten)]
@@ -18,12 +19,11 @@ pub(crate) struct ViewArgs {
 }
 
 pub(crate) fn run(args: ViewArgs) -> Result<(), Failure> {
-    if let Some(missing) = args.paths.iter().find(|path| !path.exists()) {
-        return Err(Failure::at(missing, "no such file or folder"));
-    }
+    let paths = args.paths.iter().map(|path| library::path_or_name(path));
+    let paths: Vec<PathBuf> = paths.collect::<Result<_, _>>()?;
     match no_window_reason() {
         Some(reason) => Err(Failure::Failed(anyhow::anyhow!("{reason}"))),
-        None => open_window(args.paths, args.capture.choices()),
+        None => open_window(paths, args.capture.choices()),
     }
 }
 

@@ -6,12 +6,14 @@
 
 use std::{
     collections::BTreeMap,
-    io::{self, Write as _},
+    fs::File,
+    io::{self, Read as _, Write as _},
     path::{Path, PathBuf},
 };
 
 use half::{bf16, f16};
 use safetensors::{Dtype, SafeTensorError, SafeTensors};
+use serde::Deserialize;
 use serde_json::json;
 
 use crate::data::write_atomically;
@@ -170,6 +172,16 @@ impl Tensor {
     }
 }
 
+/// Longest header that is read on its own, bytes.
+const MOST_HEADER: u64 = 1 << 20;
+
+/// The entries of a header that are no arrays.
+#[derive(Deserialize)]
+struct Header {
+    #[serde(rename = "__metadata__", default)]
+    metadata: BTreeMap<String, String>,
+}
+
 /// Arrays and text entries by name, as one file holds them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TensorFile {
@@ -189,6 +201,40 @@ impl TensorFile {
     pub fn read(path: &Path) -> Result<Self, TensorFileError> {
         let bytes = std::fs::read(path).map_err(|e| TensorFileError::io(path, e))?;
         Self::from_bytes(&bytes, path)
+    }
+
+    /// Reads the text entries alone, from the beginning of a file: a few kilobytes of it, whatever its size. The arrays are
+    /// not looked at.
+    ///
+    /// # Errors
+    /// When the file cannot be read, or does not begin as a safetensors file.
+    pub fn read_metadata(path: &Path) -> Result<Self, TensorFileError> {
+        let io_error = |e| TensorFileError::io(path, e);
+        let damaged = |what: &str| {
+            TensorFileError::unusable(path, format!("not a valid safetensors file ({what})"))
+        };
+        let mut file = File::open(path).map_err(io_error)?;
+        let mut length = [0; 8];
+        file.read_exact(&mut length).map_err(|e| match e.kind() {
+            io::ErrorKind::UnexpectedEof => damaged("it is too short"),
+            _ => io_error(e),
+        })?;
+        let length = u64::from_le_bytes(length);
+        // Else a file that is none could ask for all memory.
+        if length > MOST_HEADER {
+            return Err(damaged("its header is too long"));
+        }
+        let mut header = Vec::new();
+        file.take(length)
+            .read_to_end(&mut header)
+            .map_err(io_error)?;
+        let header: Header =
+            serde_json::from_slice(&header).map_err(|e| damaged(&e.to_string()))?;
+        Ok(Self {
+            tensors: BTreeMap::new(),
+            metadata: header.metadata,
+            origin: path.to_owned(),
+        })
     }
 
     /// Decodes the bytes of a file; `path` is only used in messages.

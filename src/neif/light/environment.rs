@@ -59,6 +59,35 @@ pub enum EnvironmentField {
     Distant(DistantLight),
 }
 
+/// What an environment is, without its numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, strum::Display)]
+#[strum(serialize_all = "lowercase")]
+pub enum EnvironmentKind {
+    /// A fast field, trained on photos.
+    Trained,
+    /// A network of the paper, trained on photos.
+    #[strum(to_string = "paper network")]
+    PaperNetwork,
+    /// A picture of an infinitely far environment.
+    Panorama,
+}
+
+impl EnvironmentKind {
+    /// That of an environment file, of which only the beginning is read.
+    ///
+    /// # Errors
+    /// When the file does not begin as an environment's.
+    pub fn of_file(path: &Path) -> Result<Self, NeifError> {
+        let stored = FORMAT.read_metadata(path)?;
+        match stored.kind() {
+            GRID => Ok(Self::Trained),
+            PAPER => Ok(Self::PaperNetwork),
+            DISTANT => Ok(Self::Panorama),
+            _ => Err(stored.unknown_kind()),
+        }
+    }
+}
+
 /// Working memory of [`Environment::light`], reused from call to call.
 #[derive(Debug, Default)]
 pub struct LightScratch {

@@ -100,7 +100,9 @@ fn tiles<'a>(state: &'a AppState, pictures: &Pictures) -> Vec<Tile<'a>> {
             EnvironmentContent::Failed(_) => format!("{} (cannot be used)", entry.name),
             _ => entry.name.clone(),
         },
-        hint: entry.path.display().to_string(),
+        hint: format!("{}\n{}", entry.path.display(), entry.about)
+            .trim_end()
+            .to_owned(),
         picture: picture(&entry.path),
         environment: Some(i),
         entry: Some(entry),

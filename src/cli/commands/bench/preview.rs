@@ -10,9 +10,9 @@ use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
 use glam::Vec3;
-use neif::app::assets;
 use neif::app::viewport::camera_control::Viewpoint;
 use neif::neif::{Environment, MaterialEdit, RoughnessEdit};
+use neif::render::library::Library;
 use neif::train::Snapshot;
 use neif::train::session::events::{TrainCommand, TrainEvent};
 use neif::train::session::handle::Session;
@@ -246,8 +246,9 @@ impl Bench {
             })?,
         );
         self.desk.look.transform.rotate_deg = Vec3::ZERO;
-        if let Some(entry) = assets::environments().first() {
-            let other = Arc::new(Environment::open(&entry.path).or_unusable()?);
+        let listed = Library::of_system().entries().unwrap_or_default();
+        if let Some(entry) = listed.iter().find(|entry| entry.is_bundled) {
+            let other = Arc::new(Environment::open(&entry.file).or_unusable()?);
             rows.push(
                 self.change("swapped environment to first picture", |desk, i| {
                     desk.look.environment = (i % 2 == 0).then(|| Arc::clone(&other));

@@ -45,6 +45,29 @@ fn every_truncation_is_an_error_and_not_a_panic() {
 }
 
 #[test]
+fn text_entries_are_read_without_the_arrays() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.safetensors");
+    let bytes = sample().to_bytes();
+    let header = 8 + u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
+    std::fs::write(&path, &bytes[..header]).unwrap();
+    let read = TensorFile::read_metadata(&path).unwrap();
+    assert_eq!(read.metadata, sample().metadata);
+    assert!(read.tensors.is_empty());
+    for length in 0..header {
+        std::fs::write(&path, &bytes[..length]).unwrap();
+        assert_error(
+            TensorFile::read_metadata(&path),
+            &["a.safetensors", "valid"],
+        );
+    }
+    std::fs::write(&path, [0xff; 64]).unwrap();
+    assert_error(TensorFile::read_metadata(&path), &["header is too long"]);
+    let missing = folder.path().join("missing");
+    assert_error(TensorFile::read_metadata(&missing), &["missing"]);
+}
+
+#[test]
 fn wrong_shape_type_or_name_is_reported_with_file_and_tensor() {
     let file =
         TensorFile::from_bytes(&sample().to_bytes(), Path::new("run/x.safetensors")).unwrap();

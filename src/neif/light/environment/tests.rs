@@ -98,6 +98,28 @@ fn the_paper_s_field_comes_back_as_one() {
 }
 
 #[test]
+fn the_kind_is_known_from_the_beginning_of_a_file() {
+    let (_folder, path) = saved(&environment(), Storage::F16);
+    let kind = |path: &Path| EnvironmentKind::of_file(path).unwrap();
+    assert_eq!(kind(&path), EnvironmentKind::Trained);
+    let config = PaperFieldConfig {
+        depth: 2,
+        width: 16,
+        ..PaperFieldConfig::default()
+    };
+    let paper = Environment::of_paper(place(), PaperField::new(config, || 0.3));
+    paper.save(&path, Storage::F32).unwrap();
+    assert_eq!(kind(&path).to_string(), "paper network");
+    let mut file = TensorFile::read(&path).unwrap();
+    for (key, value) in [(KIND, "splats"), ("format", "neif-object-1")] {
+        file.metadata.insert(key.to_owned(), value.to_owned());
+        file.write(&path).unwrap();
+        let error = EnvironmentKind::of_file(&path).unwrap_err().to_string();
+        assert!(error.contains(key), "{error}");
+    }
+}
+
+#[test]
 fn a_file_without_a_kind_holds_a_grid_and_an_unknown_kind_is_refused() {
     let (_folder, path) = saved(&environment(), Storage::F32);
     let mut file = TensorFile::read(&path).unwrap();
