@@ -7,13 +7,15 @@ use std::sync::atomic::AtomicBool;
 use crossbeam::channel::{Receiver, Sender, bounded};
 use egui::Context;
 
+use super::importer::Made;
 use super::threads::spawn;
 use crate::app::session::session_file::{EXTENSION, SessionFile};
 use crate::app::state::messages::with_causes;
 use crate::data::{DataError, Dataset, LoadOptions, Photo, first_photo, list_capture};
 use crate::neif::distant::is_environment_file;
-use crate::neif::{Environment, EnvironmentTransform};
+use crate::neif::{Environment, EnvironmentTransform, Storage};
 use crate::render::Scene;
+use crate::render::library::{Library, Record};
 use crate::scans::{Scan, load_capture};
 use crate::train::Snapshot;
 use crate::train::session::events::TrainEvent;
@@ -75,6 +77,11 @@ pub(super) enum Opened {
     },
     /// Another program's scan, of which an environment is to be made.
     Scan(PathBuf),
+    /// The file of the library in which what was made of the scan at this path is kept, or why it is not.
+    Kept {
+        scan: PathBuf,
+        result: Result<PathBuf, String>,
+    },
     /// An environment, or why it cannot be used.
     Environment {
         path: PathBuf,
@@ -116,6 +123,19 @@ impl Opener {
             sender,
             ctx: ctx.clone(),
         }
+    }
+
+    /// Puts an environment that was made of a scan into the library.
+    pub(super) fn keep(&self, Made { scan, environment }: Made) {
+        self.spawn(move |send| {
+            let record = Record {
+                origin: Some(scan.display().to_string()),
+                ..Record::default()
+            };
+            let kept = Library::of_system().add(&environment, Storage::default(), record);
+            let result = kept.map(|entry| entry.file).map_err(|error| with_causes(&error));
+            send(Opened::Kept { scan, result });
+        });
     }
 
     /// The next result, if there is one.

@@ -289,7 +289,9 @@ impl Work {
     pub(in crate::app) fn poll(&mut self, state: &mut AppState) -> Vec<News> {
         self.poll_session(state);
         self.exporter.poll(state);
-        let _made = self.importer.poll(state);
+        for made in self.importer.poll(state) {
+            self.opener.keep(made);
+        }
         self.poll_keeper(state);
         let mut news: Vec<News> = self.poll_growth(state).into_iter().collect();
         while let Some(opened) = self.opener.next() {
@@ -369,6 +371,7 @@ impl Work {
                 state.set_dataset(dataset);
                 stand_at_wanted_view(state);
             }
+            Opened::Kept { scan, result } => keep(state, &scan, result),
             Opened::Scan(path) if state.source == Source::Nothing => {
                 return Some(self.open_capture(state, Source::Capture(path)));
             }
@@ -472,5 +475,20 @@ impl Work {
     fn remember(&self, state: &mut AppState, path: &Path) {
         recent::add(&mut state.recent, path);
         recent::save(&state.recent, &self.keeper);
+    }
+}
+
+/// Takes in where the environment of a scan is kept: it is read from there from now on.
+fn keep(state: &mut AppState, scan: &Path, result: Result<PathBuf, String>) {
+    match result {
+        Ok(file) => {
+            let mut entries = state.environments.iter_mut();
+            if let Some(entry) = entries.find(|entry| entry.path == scan) {
+                let said = format!("“{}” is in the library of environments", entry.name);
+                entry.path = file;
+                state.messages.say(Level::Info, said);
+            }
+        }
+        Err(reason) => state.messages.say(Level::Error, reason),
     }
 }
