@@ -8,7 +8,7 @@ use std::process::Command;
 use serde_json::Value;
 
 const ORDER: [&str; 8] = [
-    "color", "geometry", "data", "scans", "neif", "render", "train", "app",
+    "color", "geometry", "data", "neif", "scans", "render", "train", "app",
 ];
 
 /// Longest source file that is accepted, in lines.
