@@ -7,6 +7,7 @@ use std::sync::LazyLock;
 use libfuzzer_sys::fuzz_target;
 use neif::data::read_key_views;
 use neif::neif::{Environment, SurfaceField};
+use neif::scans::Scan;
 use neif_fuzz::{colmap, load_beside_cameras, load_depth, load_with, read_with};
 
 static READER: LazyLock<String> =
@@ -63,6 +64,12 @@ fuzz_target!(|bytes: &[u8]| {
         "environment" => read_with("environment.safetensors", bytes, Environment::load),
         "key_views" => read_with("cameras.json", bytes, read_key_views),
         "object" => read_with("object.safetensors", bytes, SurfaceField::load),
+        "scan_ckpt" => read_with("scan.ckpt", bytes, Scan::read),
+        "scan_msgpack" => read_with("scan.msgpack", bytes, Scan::read),
+        "scan_ply" => read_with("scan.ply", bytes, Scan::read),
+        "scan_sog" => read_with("scan.sog", bytes, Scan::read),
+        "scan_splat" => read_with("scan.splat", bytes, Scan::read),
+        "scan_spz" => read_with("scan.spz", bytes, Scan::read),
         other => panic!("{other} is no reader"),
     }
 });
