@@ -333,7 +333,7 @@ impl Field for ClassicField {
                 _ if i == 0 => &scratch.inputs,
                 Skip::None => &scratch.hidden,
                 Skip::Before => {
-                    let n = scratch.hidden.len() / points.len().max(1);
+                    let n = layer.n_in() - n_encoded;
                     join(
                         (&scratch.inputs, n_encoded),
                         (&scratch.hidden, n),
@@ -342,7 +342,7 @@ impl Field for ClassicField {
                     &scratch.spare
                 }
                 Skip::After => {
-                    let n = scratch.hidden.len() / points.len().max(1);
+                    let n = layer.n_in() - n_encoded;
                     join(
                         (&scratch.hidden, n),
                         (&scratch.inputs, n_encoded),

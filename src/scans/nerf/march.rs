@@ -155,6 +155,10 @@ impl March<'_> {
                 });
             }
         }
+        if batch.points.is_empty() {
+            walkers.clear();
+            return;
+        }
         self.field
             .densities(&batch.points, &mut batch.scratch, &mut batch.answers);
         self.weigh(walkers, batch);

@@ -15,6 +15,8 @@ mod nerfacto;
 mod ngp;
 mod occupancy;
 mod sphere;
+#[cfg(test)]
+mod tests;
 mod torch_pickle;
 
 use std::collections::HashSet;

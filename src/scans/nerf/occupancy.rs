@@ -118,7 +118,10 @@ impl Occupancy {
     /// What lies at a point: whether there may be anything, and how wide its cell is; `None` outside of all.
     pub(super) fn at(&self, p: Vec3) -> Option<(bool, f32)> {
         let away = (p - self.center).abs().max_element() / self.half;
-        // The smallest cascade that holds it; NaN lies in none.
+        if away.is_nan() {
+            return None;
+        }
+        // The smallest cascade that holds it.
         let cascade = if away < 1.0 {
             0
         } else {

@@ -116,6 +116,10 @@ impl Reader<'_> {
             .collect();
         inputs.extend((1..n_features).map(|i| Input::Number(i, 1.0)));
         inputs.extend(learnt.into_iter().map(Input::Constant));
+        let n_out = parts.color.last().map_or(0, Matrix::n_out);
+        if n_out < 3 || is_torch && n_out != 3 {
+            return Err(self.fail("mlp_head", &format!("makes {n_out} numbers, no colour")));
+        }
         let n_in = parts.color.first().map_or(0, |matrix| matrix.n_in);
         if inputs.len() > n_in || is_torch && inputs.len() != n_in {
             let problem = format!("takes {n_in} numbers, and {} are made", inputs.len());
