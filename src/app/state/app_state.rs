@@ -23,6 +23,7 @@ use crate::app::work::pace::Pace;
 use crate::data::{Dataset, View};
 use crate::geometry::{Aabb, Camera, Hit};
 use crate::neif::{Environment, ObjectModel, Region};
+use crate::render::library::environment_name;
 use crate::render::preview::progressive::Recomputed;
 use crate::render::{DrawnBy, Layer, PreviewScene, Scene};
 use crate::train::Snapshot;
