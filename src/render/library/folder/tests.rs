@@ -79,7 +79,7 @@ fn what_is_added_is_listed_after_the_bundled_ones_with_all_that_is_known() {
 fn a_second_one_of_a_name_gets_a_number_and_overwrites_nothing() {
     let (_root, library) = library();
     let light = Arc::new(sky([1.0; 3], Vec3::Z));
-    let mut add = |name: &str| {
+    let add = |name: &str| {
         let added = library.add(&light, Storage::F32, called(name)).unwrap();
         let stem = added.file.file_stem().unwrap().to_str().unwrap().to_owned();
         (added.name, stem)
