@@ -47,11 +47,15 @@ pub(super) fn logistic(x: f32) -> f32 {
 
 /// A density that can be computed with, whatever a network's damaged weights make.
 pub(super) fn usable_density(density: f32) -> f32 {
-    // NaN becomes 0.
-    density.max(0.0).min(1e12)
+    // NaN, which a clamp would keep, becomes 0.
+    if density > 0.0 {
+        density.min(1e12)
+    } else {
+        0.0
+    }
 }
 
 /// A colour that can be shown, whatever a network's damaged weights make.
 pub(super) fn usable_color(color: [f32; 3]) -> [f32; 3] {
-    color.map(|x| x.max(0.0).min(1e6))
+    color.map(|x| if x > 0.0 { x.min(1e6) } else { 0.0 })
 }

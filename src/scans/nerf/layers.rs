@@ -85,13 +85,10 @@ impl Layer {
                 }
                 let output = &mut outputs[r * self.n_out + p * WIDTH..];
                 // A copy of known length is no call.
-                if let Some(whole) = output.first_chunk_mut::<WIDTH>() {
-                    if n_wanted == WIDTH {
-                        *whole = *sums;
-                        continue;
-                    }
+                match output.first_chunk_mut::<WIDTH>() {
+                    Some(whole) if n_wanted == WIDTH => *whole = *sums,
+                    _ => output[..n_wanted].copy_from_slice(&sums[..n_wanted]),
                 }
-                output[..n_wanted].copy_from_slice(&sums[..n_wanted]);
             }
         }
     }

@@ -264,7 +264,7 @@ impl Reader<'_> {
             self.find(names)
                 .ok_or_else(|| self.fail(names[0], "missing"))
         };
-        let base = if let Some(name) = self.find(&both) {
+        let mut base = if let Some(name) = self.find(&both) {
             self.floats(name)?
         } else {
             let mut base = self.floats(need(&networks)?)?;
@@ -278,7 +278,7 @@ impl Reader<'_> {
             );
             self.fail("mlp_base", &problem)
         })?;
-        let (density_params, grid_params) = base.split_at(density.n_params());
+        let table = base.split_off(density.n_params());
         let head = need(&heads)?;
         let color_params = self.floats(head)?;
         let n_in = (N_HARMONICS + density.n_out - 1 + n_learnt).next_multiple_of(ALIGNMENT);
@@ -291,9 +291,9 @@ impl Reader<'_> {
             self.fail(head, &problem)
         })?;
         Ok(Parts {
-            density: density.matrices(density_params),
+            density: density.matrices(&base),
             n_encoded: shape.n_out(),
-            grid: HashGrid::of_tcnn(&shape, grid_params.to_vec()),
+            grid: HashGrid::of_tcnn(&shape, table),
             color: color.matrices(&color_params),
             directions: Directions::Unit,
         })

@@ -80,9 +80,8 @@ pub(super) fn is_snapshot(head: &[u8]) -> bool {
         }
         _ => head,
     };
-    let rest = match head {
-        [0x80..=0x8f, rest @ ..] | [0xde, _, _, rest @ ..] => rest,
-        _ => return false,
+    let ([0x80..=0x8f, rest @ ..] | [0xde, _, _, rest @ ..]) = head else {
+        return false;
     };
     let key = match rest {
         [n @ 0xa0..=0xbf, rest @ ..] => rest.get(..usize::from(n - 0xa0)),

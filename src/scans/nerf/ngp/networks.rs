@@ -21,7 +21,7 @@ impl Settings<'_> {
         aabb_scale: u32,
         is_hdr: bool,
     ) -> Result<HashField, String> {
-        let params = numbers(snapshot)?;
+        let mut params = numbers(snapshot)?;
         let grid = self.get("encoding")?.grid(aabb_scale)?;
         let (density, color) = (self.get("network")?, self.get("rgb_network")?);
         let n_features = density.count("n_output_dims", 16, 1..=256)? as usize;
@@ -43,8 +43,8 @@ impl Settings<'_> {
             );
             return Err(snapshot.fail(&problem));
         }
-        let (density_params, rest) = params.split_at(n_density);
-        let (color_params, rest) = rest.split_at(n_color);
+        let table = params.split_off(n_density + n_color);
+        let (density_params, color_params) = params.split_at(n_density);
         let encoded: Vec<Input> = (0..grid.n_out()).map(|i| Input::Number(i, 1.0)).collect();
         let size = aabb_scale as f32;
         Ok(HashField {
@@ -76,14 +76,14 @@ impl Settings<'_> {
                     Output::Logistic
                 },
             )?,
-            grid: HashGrid::of_tcnn(&grid, rest[..n_grid].to_vec()),
+            grid: HashGrid::of_tcnn(&grid, table),
         })
     }
 
     fn grid(&self, aabb_scale: u32) -> Result<GridShape, String> {
         let kind = self.kind()?;
         let sharing = match (&kind[..], self.find("type").map(|kind| kind.text())) {
-            ("hashgrid", None) | ("grid", None) => Sharing::Hash,
+            ("hashgrid" | "grid", None) => Sharing::Hash,
             ("densegrid", None) => Sharing::Dense,
             ("tiledgrid", None) => Sharing::Tiled,
             ("hashgrid" | "grid" | "densegrid" | "tiledgrid", Some(kind)) => {

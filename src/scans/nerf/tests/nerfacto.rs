@@ -194,10 +194,8 @@ impl Small {
             harmonics(d)
         } else {
             // Without the phase, and of the direction squeezed into half.
-            let halved = harmonics(d.map(|x| (x + 1.0) / 2.0))
-                .into_iter()
-                .enumerate();
-            let sign = |i: usize| if i % 2 == 0 { 1.0 } else { -1.0 };
+            let halved = harmonics(d.map(|x| 0.5 * x + 0.5)).into_iter().enumerate();
+            let sign = |i: usize| if i.is_multiple_of(2) { 1.0 } else { -1.0 };
             halved.map(|(i, y)| sign(i) * y).collect()
         };
         x.extend(&first[1..]);

@@ -12,7 +12,7 @@ use super::*;
 
 /// `MessagePack`, what of it nlohmann's library writes.
 enum Item {
-    Map(Vec<(&'static str, Item)>),
+    Map(Vec<(&'static str, Self)>),
     List(Vec<f64>),
     Text(&'static str),
     Int(u64),
@@ -33,7 +33,9 @@ impl Item {
             }
             Self::List(numbers) => {
                 out.push(0x90 | numbers.len() as u8);
-                numbers.iter().for_each(|x| Self::Number(*x).write(out));
+                for x in numbers {
+                    Self::Number(*x).write(out);
+                }
             }
             Self::Text(text) => {
                 out.extend([0xd9, text.len() as u8]);
@@ -276,7 +278,7 @@ fn reference(
     let (p, d) = (p.to_array().map(f64::from), d.to_array().map(f64::from));
     let moved = [0.4 * p[0] + 0.5, 0.4 * p[1] + 0.4, 0.4 * p[2] + 0.7];
     // A cube of side 2 around 0.5.
-    let at = [moved[1], moved[2], moved[0]].map(|x| (x + 0.5) / 2.0);
+    let at = [moved[1], moved[2], moved[0]].map(|x| 0.5 * x + 0.25);
     let n_networks: usize = DENSITY.iter().chain(color).map(|(a, b)| a * b).sum();
     let mut rest = params;
     let mut features = grid(&params[n_networks..], at);
@@ -356,10 +358,9 @@ fn the_density_grid_says_where_anything_is() {
     }
 }
 
-#[test]
-fn snapshots_that_are_not_read_say_why() {
-    let folder = tempfile::tempdir().unwrap();
-    for (path, item, expected) in [
+/// What is changed of the snapshot, and what is said about it.
+fn faults_of_snapshot() -> Vec<(&'static str, Item, &'static str)> {
+    vec![
         (
             "snapshot/mode",
             Item::Text("sdf"),
@@ -405,6 +406,12 @@ fn snapshots_that_are_not_read_say_why() {
             Item::List(vec![0.5]),
             "offset: not three numbers",
         ),
+    ]
+}
+
+/// What is changed of the networks, and what is said about it.
+fn faults_of_networks() -> Vec<(&'static str, Item, &'static str)> {
+    vec![
         (
             "encoding/otype",
             Item::Text("Frequency"),
@@ -437,7 +444,14 @@ fn snapshots_that_are_not_read_say_why() {
             "dir_encoding: otype",
         ),
         ("rgb_network", Item::Int(0), "rgb_network.otype: missing"),
-    ] {
+    ]
+}
+
+#[test]
+fn snapshots_that_are_not_read_say_why() {
+    let folder = tempfile::tempdir().unwrap();
+    let faults = faults_of_snapshot().into_iter().chain(faults_of_networks());
+    for (path, item, expected) in faults {
         let mut changed = snapshot(&params(&COLOR));
         changed.set(path, item);
         let problem = read(&write(folder.path(), "a.msgpack", &bytes(&changed)));
