@@ -9,6 +9,8 @@
 mod display;
 #[path = "window/program.rs"]
 mod program;
+#[path = "cli/splats.rs"]
+mod splats;
 
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -70,6 +72,23 @@ fn a_person_trains_edits_undoes_takes_a_picture_and_leaves() {
     shows(&display, &window, mark, settled, |shown| {
         shown.difference(&turned) < MOST_LEFT
     });
+
+    // A scan lights the object as soon as something is learned of it, and the object stands where one clicks.
+    let scan = home.path().join("room.splat");
+    splats::write_room(&scan);
+    let mark = understood(&window, "AskPath(Open)", || display.key("ctrl+o"));
+    display.type_text(scan.to_str().expect("a path of plain letters"));
+    display.key("Return");
+    let lit = shows(&display, &window, mark, settled, |shown| {
+        differs(&turned, shown)
+    });
+    let mark = understood(&window, "ToggleSettingDown", || display.key("p"));
+    let viewport = window.place("viewport");
+    understood(&window, "SetDown", || display.click(viewport.at(0.25, 0.8)));
+    shows(&display, &window, mark, settled, |shown| {
+        differs(&lit, shown)
+    });
+    understood(&window, "ToggleSettingDown", || display.key("p"));
 
     let mark = window.mark();
     display.key("F12");

@@ -106,6 +106,11 @@ impl Display {
         self.tool(&["key", key]);
     }
 
+    /// Types on the keyboard.
+    pub(crate) fn type_text(&self, text: &str) {
+        self.tool(&["type", "--delay", "12", text]);
+    }
+
     pub(crate) fn move_to(&self, (x, y): (f64, f64)) {
         let [x, y] = [x, y].map(|v| format!("{v:.0}"));
         self.tool(&["mousemove", &x, &y]);

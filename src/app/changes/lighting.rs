@@ -155,8 +155,9 @@ mod tests {
     use crate::app::state::app_state::tests::snapshot;
     use crate::app::state::look::Look;
     use crate::app::state::source::EnvironmentEntry;
+    use crate::app::viewport::camera_control::Viewpoint;
     use crate::neif::{Environment, MaterialEdit};
-    use crate::render::test_scene::environment;
+    use crate::render::test_scene::{environment, fog_above};
 
     fn state() -> AppState {
         AppState {
@@ -216,5 +217,69 @@ mod tests {
         assert_eq!(state.look.environment, None);
         assert_eq!(state.lighting.kept.unwrap().environment, Some(second));
         assert!(state.scene().unwrap().has_own_light(), "back to its own");
+    }
+
+    /// A state lit by a floor at -0.5, seen from above.
+    fn above_a_floor() -> AppState {
+        let mut state = state();
+        state.look.environment = Some(add(&mut state, fog_above(-0.5)));
+        state.look.transform.rotate_deg.z = 30.0;
+        let eye = Vec3::new(0.2, -0.3, 0.4);
+        state.view.viewpoint = Viewpoint::look_at(eye, Vec3::new(0.1, 0.0, -0.5), Vec3::Z);
+        state
+    }
+
+    /// Where the ray of a pixel is in the environment.
+    fn inside(state: &AppState, at: Vec2) -> [Vec3; 2] {
+        let ray = state.window_camera((400, 300)).ray(at.x, at.y);
+        let motion = state.look.transform.environment_from_world();
+        [motion.point(ray.origin), motion.direction(ray.direction)]
+    }
+
+    #[test]
+    fn the_object_is_set_down_under_the_pointer_while_the_picture_stays_still() {
+        let mut state = above_a_floor();
+        let (at, window) = (Vec2::new(170.0, 190.0), (400, 300));
+        let corner = Vec2::new(11.0, 7.0);
+        let before = [inside(&state, at), inside(&state, corner)];
+        apply(&mut state, LightingCommand::SetDown { at, window });
+        let after = [inside(&state, at), inside(&state, corner)];
+        for (before, after) in before.as_flattened().iter().zip(after.as_flattened()) {
+            assert!((*before - *after).length() < 1e-3, "{before} and {after}");
+        }
+        let foot = foot(&state, Vec3::Z);
+        let seen = state.window_camera(window).project(foot).unwrap();
+        assert!((seen - at).length() < 8.0, "the foot is at {seen}");
+        assert_eq!(
+            state.view.viewpoint.pivot,
+            anchor(&state),
+            "it turns about the object"
+        );
+    }
+
+    #[test]
+    fn where_nothing_is_nothing_moves_and_it_is_said() {
+        let mut state = above_a_floor();
+        state.look.environment = None;
+        state.snapshot = None;
+        let before = state.look;
+        let (at, window) = (Vec2::new(170.0, 190.0), (400, 300));
+        apply(&mut state, LightingCommand::SetDown { at, window });
+        assert_eq!(state.look, before, "nothing moves");
+        let mut said = state.messages.all().iter();
+        assert!(
+            said.any(|m| m.text.contains("nothing to stand on")),
+            "it is said"
+        );
+    }
+
+    #[test]
+    fn an_imported_scan_has_the_object_on_what_is_below_its_middle() {
+        let mut state = above_a_floor();
+        set_down_in_the_middle(&mut state);
+        let motion = state.look.transform.environment_from_world();
+        let foot = motion.point(foot(&state, Vec3::Z));
+        assert!((foot.z + 0.5).abs() < 0.05, "on the floor: {foot}");
+        assert!(foot.truncate().length() < 0.05, "in the middle: {foot}");
     }
 }

@@ -48,6 +48,8 @@ pub(super) struct Projection<'a> {
     near: f32,
     /// Least and most `x / z` and `y / z` at which slopes are taken.
     slopes: [Vec2; 2],
+    /// Most pixels that a unit across a unit's depth takes anywhere in the picture.
+    stretch: f32,
 }
 
 impl<'a> Projection<'a> {
@@ -58,6 +60,8 @@ impl<'a> Projection<'a> {
             Vec2::new(camera.cx, camera.cy),
         );
         let margin = SLOPE_MARGIN * 0.5 * size / focal;
+        let slopes = [-middle / focal - margin, (size - middle) / focal + margin];
+        let steepest = slopes[0].abs().max(slopes[1].abs()).max_element();
         let rotation = Mat3::from(camera.world_from_camera.matrix3).transpose();
         Self {
             splats,
@@ -65,7 +69,8 @@ impl<'a> Projection<'a> {
             axes: Mat3::from_diagonal(Vec3::new(1.0, -1.0, -1.0)) * rotation,
             eye: camera.position(),
             near: NEAR.min(NEAR_SHARE * splats.size()),
-            slopes: [-middle / focal - margin, (size - middle) / focal + margin],
+            slopes,
+            stretch: focal.max_element() * (1.0 + steepest * steepest).sqrt(),
         }
     }
 
@@ -98,6 +103,9 @@ impl<'a> Projection<'a> {
         let camera = self.camera;
         let slope = p.truncate() / p.z;
         let center = slope * Vec2::new(camera.fx, camera.fy) + Vec2::new(camera.cx, camera.cy);
+        if self.is_surely_outside(center, splat.scale.max_element() / p.z) {
+            return None;
+        }
         let [xx, xy, yy] = self.covariance(splat, p.z, slope);
         let sharp = xx * yy - xy * xy;
         let (xx, yy) = (xx + SCREEN_VARIANCE, yy + SCREEN_VARIANCE);
@@ -124,6 +132,15 @@ impl<'a> Projection<'a> {
             columns,
             rows,
         })
+    }
+
+    /// Whether a Gaussian of at most this size over its depth cannot be seen in the picture: most are found to be so without
+    /// their covariance.
+    fn is_surely_outside(&self, center: Vec2, size: f32) -> bool {
+        let size = size * self.stretch + SCREEN_VARIANCE.sqrt();
+        let reach = Vec2::splat((2.0 * MIN_ALPHA.recip().ln()).sqrt() * size);
+        let picture = Vec2::new(self.camera.width as f32, self.camera.height as f32);
+        (center + reach).cmplt(Vec2::ZERO).any() || (center - reach).cmpgt(picture).any()
     }
 
     /// The covariance on the picture: that in space, seen through the projection's slope at the centre.

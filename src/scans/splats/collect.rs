@@ -72,7 +72,8 @@ impl Collector {
         Ok(Splats {
             is_antialiased,
             ..self.splats
-        })
+        }
+        .trimmed())
     }
 }
 

@@ -133,6 +133,25 @@ impl Splats {
         (self.degree + 1) * (self.degree + 1)
     }
 
+    /// The same without degrees of harmonics that are all zero: many programs write them so.
+    fn trimmed(mut self) -> Self {
+        let n = self.n_coefficients();
+        let is_used = |k: usize| {
+            let colors = self.harmonics.chunks_exact(n);
+            colors
+                .clone()
+                .any(|color| color[k..].iter().any(|c| *c != [0.0; 3]))
+        };
+        let degree = (0..self.degree).find(|degree| !is_used((degree + 1) * (degree + 1)));
+        if let Some(degree) = degree {
+            let kept = (degree + 1) * (degree + 1);
+            let colors = self.harmonics.chunks_exact(n);
+            self.harmonics = colors.flat_map(|color| &color[..kept]).copied().collect();
+            self.degree = degree;
+        }
+        self
+    }
+
     /// About how large the scan is: the longest side of the box that holds nine tenths of the centres along each axis, scene units.
     pub(super) fn size(&self) -> f32 {
         let step = self.splats.len().div_ceil(N_MEASURED).max(1);

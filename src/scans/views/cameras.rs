@@ -15,7 +15,8 @@ const FORWARD: f32 = 0.8;
 const CLEAR: f32 = 0.08;
 /// How close to the object's place the photos of what surrounds it are taken, as a share of the radius.
 const CLOSE: f32 = 0.25;
-/// Golden ratio less one, and the same in two dimensions (Roberts' R2): sequences that fill evenly, however long.
+/// The golden ratio less one, and the same in two dimensions (Roberts' R2): their multiples fill evenly, however many, and
+/// independently of one another.
 const R1: f32 = 0.618_034;
 const R2: [f32; 2] = [0.754_877_7, 0.569_840_3];
 
@@ -30,24 +31,24 @@ pub(super) fn cameras(
 ) -> Vec<Camera> {
     let n_kind = n.div_ceil(3);
     let directions = fibonacci_sphere(n_kind);
-    // Neighbours of the lattice are far apart in the order in which they are taken.
-    let spread = |i: usize, start: f32| {
-        directions[((start + R1 * i as f32).fract() * n_kind as f32) as usize % n_kind]
-    };
     let to_up = Quat::from_rotation_arc(Vec3::Z, up);
+    let turned = |i: usize, ratio: f32, start: f32| {
+        let share = (start + ratio * i as f32).fract();
+        to_up * directions[(share * n_kind as f32) as usize % n_kind]
+    };
     let camera = |i: usize| {
         let (turn, kind) = (i / 3, i % 3);
-        let outward = to_up * directions[(turn * 7 + kind) % n_kind];
-        let share = ((turn as f32 * R2[0]).fract()).sqrt();
+        let start = kind as f32 / 3.0;
+        let share = (start + R2[1] * turn as f32).fract().sqrt();
         let reach = match kind {
             0 => CLOSE * share,
             _ => CLOSE + (1.0 - CLOSE) * share,
         };
-        let eye = free_eye(stand, points, outward, reach);
+        let eye = free_eye(stand, points, turned(turn, R2[0], start), reach);
+        let looking = turned(turn, R1, start);
         let target = match kind {
-            1 => stand.at + CLOSE * stand.radius * spread(turn, 0.3),
-            0 => eye + to_up * directions[turn % n_kind],
-            _ => eye + to_up * spread(turn, R2[1]),
+            1 => stand.at + CLOSE * stand.radius * looking,
+            _ => eye + looking,
         };
         Camera::look_at(eye, target, up, FOV, side, side)
     };

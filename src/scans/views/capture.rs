@@ -15,7 +15,7 @@ use crate::geometry::Camera;
 use crate::scans::{Scan, ScanPicture};
 
 /// Photos that are taken.
-const N_PHOTOS: usize = 168;
+const N_PHOTOS: usize = 144;
 /// Pixels along a photo's sides.
 const SIDE: u32 = 320;
 /// Of how many photos one is held out to validate, and one to test.
