@@ -14,7 +14,7 @@ use crate::geometry::{Aabb, Ray};
 /// Rays marched together: as many as keep batches long and their buffers in the cache.
 const RAYS: usize = 2048;
 /// Steps of a ray between two looks at whether any light is left.
-const STEPS: usize = 6;
+const STEPS: usize = 4;
 /// Light that is left where a ray ends.
 const MIN_TRANSMITTANCE: f32 = 1e-3;
 /// Part of a pixel below which a step's colour is not asked for.

@@ -169,7 +169,10 @@ impl Nerf {
         }
         let [min, max] = snapshot.shown;
         Self {
-            description: format!("neural radiance field ({})", snapshot.field.describe()),
+            description: format!(
+                "neural radiance field of instant-ngp ({})",
+                snapshot.field.describe()
+            ),
             field: Arc::new(snapshot.field),
             field_from_scene: Similarity {
                 rotation: snapshot.rotation,
@@ -211,7 +214,10 @@ impl Nerf {
             n,
         };
         Self {
-            description: format!("neural radiance field ({})", nerfacto.field.describe()),
+            description: format!(
+                "neural radiance field of nerfacto ({})",
+                nerfacto.field.describe()
+            ),
             field: Arc::new(nerfacto.field),
             field_from_scene: Similarity {
                 rotation: nerfacto.rotation,

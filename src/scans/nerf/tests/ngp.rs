@@ -305,6 +305,8 @@ fn a_snapshot_answers_as_the_program_computes() {
         let path = write(folder.path(), "a.ingp", bytes);
         assert!(is_nerf(&path), "recognised by its content");
         let nerf = read(&path).unwrap();
+        let description = "neural radiance field of instant-ngp (hash grid, 12 features)";
+        assert_eq!(nerf.describe(), description, "for people");
         assert_answers(&nerf, 1.4, |p, d| reference(&params, &COLOR, &[], p, d));
     }
 }
