@@ -70,7 +70,7 @@ pub(crate) fn run(started: Instant) -> Result<(), Failure> {
     init_logging();
     match cli.command {
         None => view::window_or_demo(started),
-        Some(Command::View(args)) => view::run(args),
+        Some(Command::View(args)) => view::run(&args),
         Some(Command::Info(args)) => info::run(&args),
         Some(Command::Train(args)) => train::run(&args, started),
         Some(Command::Eval(args)) => eval::run(&args),

@@ -18,7 +18,7 @@ pub(crate) struct ViewArgs {
     capture: CaptureArgs,
 }
 
-pub(crate) fn run(args: ViewArgs) -> Result<(), Failure> {
+pub(crate) fn run(args: &ViewArgs) -> Result<(), Failure> {
     let paths = args.paths.iter().map(|path| library::path_or_name(path));
     let paths: Vec<PathBuf> = paths.collect::<Result<_, _>>()?;
     match no_window_reason() {

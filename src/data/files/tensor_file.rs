@@ -174,6 +174,8 @@ impl Tensor {
 
 /// Longest header that is read on its own, bytes.
 const MOST_HEADER: u64 = 1 << 20;
+/// What is wrong with a file that ends within its header.
+const SHORT: &str = "it is too short";
 
 /// The entries of a header that are no arrays.
 #[derive(Deserialize)]
@@ -216,7 +218,7 @@ impl TensorFile {
         let mut file = File::open(path).map_err(io_error)?;
         let mut length = [0; 8];
         file.read_exact(&mut length).map_err(|e| match e.kind() {
-            io::ErrorKind::UnexpectedEof => damaged("it is too short"),
+            io::ErrorKind::UnexpectedEof => damaged(SHORT),
             _ => io_error(e),
         })?;
         let length = u64::from_le_bytes(length);
@@ -225,9 +227,10 @@ impl TensorFile {
             return Err(damaged("its header is too long"));
         }
         let mut header = Vec::new();
-        file.take(length)
-            .read_to_end(&mut header)
-            .map_err(io_error)?;
+        let n_read = file.take(length).read_to_end(&mut header);
+        if n_read.map_err(io_error)? as u64 != length {
+            return Err(damaged(SHORT));
+        }
         let header: Header =
             serde_json::from_slice(&header).map_err(|e| damaged(&e.to_string()))?;
         Ok(Self {
