@@ -1,6 +1,8 @@
 //! Where an object can be set down in an environment: the surface that a ray meets, and the motion of the environment that
 //! brings it under the object.
 
+use std::f32::consts::TAU;
+
 use glam::{Affine3A, Quat, Vec3};
 
 use crate::geometry::Ray;
@@ -12,9 +14,13 @@ use crate::neif::{Environment, EnvironmentTransform};
 const OPAQUE: f32 = 0.5;
 /// Turn between a ray and those around it that the normal is taken from, radians: wider than the field's noise, narrower
 /// than a table seen from across a room.
-const AROUND: f32 = 0.02;
+const AROUND: f32 = 0.05;
+/// So many are around it.
+const N_AROUND: usize = 8;
+/// By how much more or less than the ray in the middle one of them may reach and meet the same surface, share of that.
+const SAME_SURFACE: f32 = 0.4;
 /// Cosine to the up direction from which on a normal becomes it: tables and floors are level.
-const LEVEL: f32 = 0.9;
+const LEVEL: f32 = 0.8;
 
 /// A point of a surface in an environment, the environment's own coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,13 +39,18 @@ impl Support {
             return None;
         }
         let (right, down) = ray.direction.any_orthonormal_pair();
-        let around = [right, down, -right, -down];
-        let turned = around.map(|way| (ray.direction + AROUND * way).normalize());
+        let turned = (0..N_AROUND).map(|i| {
+            let (sin, cos) = (i as f32 / N_AROUND as f32 * TAU).sin_cos();
+            (ray.direction + AROUND * (cos * right + sin * down)).normalize()
+        });
         let directions = [ray.direction].into_iter().chain(turned);
         let ends = ends(environment, ray.origin, directions);
         let point = (*ends.first()?)?;
-        let rim: Vec<Vec3> = ends[1..].iter().copied().flatten().collect();
-        // Triangles about the point; where a neighbour meets nothing, there is an edge and the normal is not known.
+        let reach = point.distance(ray.origin);
+        let is_same = |p: &Vec3| (p.distance(ray.origin) / reach - 1.0).abs() < SAME_SURFACE;
+        let rim = ends[1..].iter().copied().flatten().filter(is_same);
+        let rim: Vec<Vec3> = rim.collect();
+        // The triangles' areas add up to that within the rim, whatever the point in the middle.
         let sum = (0..rim.len()).map(|i| (rim[i] - point).cross(rim[(i + 1) % rim.len()] - point));
         let normal = sum.sum::<Vec3>().try_normalize()?;
         let normal = normal * -normal.dot(ray.direction).signum();
@@ -50,8 +61,15 @@ impl Support {
 
     /// The transform with which this point of the environment is at `foot` and its normal along `up`, world coordinates: with
     /// the least turn from the one that it has, and the same size and light.
-    pub fn under(&self, foot: Vec3, up: Vec3, transform: &EnvironmentTransform) -> EnvironmentTransform {
-        let normal = transform.environment_from_world().world_direction(self.normal);
+    pub fn under(
+        &self,
+        foot: Vec3,
+        up: Vec3,
+        transform: &EnvironmentTransform,
+    ) -> EnvironmentTransform {
+        let normal = transform
+            .environment_from_world()
+            .world_direction(self.normal);
         let turned = transform.turned(arc(normal, up));
         let moved = turned.environment_from_world().world_point(self.point);
         EnvironmentTransform {
@@ -71,7 +89,10 @@ fn arc(from: Vec3, to: Vec3) -> Quat {
 
 /// How the world moves that an environment is fixed in when its transform changes, sizes alike.
 pub fn motion_between(before: &EnvironmentTransform, after: &EnvironmentTransform) -> Affine3A {
-    let (before, after) = (before.environment_from_world(), after.environment_from_world());
+    let (before, after) = (
+        before.environment_from_world(),
+        after.environment_from_world(),
+    );
     let axis = |axis| after.world_direction(before.direction(axis));
     let rotation = glam::Mat3::from_cols(axis(Vec3::X), axis(Vec3::Y), axis(Vec3::Z));
     let origin = after.world_point(before.point(Vec3::ZERO));
@@ -87,9 +108,8 @@ fn ends(
     let frame = environment.frame();
     let start = frame.field_from_world(origin);
     let mut batch = FieldBatch::default();
-    let rays = directions.map(|direction| {
-        FieldRay::of_pixel(start.to_array(), direction.to_array(), 0.0, 0.0)
-    });
+    let rays = directions
+        .map(|direction| FieldRay::of_pixel(start.to_array(), direction.to_array(), 0.0, 0.0));
     batch.rays.extend(rays);
     environment.light(&mut batch, &mut LightScratch::default());
     let end = |i: usize| {
@@ -146,13 +166,26 @@ mod tests {
             let foot = Vec3::new(-1.0, 0.5, 0.25);
             let after = support.under(foot, up, &before);
             let motion = after.environment_from_world();
-            assert!((motion.world_point(support.point) - foot).length() < 1e-4, "{up}");
+            assert!(
+                (motion.world_point(support.point) - foot).length() < 1e-4,
+                "{up}"
+            );
             assert!(motion.world_direction(Vec3::Z).dot(up) > 0.9999, "{up}");
-            assert_eq!((after.scale, after.exposure_ev), (1.7, 0.5), "size and light");
+            assert_eq!(
+                (after.scale, after.exposure_ev),
+                (1.7, 0.5),
+                "size and light"
+            );
             let moved = motion_between(&before, &after);
             let p = Vec3::new(0.3, 0.1, -0.2);
-            let (from, to) = (before.environment_from_world().world_point(p), motion.world_point(p));
-            assert!((moved.transform_point3(from) - to).length() < 1e-4, "{up}: the rest");
+            let (from, to) = (
+                before.environment_from_world().world_point(p),
+                motion.world_point(p),
+            );
+            assert!(
+                (moved.transform_point3(from) - to).length() < 1e-4,
+                "{up}: the rest"
+            );
         }
     }
 }

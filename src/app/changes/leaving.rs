@@ -21,7 +21,8 @@ pub fn is_training_unsaved(state: &AppState) -> bool {
 /// Goes on to `goal`, or asks first.
 pub(in crate::app) fn go(state: &mut AppState, goal: Goal, effects: &mut Vec<Effect>) {
     state.overlays.path_dialog = None;
-    let is_harmless = matches!(&goal, Goal::Open(path) if is_environment_file(path) || Scan::is_named_so(path));
+    let is_harmless =
+        matches!(&goal, Goal::Open(path) if is_environment_file(path) || Scan::is_named_so(path));
     if is_training_unsaved(state) && !is_harmless && !state.is_leaving_for_sure {
         state.leaving = Some(Leaving {
             goal,

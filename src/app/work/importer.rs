@@ -11,15 +11,17 @@ use crate::app::lighting::Import;
 use crate::app::state::app_state::AppState;
 use crate::app::state::source::EnvironmentContent;
 use crate::app::state::training_state::Level;
-use crate::neif::Environment;
+use crate::neif::{Environment, EnvironmentTransform};
 use crate::train::config::TrainConfig;
 use crate::train::session::events::{TrainCommand, TrainEvent};
-use crate::train::session::handle::Session;
+use crate::train::session::handle::{Session, Threads};
 use crate::train::session::options::SessionOptions;
 use crate::train::session::plan::Budget;
 
 /// Training time of a scan, seconds.
 const BUDGET_SECS: f64 = 180.0;
+/// Before so many steps there is only fog.
+const FIRST_STEP: u64 = 50;
 /// An import wakes the window at most so often.
 const REPAINT: Duration = Duration::from_millis(250);
 
@@ -36,6 +38,8 @@ struct Running {
     index: usize,
     version: u64,
     is_over: bool,
+    /// How the environment stood before, and how the object was set down in it last.
+    set_down: Option<[EnvironmentTransform; 2]>,
 }
 
 /// An environment that was made of a scan.
@@ -65,6 +69,7 @@ impl Importer {
         });
         match session {
             Ok(session) => {
+                session.use_threads(state.pace.threads());
                 state.environments[index].content = EnvironmentContent::Loading;
                 state.lighting.removed.remove(&index);
                 state.lighting.imports.push(Import {
@@ -77,10 +82,17 @@ impl Importer {
                     index,
                     version: 0,
                     is_over: false,
+                    set_down: None,
                 });
             }
             Err(reason) => fail(state, index, reason),
         }
+    }
+
+    /// Trains on so many threads.
+    pub(super) fn use_threads(&self, threads: Threads) {
+        let sessions = self.running.iter().map(|running| &running.session);
+        sessions.for_each(|session| session.use_threads(threads));
     }
 
     /// Ends an import; what was learned so far stays.
@@ -98,7 +110,10 @@ impl Importer {
             running.poll(state);
             if running.is_over {
                 let index = running.index;
-                state.lighting.imports.retain(|import| import.environment != index);
+                state
+                    .lighting
+                    .imports
+                    .retain(|import| import.environment != index);
                 let entry = &state.environments[index];
                 if let EnvironmentContent::Ready(environment) = &entry.content {
                     made.push(Made {
@@ -118,7 +133,9 @@ impl Running {
         while let Ok(event) = self.session.events().try_recv() {
             tracing::trace!(?event, "import");
             let import = state.lighting.imports.iter_mut();
-            let import = import.into_iter().find(|import| import.environment == self.index);
+            let import = import
+                .into_iter()
+                .find(|import| import.environment == self.index);
             match (event, import) {
                 (TrainEvent::Loading { what, fraction }, Some(import)) => {
                     (import.what, import.fraction) = (what, fraction);
@@ -141,19 +158,33 @@ impl Running {
             && let Some(snapshot) = self.session.snapshot()
         {
             self.version = version;
-            self.take(state, Arc::clone(&snapshot.environment));
+            if snapshot.step >= FIRST_STEP {
+                self.take(state, Arc::clone(&snapshot.environment));
+            }
         }
     }
 
-    /// The environment as it is now; the first time, the object is lit by it and set down in it.
-    fn take(&self, state: &mut AppState, environment: Arc<Environment>) {
+    /// The environment as it is now. The first time the object is lit by it; and it is set down in it, anew while its surfaces
+    /// take shape, until somebody moves it.
+    fn take(&mut self, state: &mut AppState, environment: Arc<Environment>) {
         let entry = &mut state.environments[self.index];
         let is_first = !matches!(entry.content, EnvironmentContent::Ready(_));
         let environment = Environment::clone(&environment).renamed(&entry.name);
         entry.content = EnvironmentContent::Ready(Arc::new(environment));
         if is_first && !state.lighting.removed.contains(&self.index) {
             state.look.environment = Some(self.index);
+            self.set_down = Some([state.look.transform; 2]);
+        }
+        let is_chosen = state.look.environment == Some(self.index);
+        if let Some([before, placed]) = &mut self.set_down
+            && is_chosen
+            && state.look.transform == *placed
+        {
+            state.look.transform = *before;
             set_down_in_the_middle(state);
+            *placed = state.look.transform;
+        } else {
+            self.set_down = None;
         }
     }
 }

@@ -133,7 +133,9 @@ impl Opener {
                 ..Record::default()
             };
             let kept = Library::of_system().add(&environment, Storage::default(), record);
-            let result = kept.map(|entry| entry.file).map_err(|error| with_causes(&error));
+            let result = kept
+                .map(|entry| entry.file)
+                .map_err(|error| with_causes(&error));
             send(Opened::Kept { scan, result });
         });
     }

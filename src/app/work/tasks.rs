@@ -130,6 +130,7 @@ impl Work {
             Effect::StartTraining => self.start(state),
             Effect::Train(command) => self.send(state, command),
             Effect::UseThreads(threads) => {
+                self.importer.use_threads(threads);
                 if let Some(session) = &self.session {
                     session.use_threads(threads);
                 }

@@ -4,8 +4,8 @@ use std::path::Path;
 
 use egui::text::{LayoutJob, TextWrapping};
 use egui::{
-    Align2, Color32, FontId, ProgressBar, Rect, Response, Role, ScrollArea, Sense, Stroke, StrokeKind,
-    TextureId, Ui, WidgetInfo, pos2, vec2,
+    Align2, Color32, FontId, ProgressBar, Rect, Response, Role, ScrollArea, Sense, Stroke,
+    StrokeKind, TextureId, Ui, WidgetInfo, pos2, vec2,
 };
 
 use crate::app::lighting::LightingCommand;
@@ -65,7 +65,9 @@ fn imports_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
             continue;
         };
         ui.horizontal(|ui| {
-            let stop = ui.button("Stop").on_hover_text("What was learned so far stays");
+            let stop = ui
+                .button("Stop")
+                .on_hover_text("What was learned so far stays");
             on_click(&stop, Command::StopImport(import.environment), commands);
             let text = format!("{}: {}", entry.name, import.what);
             let bar = ProgressBar::new(import.fraction).text(text);
