@@ -41,7 +41,7 @@ impl Support {
         let (right, down) = ray.direction.any_orthonormal_pair();
         let turned = (0..N_AROUND).map(|i| {
             let (sin, cos) = (i as f32 / N_AROUND as f32 * TAU).sin_cos();
-            (ray.direction + AROUND * (cos * right + sin * down)).normalize()
+            (ray.direction + AROUND * (cos * right + sin * down)).normalize_or(ray.direction)
         });
         let directions = [ray.direction].into_iter().chain(turned);
         let ends = ends(environment, ray.origin, directions);
@@ -134,7 +134,7 @@ mod tests {
     fn ray(direction: Vec3) -> Ray {
         Ray {
             origin: Vec3::new(-0.1, 0.05, 0.1),
-            direction: direction.normalize(),
+            direction: direction.normalize_or_zero(),
         }
     }
 

@@ -266,7 +266,7 @@ mod tests {
         let (at, window) = (Vec2::new(170.0, 190.0), (400, 300));
         apply(&mut state, LightingCommand::SetDown { at, window });
         assert_eq!(state.look, before, "nothing moves");
-        let mut said = state.messages.all().iter();
+        let mut said = state.messages.all();
         assert!(
             said.any(|m| m.text.contains("nothing to stand on")),
             "it is said"

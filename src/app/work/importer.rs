@@ -159,17 +159,17 @@ impl Running {
         {
             self.version = version;
             if snapshot.step >= FIRST_STEP {
-                self.take(state, Arc::clone(&snapshot.environment));
+                self.take(state, &snapshot.environment);
             }
         }
     }
 
     /// The environment as it is now. The first time the object is lit by it; and it is set down in it, anew while its surfaces
     /// take shape, until somebody moves it.
-    fn take(&mut self, state: &mut AppState, environment: Arc<Environment>) {
+    fn take(&mut self, state: &mut AppState, environment: &Environment) {
         let entry = &mut state.environments[self.index];
         let is_first = !matches!(entry.content, EnvironmentContent::Ready(_));
-        let environment = Environment::clone(&environment).renamed(&entry.name);
+        let environment = environment.clone().renamed(&entry.name);
         entry.content = EnvironmentContent::Ready(Arc::new(environment));
         if is_first && !state.lighting.removed.contains(&self.index) {
             state.look.environment = Some(self.index);

@@ -91,7 +91,7 @@ fn plain(splats: &Splats, camera: &Camera, pixel: Vec2) -> ([f32; 3], f32, f32) 
         let n = splats.n_coefficients();
         let own_color = crate::scans::splats::harmonics::color(
             &splats.harmonics[i * n..][..n],
-            splat.center.normalize(),
+            splat.center.normalize_or_zero(),
         );
         for c in 0..3 {
             color[c] += left * alpha * own_color[c];

@@ -38,7 +38,7 @@ pub(super) fn up_direction(points: &[Vec3], size: f32, conventions: &[Vec3]) -> 
         let mut around = vec![best];
         for i in 0..8_u8 {
             let (sin, cos) = (f32::from(i) * std::f32::consts::FRAC_PI_4).sin_cos();
-            around.push((best + change * (cos * t + sin * b)).normalize());
+            around.push((best + change * (cos * t + sin * b)).normalize_or(best));
         }
         best = best_of(around).map_or(best, |(_, direction)| direction);
         change *= 0.5;
