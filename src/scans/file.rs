@@ -71,6 +71,16 @@ impl Scan {
         }
     }
 
+    /// How many photos of it teach its light, and the pixels along their sides: as many as two cores take in some ten to twenty
+    /// seconds, before which nothing is seen of it.
+    pub(super) fn photos(&self) -> (usize, u32) {
+        match self {
+            Self::Splats(_) => (144, 320),
+            // A ray of a network takes a hundred times as long as a pixel of Gaussians.
+            Self::Nerf(_) => (72, 160),
+        }
+    }
+
     /// The axes that are up by convention in such files, the most usual first.
     pub(super) fn up_conventions(&self) -> &'static [Vec3] {
         match self {

@@ -26,8 +26,7 @@ pub(super) fn cameras(
     stand: &Stand,
     points: &[Vec3],
     up: Vec3,
-    n: usize,
-    side: u32,
+    (n, side): (usize, u32),
 ) -> Vec<Camera> {
     let n_kind = n.div_ceil(3);
     let directions = fibonacci_sphere(n_kind);

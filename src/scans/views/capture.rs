@@ -14,10 +14,6 @@ use crate::data::{
 use crate::geometry::Camera;
 use crate::scans::{Scan, ScanPicture};
 
-/// Photos that are taken.
-const N_PHOTOS: usize = 144;
-/// Pixels along a photo's sides.
-const SIDE: u32 = 320;
 /// Of how many photos one is held out to validate, and one to test.
 const HOLD_OUT_EVERY: usize = 12;
 /// Opacity from which on a pixel shows a surface.
@@ -95,7 +91,7 @@ pub(super) fn photographs(
         Split::Val => splits.val,
         Split::Test => splits.test,
     };
-    let cameras = cameras(&stand, points, survey.up, N_PHOTOS, SIDE);
+    let cameras = cameras(&stand, points, survey.up, scan.photos());
     let planned = cameras.iter().enumerate().map(|(i, camera)| {
         let split = match i % HOLD_OUT_EVERY {
             5 => Split::Val,
