@@ -44,9 +44,9 @@ fn plain(splats: &Splats, camera: &Camera, pixel: Vec2) -> ([f32; 3], f32, f32) 
     let depth = |i: usize| -splats.splats[i].center.z;
     order.sort_by(|a, b| depth(*a).total_cmp(&depth(*b)));
     let (mut left, mut color, mut mean) = (1.0, [0.0; 3], 0.0);
+    let near = 0.2_f32.min(0.02 * splats.size());
     for i in order {
         let splat = &splats.splats[i];
-        let near = 0.2_f32.min(0.02 * splats.size());
         if depth(i) <= near {
             continue;
         }
