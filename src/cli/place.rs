@@ -5,11 +5,14 @@ use std::sync::Arc;
 
 use neif::neif::{Environment, Storage};
 use neif::render::library::{Library, Record};
+use neif::train::session::options::SessionOptions;
 use neif::train::session::saved::run_folder::ENVIRONMENT;
+use serde_json::json;
 
 use super::failure::Failure;
 use super::library::failure;
 use super::scenes::make_folder_of;
+use super::{output, training};
 
 /// What `--out` says for the library instead of a file.
 const LIBRARY: &str = "library";
@@ -55,6 +58,26 @@ pub(crate) enum Place {
 }
 
 impl Place {
+    /// Trains an environment, and puts it here.
+    pub(crate) fn fill(
+        &self,
+        options: SessionOptions,
+        json: bool,
+        record: Record,
+    ) -> Result<(), Failure> {
+        let storage = options.storage;
+        let outcome = training::train(options, json)?;
+        let environment = Environment::clone(&outcome.snapshot.environment);
+        let file = self.put(environment, storage, record)?;
+        if !json {
+            outcome.report(&file)?;
+        } else if let Self::Library(_) = self {
+            // The library chooses the name.
+            output::json_line(&json!({"event": "added", "path": file.to_string_lossy()}))?;
+        }
+        outcome.verdict()
+    }
+
     /// What `--out` means: the library by that word, else a new file or one in a folder, which is made.
     pub(crate) fn of(out: &Path, about: &AboutArgs) -> Result<Self, Failure> {
         if out == Path::new(LIBRARY) {

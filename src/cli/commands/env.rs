@@ -6,11 +6,8 @@ use std::time::Instant;
 use glam::Vec3;
 use neif::color::srgb_from_linear;
 use neif::data::{ExrSample, write_exr, write_png_srgb};
-use neif::neif::Environment;
-use neif::render::library::Record;
 use neif::render::{Picture, panorama as render_panorama};
 use neif::train::session::options::SessionOptions;
-use serde_json::json;
 
 use super::env_import::EnvImportArgs;
 use super::env_library::{EnvAddArgs, EnvListArgs, EnvRemoveArgs};
@@ -18,7 +15,7 @@ use super::train::{BudgetArgs, config};
 use crate::cli::capture::CaptureArgs;
 use crate::cli::failure::{Failure, OrUnusable as _};
 use crate::cli::place::{AboutArgs, Place};
-use crate::cli::{interrupt, output, scenes, training, values};
+use crate::cli::{interrupt, output, scenes, values};
 
 /// What can be done with an environment.
 #[derive(Debug, clap::Subcommand)]
@@ -85,27 +82,7 @@ pub(crate) fn train(args: &EnvTrainArgs, started: Instant) -> Result<(), Failure
         ..SessionOptions::new(&args.images, config, args.budget.or_default())
     };
     let record = args.about.record(args.name.as_deref(), &args.images);
-    train_into(&place, options, args.json, record)
-}
-
-/// Trains, and puts the environment into its place.
-pub(super) fn train_into(
-    place: &Place,
-    options: SessionOptions,
-    json: bool,
-    record: Record,
-) -> Result<(), Failure> {
-    let storage = options.storage;
-    let outcome = training::train(options, json)?;
-    let environment = Environment::clone(&outcome.snapshot.environment);
-    let file = place.put(environment, storage, record)?;
-    if !json {
-        outcome.report(&file)?;
-    } else if let Place::Library(_) = place {
-        // The library chooses the name.
-        output::json_line(&json!({"event": "added", "path": file.to_string_lossy()}))?;
-    }
-    outcome.verdict()
+    place.fill(options, args.json, record)
 }
 
 #[derive(Debug, clap::Args)]

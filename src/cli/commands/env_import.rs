@@ -9,7 +9,6 @@ use neif::neif::distant::{ImportOptions, Imported, import_environment};
 use neif::scans::Scan;
 use neif::train::session::options::SessionOptions;
 
-use super::env::train_into;
 use super::train::{BudgetArgs, config};
 use crate::cli::failure::{Failure, OrUnusable as _};
 use crate::cli::place::{AboutArgs, Place};
@@ -97,7 +96,7 @@ fn distill(args: &EnvImportArgs, started: Instant) -> Result<(), Failure> {
         ..SessionOptions::new(&args.file, config, args.scan.budget.or_default())
     };
     let record = args.about.record(args.name.as_deref(), &args.file);
-    train_into(&place, options, args.scan.json, record)
+    place.fill(options, args.scan.json, record)
 }
 
 fn import_panorama(args: &EnvImportArgs) -> Result<(), Failure> {
