@@ -13,6 +13,8 @@ mod mesh;
 mod program;
 #[path = "cli/readme.rs"]
 mod readme;
+#[path = "cli/splats.rs"]
+mod splats;
 #[path = "cli/takeaway.rs"]
 mod takeaway;
 

@@ -70,8 +70,10 @@ fn imports_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
                 .on_hover_text("What was learned so far stays");
             on_click(&stop, Command::StopImport(import.environment), commands);
             let text = format!("{}: {}", entry.name, import.what);
+            // All of the rest would widen the panel by a gap.
+            let width = ui.available_width() - ui.spacing().item_spacing.x;
             let bar = ProgressBar::new(import.fraction).text(text);
-            ui.add(bar);
+            ui.add(bar.desired_width(width.max(0.0)));
         });
     }
 }
