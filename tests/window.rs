@@ -79,16 +79,18 @@ fn a_person_trains_edits_undoes_takes_a_picture_and_leaves() {
     let mark = understood(&window, "AskPath(Open)", || display.key("ctrl+o"));
     display.type_text(scan.to_str().expect("a path of plain letters"));
     display.key("Return");
-    let lit = shows(&display, &window, mark, settled, |shown| {
+    window.wait_after(mark, |line| line.contains("import event=Progress"));
+    let lit = shows(&display, &window, mark, pictured, |shown| {
         differs(&turned, shown)
     });
     let mark = understood(&window, "ToggleSettingDown", || display.key("p"));
     let viewport = window.place("viewport");
-    understood(&window, "SetDown", || display.click(viewport.at(0.25, 0.8)));
-    shows(&display, &window, mark, settled, |shown| {
+    understood(&window, "SetDown", || {
+        display.click(viewport.at(0.25, 0.8));
+    });
+    shows(&display, &window, mark, pictured, |shown| {
         differs(&lit, shown)
     });
-    understood(&window, "ToggleSettingDown", || display.key("p"));
 
     let mark = window.mark();
     display.key("F12");
@@ -154,6 +156,11 @@ fn shows(
             return shown;
         }
     }
+}
+
+/// Waits for any picture: while a scan is learned they never settle.
+fn pictured(window: &Program, mark: usize) {
+    window.wait_after(mark, |line| line.contains("preview name="));
 }
 
 /// Waits for a picture of full resolution, whatever refines it then.
