@@ -76,9 +76,6 @@ fn extension(path: &Path) -> String {
 pub fn import_environment(path: &Path, options: &ImportOptions) -> Result<Imported, NeifError> {
     let unusable = |what: &str| not_a_panorama(path, what);
     let is_encoded = matches!(extension(path).as_str(), "png" | "jpg" | "jpeg");
-    if !path.exists() {
-        return Err(unusable("does not exist"));
-    }
     if path.is_dir() {
         return Err(unusable("is a folder"));
     }

@@ -11,8 +11,6 @@ const N_DIRECTIONS: usize = 1000;
 const N_ROUNDS: usize = 6;
 /// The first changes, radians; each round's are half of the last.
 const FIRST_CHANGE: f32 = 0.06;
-/// Cells across the scan's size, in each of which one point counts.
-const N_CELLS: f32 = 32.0;
 /// Layers across the scan's size.
 const N_LAYERS: f32 = 150.0;
 /// Cosine to a file format's own up axis from which its sign is believed.
@@ -21,7 +19,6 @@ const ALIGNED: f32 = 0.6;
 /// The unit up direction of points, of a scan of this `size`. `conventions` are the axes that are up by convention, the most
 /// usual first: they decide between a direction and its opposite.
 pub(super) fn up_direction(points: &[Vec3], size: f32, conventions: &[Vec3]) -> Vec3 {
-    let points = &evenly(points, size / N_CELLS)[..];
     let best_of = |directions: Vec<Vec3>| {
         let scored = directions
             .into_par_iter()
@@ -53,16 +50,6 @@ pub(super) fn up_direction(points: &[Vec3], size: f32, conventions: &[Vec3]) -> 
         Some(axis) => best * best.dot(*axis).signum(),
         None => best * upper_side(points, best),
     }
-}
-
-/// The first of the points in each cell of this size: what has more detail has no more of them.
-fn evenly(points: &[Vec3], cell: f32) -> Vec<Vec3> {
-    let cell = cell.max(f32::MIN_POSITIVE);
-    let in_cell = |p: &Vec3| ((*p / cell).floor().as_i64vec3().to_array(), *p);
-    let mut cells: Vec<_> = points.iter().map(in_cell).collect();
-    cells.sort_by_key(|(cell, _)| *cell);
-    cells.dedup_by_key(|(cell, _)| *cell);
-    cells.into_iter().map(|(_, point)| point).collect()
 }
 
 /// How much of the points lies in few layers across a direction: the sum of the squares of the layers' shares.
