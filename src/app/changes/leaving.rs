@@ -4,9 +4,7 @@ use super::ask_path::ask;
 use crate::app::session::leaving::{Goal, Leaving, LeavingCommand};
 use crate::app::state::app_state::{AppState, PathPurpose};
 use crate::app::state::command::Effect;
-use crate::app::state::source::Source;
-use crate::neif::distant::is_environment_file;
-use crate::scans::Scan;
+use crate::app::state::source::{Source, is_light};
 use crate::train::session::events::TrainCommand;
 
 /// Whether ending the run now would lose training: it goes on or waits, was not saved as it is, and
@@ -21,8 +19,7 @@ pub fn is_training_unsaved(state: &AppState) -> bool {
 /// Goes on to `goal`, or asks first.
 pub(in crate::app) fn go(state: &mut AppState, goal: Goal, effects: &mut Vec<Effect>) {
     state.overlays.path_dialog = None;
-    let is_harmless =
-        matches!(&goal, Goal::Open(path) if is_environment_file(path) || Scan::is_named_so(path));
+    let is_harmless = matches!(&goal, Goal::Open(path) if is_light(path));
     if is_training_unsaved(state) && !is_harmless && !state.is_leaving_for_sure {
         state.leaving = Some(Leaving {
             goal,

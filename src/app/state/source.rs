@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crate::neif::Environment;
+use crate::neif::distant::is_environment_file;
+use crate::scans::Scan;
 
 /// What is open.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -45,6 +47,11 @@ impl Source {
             _ => "Nothing open".to_owned(),
         }
     }
+}
+
+/// Whether a file's name is that of something that lights the scene which is open: an environment, or a scan to make one of.
+pub fn is_light(path: &Path) -> bool {
+    is_environment_file(path) || Scan::is_named_so(path)
 }
 
 /// The last part of a path, or all of it where there is none.

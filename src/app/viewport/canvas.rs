@@ -19,10 +19,8 @@ use crate::app::lighting::{LightingCommand, gizmo_ui, lines_ui, split_ui};
 use crate::app::panels::widgets::{log_place, on_click, weak};
 use crate::app::state::app_state::{AppState, Compare, PathPurpose};
 use crate::app::state::command::Command;
-use crate::app::state::source::{Source, file_name};
+use crate::app::state::source::{Source, file_name, is_light};
 use crate::app::state::training_state::Phase;
-use crate::neif::distant::is_environment_file;
-use crate::scans::Scan;
 
 /// Radians the camera turns for a drag by one point.
 const ORBIT_PER_POINT: f32 = 0.008;
@@ -229,7 +227,7 @@ fn drop_ui(ui: &Ui, rect: Rect) {
     let Some(first) = hovered.first() else { return };
     let path = first.path.as_ref();
     let name = path.map_or("this".to_owned(), |path| file_name(path));
-    let text = if path.is_some_and(|path| is_environment_file(path) || Scan::is_named_so(path)) {
+    let text = if path.is_some_and(|path| is_light(path)) {
         format!("Drop to light the scene with “{name}”")
     } else {
         format!("Drop to open “{name}”")

@@ -116,9 +116,10 @@ impl Importer {
                     .retain(|import| import.environment != index);
                 let entry = &state.environments[index];
                 if let EnvironmentContent::Ready(environment) = &entry.content {
+                    let environment = Environment::clone(environment).renamed(&entry.name);
                     made.push(Made {
                         scan: entry.path.clone(),
-                        environment: Arc::clone(environment),
+                        environment: Arc::new(environment),
                     });
                 }
             }
@@ -166,11 +167,10 @@ impl Running {
 
     /// The environment as it is now. The first time the object is lit by it; and it is set down in it, anew while its surfaces
     /// take shape, until somebody moves it.
-    fn take(&mut self, state: &mut AppState, environment: &Environment) {
+    fn take(&mut self, state: &mut AppState, environment: &Arc<Environment>) {
         let entry = &mut state.environments[self.index];
         let is_first = !matches!(entry.content, EnvironmentContent::Ready(_));
-        let environment = environment.clone().renamed(&entry.name);
-        entry.content = EnvironmentContent::Ready(Arc::new(environment));
+        entry.content = EnvironmentContent::Ready(Arc::clone(environment));
         if is_first && !state.lighting.removed.contains(&self.index) {
             state.look.environment = Some(self.index);
             self.set_down = Some([state.look.transform; 2]);

@@ -9,8 +9,6 @@ use super::pickle_machine::{Object, Place, Unpickled, Value, unpickle};
 pub(in crate::data) const MAX_BYTES: u64 = 1 << 20;
 /// Values looked at in the result: a list may hold itself, or one list a thousand times over.
 const MAX_VISITS: usize = 1000;
-/// Dimensions of an array.
-const MAX_DIMENSIONS: usize = 8;
 
 /// What numpy's functions make.
 #[derive(Clone, Debug)]
@@ -108,18 +106,8 @@ impl Object for Made {
 }
 
 fn shape(sides: &Value<Made>, values: &[Value<Made>]) -> Result<Vec<usize>, String> {
-    let fail = || "the shape of an array is none".to_owned();
-    let Value::Items(sides) = sides else {
-        return Err(fail());
-    };
-    if sides.len() > MAX_DIMENSIONS {
-        return Err(fail());
-    }
-    let side = |place: &Place| match values[*place] {
-        Value::Int(side) => usize::try_from(side).map_err(|_negative| fail()),
-        _ => Err(fail()),
-    };
-    sides.iter().map(side).collect()
+    let sides = sides.shape(values);
+    sides.ok_or_else(|| "the shape of an array is none".to_owned())
 }
 
 /// Adds the arrays of a value; `n_left`: values that may still be looked at.

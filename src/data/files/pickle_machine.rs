@@ -25,6 +25,24 @@ pub(crate) enum Value<T> {
     Object(T),
 }
 
+/// Dimensions of an array.
+const MAX_DIMENSIONS: usize = 8;
+
+impl<T> Value<T> {
+    /// The sides of an array: whole numbers in a tuple or list, none below zero; `None` where it is anything else.
+    pub(crate) fn shape(&self, values: &[Self]) -> Option<Vec<usize>> {
+        let Self::Items(sides) = self else {
+            return None;
+        };
+        let side = |place: &Place| match values[*place] {
+            Self::Int(side) => usize::try_from(side).ok(),
+            _ => None,
+        };
+        let is_sane = sides.len() <= MAX_DIMENSIONS;
+        is_sane.then(|| sides.iter().map(side).collect()).flatten()
+    }
+}
+
 /// What a library's functions make of plain values.
 pub(crate) trait Object: Sized {
     /// What the function of that name returns; `values`: what places mean.

@@ -11,8 +11,6 @@ use crate::data::files::pickle_machine::{Object, Place, Unpickled, Value, unpick
 const MAX_VISITS: usize = 1_000_000;
 /// Dictionaries within dictionaries that are looked into.
 const MAX_DEPTH: usize = 12;
-/// Dimensions of a tensor.
-const MAX_DIMENSIONS: usize = 8;
 
 /// How a number is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -104,8 +102,8 @@ impl Object for Made {
                 storage: storage.clone(),
                 offset: usize::try_from(*offset)
                     .map_err(|_negative| "a tensor starts before its storage")?,
-                shape: counts(shape, values)?,
-                strides: counts(strides, values)?,
+                shape: self::shape(shape, values)?,
+                strides: self::shape(strides, values)?,
             }),
             ("torch._utils._rebuild_parameter", [Value::Object(Self::Tensor(tensor)), ..]) => {
                 Self::Tensor(tensor.clone())
@@ -147,20 +145,9 @@ impl Object for Made {
     }
 }
 
-/// The whole numbers of a tuple.
-fn counts(value: &Value<Made>, values: &[Value<Made>]) -> Result<Vec<usize>, String> {
-    let fail = || "the shape of a tensor is none".to_owned();
-    let Value::Items(items) = value else {
-        return Err(fail());
-    };
-    if items.len() > MAX_DIMENSIONS {
-        return Err(fail());
-    }
-    let count = |place: &Place| match values[*place] {
-        Value::Int(n) => usize::try_from(n).map_err(|_negative| fail()),
-        _ => Err(fail()),
-    };
-    items.iter().map(count).collect()
+fn shape(sides: &Value<Made>, values: &[Value<Made>]) -> Result<Vec<usize>, String> {
+    let sides = sides.shape(values);
+    sides.ok_or_else(|| "the shape of a tensor is none".to_owned())
 }
 
 /// What a pickle says about tensors.

@@ -47,10 +47,14 @@ fn photograph(
         return Ok(None);
     };
     let (views, depths): (Vec<View>, Vec<DepthView>) = views.into_iter().unzip();
-    let of = |split| {
-        let views = views.iter().filter(|view| view.split == split);
-        views.cloned().collect()
-    };
+    let (mut train, mut val, mut test) = (Vec::new(), Vec::new(), Vec::new());
+    for view in views {
+        match view.split {
+            Split::Train => train.push(view),
+            Split::Val => val.push(view),
+            Split::Test => test.push(view),
+        }
+    }
     Ok(Some(Dataset {
         name: path
             .file_stem()
@@ -66,9 +70,9 @@ fn photograph(
             split_rule: format!("one of {HOLD_OUT_EVERY} pictures of the scan each"),
             ..Origin::default()
         },
-        train: of(Split::Train),
-        val: of(Split::Val),
-        test: of(Split::Test),
+        train,
+        val,
+        test,
         mesh: None,
         first_box: None,
         mesh_path: None,

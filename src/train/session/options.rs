@@ -9,7 +9,8 @@ use super::plan::Budget;
 use super::saved::run_folder::{DatasetSource, FORMAT, RunConfig, RunFolder, RunFolderError};
 use crate::data::{CaptureChoices, DataError, Dataset, MeshPlacement};
 use crate::neif::Storage;
-use crate::train::config::TrainConfig;
+use crate::scans::Scan;
+use crate::train::config::{PhotoFit, TrainConfig};
 use crate::train::shape::stage_one::GrowthPicture;
 use crate::train::{Snapshot, TrainError};
 
@@ -100,6 +101,15 @@ impl SessionOptions {
             budget: budget.unwrap_or(stored.budget),
             ..Self::new(&stored.dataset.absolute, stored.train, stored.budget)
         })
+    }
+
+    /// Where the capture is a scan, leaves out what only photos have: an object, exposures of their own, inexact poses.
+    pub(super) fn fit_to_scan(&mut self) {
+        if Scan::is_scan(&self.dataset) {
+            self.environment_only = true;
+            self.config.photo_exposures = PhotoFit::Off;
+            self.config.refine_poses = PhotoFit::Off;
+        }
     }
 
     /// The settings as `config.toml` keeps them.

@@ -72,7 +72,8 @@ impl Worker {
     }
 
     /// Prepares and trains; reports how it ended.
-    pub(in crate::train) fn run(self) -> Result<(), SessionError> {
+    pub(in crate::train) fn run(mut self) -> Result<(), SessionError> {
+        self.options.fit_to_scan();
         if self.options.nice {
             lower_thread_priority(LOWEST_PRIORITY);
         }

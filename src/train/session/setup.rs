@@ -9,7 +9,7 @@ use super::run::{Run, Worker};
 use super::saved::run_folder::RunFolder;
 use crate::data::{Dataset, LoadOptions, Problem, Severity, Splits, background_stands_still};
 use crate::geometry::ScalarGrid;
-use crate::scans::{Scan, load_capture};
+use crate::scans::load_capture;
 use crate::train::TrainError;
 use crate::train::config::{PhotoFit, TrainConfig};
 use crate::train::new_trainer;
@@ -64,17 +64,12 @@ impl Worker {
         Ok(Some(run))
     }
 
-    /// A scan has no object of its own.
-    fn is_environment_only(&self) -> bool {
-        self.options.environment_only || Scan::is_scan(&self.options.dataset)
-    }
-
     /// Reads the capture; `None` when it was asked to stop meanwhile.
     fn load(&self) -> Result<Option<Dataset>, SessionError> {
         self.loading(READING, 0.0);
         let report = |done, all| self.loading(READING, done as f32 / all as f32);
         // An environment has no test of its own: every photo that does not validate teaches.
-        let environment_only = self.is_environment_only();
+        let environment_only = self.options.environment_only;
         let options = LoadOptions {
             splits: if environment_only {
                 Splits::ALL
@@ -102,7 +97,7 @@ impl Worker {
     fn complete_mesh(&self, dataset: &mut Dataset) -> Result<bool, SessionError> {
         let options = &self.options;
         let is_needed = stage_one::is_needed(dataset);
-        if self.is_environment_only()
+        if options.environment_only
             || !(is_needed || refinement::is_wanted(&options.config, dataset))
         {
             return Ok(true);
@@ -135,15 +130,10 @@ impl Worker {
         Ok(true)
     }
 
-    /// The settings with which to train: without what only photos need on a scan; without the background where it stands still in the picture and nobody wants it
+    /// The settings with which to train: without the background where it stands still in the picture and nobody wants it
     /// all the same, which is reported with the capture's problems.
     fn settle_background(&self, dataset: &mut Dataset) -> TrainConfig {
         let mut config = self.options.config.clone();
-        if Scan::is_scan(&self.options.dataset) {
-            // Its pictures are exact.
-            config.photo_exposures = PhotoFit::Off;
-            config.refine_poses = PhotoFit::Off;
-        }
         let has_object = dataset.mesh.is_some();
         let is_still = || self.pool.install(|| background_stands_still(dataset));
         if config.background == PhotoFit::Auto && has_object && is_still() {
