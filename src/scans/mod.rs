@@ -3,6 +3,7 @@
 //! `splats` holds 3D Gaussians and their file formats, `raster` draws them, `nerf` holds networks with theirs. [`Scan`] is
 //! what all of them are to the rest of the program: something that makes pictures; `views` photographs it for the trainer.
 
+mod extent;
 mod file;
 mod nerf;
 mod picture;

@@ -24,6 +24,7 @@ use glam::{Quat, Vec3};
 use self::collect::Collector;
 use self::ply_file::PlyFile;
 use crate::data::DataError;
+use crate::scans::extent::middle_and_size;
 
 /// A Gaussian in space.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -155,14 +156,9 @@ impl Splats {
     /// About how large the scan is: the longest side of the box that holds nine tenths of the centres along each axis, scene units.
     pub(super) fn size(&self) -> f32 {
         let step = self.splats.len().div_ceil(N_MEASURED).max(1);
-        let side = |axis: usize| {
-            let centers = self.splats.iter().step_by(step);
-            let mut along: Vec<f32> = centers.map(|s| s.center[axis]).collect();
-            along.sort_unstable_by(f32::total_cmp);
-            let at = |share: usize| along.get(along.len() * share / 20).copied();
-            at(19).zip(at(1)).map_or(0.0, |(last, first)| last - first)
-        };
-        (0..3).map(side).fold(0.0, f32::max)
+        let centers = self.splats.iter().step_by(step).map(|s| s.center);
+        let (_, size) = middle_and_size(&centers.collect::<Vec<_>>());
+        size
     }
 
     /// What it is, for people.

@@ -34,23 +34,6 @@ pub(super) struct Stand {
     faces: Vec<(Camera, Vec<f32>)>,
 }
 
-/// The points' coordinate-wise medians, and the longest side of the box that holds nine tenths of them along each axis.
-pub(super) fn middle_and_size(points: &[Vec3]) -> (Vec3, f32) {
-    if points.is_empty() {
-        return (Vec3::ZERO, 0.0);
-    }
-    let mut middle = Vec3::ZERO;
-    let mut size = 0.0_f32;
-    for axis in 0..3 {
-        let mut along: Vec<f32> = points.iter().map(|p| p[axis]).collect();
-        along.sort_unstable_by(f32::total_cmp);
-        let at = |share: usize| along[(along.len() - 1) * share / 20];
-        middle[axis] = at(10);
-        size = size.max(at(19) - at(1));
-    }
-    (middle, size)
-}
-
 /// Distance to the nearest of the points, infinite where there is none.
 pub(super) fn clearance(points: &[Vec3], at: Vec3) -> f32 {
     let squared = points.iter().map(|p| p.distance_squared(at));

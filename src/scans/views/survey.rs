@@ -4,10 +4,11 @@ use std::path::Path;
 
 use glam::Vec3;
 
-use super::stand::{free_place, middle_and_size};
+use super::stand::free_place;
 use super::upright::up_direction;
 use crate::data::{CaptureChoices, DataError, Problem, Severity};
 use crate::scans::Scan;
+use crate::scans::extent::middle_and_size;
 
 /// Points that free space is measured from.
 const N_POINTS: usize = 20_000;
