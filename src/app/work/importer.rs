@@ -114,7 +114,11 @@ impl Importer {
                     .lighting
                     .imports
                     .retain(|import| import.environment != index);
-                let entry = &state.environments[index];
+                let entry = &mut state.environments[index];
+                if matches!(entry.content, EnvironmentContent::Loading) {
+                    // Stopped before anything was learned.
+                    entry.content = EnvironmentContent::NotLoaded;
+                }
                 if let EnvironmentContent::Ready(environment) = &entry.content {
                     let environment = Environment::clone(environment).renamed(&entry.name);
                     made.push(Made {
