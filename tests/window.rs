@@ -77,6 +77,9 @@ fn a_person_trains_edits_undoes_takes_a_picture_and_leaves() {
     let scan = home.path().join("room.splat");
     splats::write_room(&scan);
     let mark = understood(&window, "AskPath(Open)", || display.key("ctrl+o"));
+    // The field takes letters from the frame after its first.
+    redraw(&display, &window);
+    redraw(&display, &window);
     display.type_text(scan.to_str().expect("a path of plain letters"));
     display.key("Return");
     window.wait_after(mark, |line| line.contains("import event=Progress"));
@@ -179,10 +182,15 @@ fn settled(window: &Program, mark: usize) {
 
 /// The viewport as it is drawn now.
 fn drawn(display: &Display, window: &Program) -> Shot {
-    let drawn = window.mark();
-    display.nudge();
-    window.wait_after(drawn, |line| line.contains(" drawing "));
+    redraw(display, window);
     display.shot(window.place("viewport"))
+}
+
+/// Waits for a frame that begins after now.
+fn redraw(display: &Display, window: &Program) {
+    let mark = window.mark();
+    display.nudge();
+    window.wait_after(mark, |line| line.contains(" drawing "));
 }
 
 /// The middle of a tile's picture, without its frame and the name below.
