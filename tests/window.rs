@@ -73,6 +73,11 @@ fn a_person_trains_edits_undoes_takes_a_picture_and_leaves() {
         shown.difference(&turned) < MOST_LEFT
     });
 
+    let mark = window.mark();
+    display.key("F12");
+    let written = window.wait_after(mark, |line| line.contains(".png"));
+    assert!(!written.contains("ERROR"), "{written}");
+
     // A scan lights the object as soon as something is learned of it, and the object stands where one clicks.
     let scan = home.path().join("room.splat");
     splats::write_room(&scan);
@@ -94,11 +99,6 @@ fn a_person_trains_edits_undoes_takes_a_picture_and_leaves() {
     shows(&display, &window, mark, pictured, |shown| {
         differs(&lit, shown)
     });
-
-    let mark = window.mark();
-    display.key("F12");
-    let written = window.wait_after(mark, |line| line.contains(".png"));
-    assert!(!written.contains("ERROR"), "{written}");
 
     display.key("ctrl+q");
     // The bundled demo is nobody's work: nothing is asked.

@@ -20,7 +20,7 @@ use super::session::preferences::{self, Preferences, PreferencesCommand};
 use super::session::recent;
 use super::state::app_state::{Adapter, AppState};
 use super::state::command::{Command, Effect};
-use super::state::training_state::{Level, Phase};
+use super::state::training_state::Level;
 use super::viewport::overlay::Pictures;
 use super::viewport::texture;
 use super::work::error_maps::ErrorMaps;
@@ -274,7 +274,7 @@ impl Window {
         let is_split = self.state.lighting.split.is_some();
         let situation = Situation {
             now_secs: self.state.messages.now_secs,
-            is_training: training.phase == Phase::Training,
+            is_training: self.state.is_learning(),
             trained_secs: training.progress.elapsed_secs,
             drag_share: self.state.pace.drag_share(),
             // Two pictures share what refreshes may take.

@@ -11,7 +11,7 @@ use super::look::Look;
 use super::messages::Messages;
 use super::palette::Palette;
 use super::source::{EnvironmentContent, EnvironmentEntry, Source};
-use super::training_state::{Level, TrainingState};
+use super::training_state::{Level, Phase, TrainingState};
 use super::watch::{Comparison, WatchState};
 use crate::app::inspect::InspectState;
 use crate::app::lighting::LightingState;
@@ -207,6 +207,12 @@ pub struct AppState {
 }
 
 impl AppState {
+    /// Whether steps are being taken, of the object's training or of an environment that is made of a scan: pictures leave them
+    /// most of the processor then.
+    pub fn is_learning(&self) -> bool {
+        self.training.phase == Phase::Training || !self.lighting.imports.is_empty()
+    }
+
     /// Whether a window over the main one wants an answer.
     pub fn is_asking(&self) -> bool {
         self.leaving.is_some() || self.overlays != Overlays::default()

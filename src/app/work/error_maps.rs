@@ -15,7 +15,7 @@ use super::opener::ScreenPhoto;
 use super::threads;
 use crate::app::state::app_state::AppState;
 use crate::app::state::look::Look;
-use crate::app::state::training_state::{Level, Phase};
+use crate::app::state::training_state::Level;
 use crate::app::state::watch::{Comparison, ErrorKind, MeasuredView};
 use crate::app::viewport::texture;
 use crate::data::Dataset;
@@ -166,7 +166,7 @@ impl ErrorMaps {
         }
         let wanted = Subject::of(state);
         let running = self.running.as_ref().map(|running| &running.job.subject);
-        let is_training = state.training.phase == Phase::Training;
+        let is_training = state.is_learning();
         match decide(
             running,
             self.done.as_ref(),

@@ -15,7 +15,7 @@ use super::threads;
 use crate::app::changes::export::{plan, say_ending};
 use crate::app::state::app_state::AppState;
 use crate::app::state::export::{ExportEffect, Order, RunningExport};
-use crate::app::state::training_state::{Level, Phase};
+use crate::app::state::training_state::Level;
 use crate::data::{Ending, write_key_views};
 use crate::render::{Destination, Film};
 
@@ -74,7 +74,7 @@ impl Exporter {
         };
         let order = Order { path, ..order };
         let n_cores = std::thread::available_parallelism().map_or(1, usize::from);
-        let n_threads = if state.training.phase == Phase::Training {
+        let n_threads = if state.is_learning() {
             n_cores.div_ceil(2)
         } else {
             n_cores

@@ -24,6 +24,11 @@ const BUDGET_SECS: f64 = 180.0;
 const FIRST_STEP: u64 = 50;
 /// An import wakes the window at most so often.
 const REPAINT: Duration = Duration::from_millis(250);
+/// The object is lit by what was learned meanwhile when the import has gone on for this share longer, since each time costs a
+/// picture and changes slow down ...
+const PATIENCE: f64 = 0.15;
+/// ... and never sooner than after so many seconds.
+const MIN_INTERVAL_SECS: f64 = 1.0;
 
 /// The imports that go on.
 #[derive(Debug, Default)]
@@ -37,6 +42,10 @@ struct Running {
     /// Its environment, by its index on the list.
     index: usize,
     version: u64,
+    /// Training time so far, seconds.
+    trained_secs: f64,
+    /// When the object was last lit anew, by the window's clock, seconds.
+    lit_secs: f64,
     is_over: bool,
     /// How the environment stood before, and how the object was set down in it last.
     set_down: Option<[EnvironmentTransform; 2]>,
@@ -81,6 +90,8 @@ impl Importer {
                     session,
                     index,
                     version: 0,
+                    trained_secs: 0.0,
+                    lit_secs: f64::NEG_INFINITY,
                     is_over: false,
                     set_down: None,
                 });
@@ -148,6 +159,7 @@ impl Running {
                 (TrainEvent::Progress(progress), Some(import)) => {
                     "Learning its light".clone_into(&mut import.what);
                     import.fraction = progress.fraction;
+                    self.trained_secs = progress.elapsed_secs;
                 }
                 (TrainEvent::Warning(text), _) => state.messages.say(Level::Warning, text),
                 (TrainEvent::Failed(reason), _) => {
@@ -159,11 +171,15 @@ impl Running {
             }
         }
         let version = self.session.snapshot_version();
+        let now = state.messages.now_secs;
+        let interval = MIN_INTERVAL_SECS.max(PATIENCE * self.trained_secs);
         if version != self.version
+            && (self.is_over || now - self.lit_secs >= interval)
             && let Some(snapshot) = self.session.snapshot()
         {
             self.version = version;
             if snapshot.step >= FIRST_STEP {
+                self.lit_secs = now;
                 self.take(state, &snapshot.environment);
             }
         }

@@ -8,7 +8,7 @@ use egui::{ColorImage, Context, TextureHandle, TextureId, TextureOptions};
 
 use super::threads::spawn;
 use crate::app::state::app_state::AppState;
-use crate::app::state::training_state::{Level, Phase};
+use crate::app::state::training_state::Level;
 use crate::color::map::{ColorMap, NEUTRAL};
 use crate::neif::Environment;
 use crate::render::output::slice::{DensitySlice, SlicePlane, density_share, density_slice};
@@ -71,7 +71,7 @@ impl SliceView {
         let is_due = match (&self.running, &self.done) {
             (Some(running), _) => running.cut.plane != plane,
             (None, Some(done)) if done.plane == plane => {
-                let is_training = state.training.phase == Phase::Training;
+                let is_training = state.is_learning();
                 let has_rested = now - done.begun_secs >= REFRESH_SECS;
                 !Arc::ptr_eq(&done.environment, &environment) && (has_rested || !is_training)
             }

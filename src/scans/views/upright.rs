@@ -7,42 +7,52 @@ use crate::geometry::fibonacci_sphere;
 
 /// Directions that are tried first.
 const N_DIRECTIONS: usize = 1000;
-/// Rounds of smaller and smaller changes to the best.
+/// The best of them that are refined: layers are thinner than the directions are dense, so the first scores say little.
+const N_REFINED: usize = 32;
+/// Rounds of smaller and smaller changes to each.
 const N_ROUNDS: usize = 6;
 /// The first changes, radians; each round's are half of the last.
 const FIRST_CHANGE: f32 = 0.06;
+/// Cells across the scan's size, in each of which one point counts: a surface counts by its area, not by its detail.
+const N_CELLS: f32 = 48.0;
 /// Layers across the scan's size.
 const N_LAYERS: f32 = 150.0;
+/// How many times as much as others a direction counts that is one of the file format's own up axes ...
+const AXIS_WEIGHT: f64 = 1.5;
+/// ... within this cosine.
+const ON_AXIS: f32 = 0.995;
 /// Cosine to a file format's own up axis from which its sign is believed.
 const ALIGNED: f32 = 0.6;
 
 /// The unit up direction of points, of a scan of this `size`. `conventions` are the axes that are up by convention, the most
 /// usual first: they decide between a direction and its opposite.
 pub(super) fn up_direction(points: &[Vec3], size: f32, conventions: &[Vec3]) -> Vec3 {
-    let best_of = |directions: Vec<Vec3>| {
-        let scored = directions
-            .into_par_iter()
-            .map(|direction| (concentration(points, size, direction), direction));
-        // Ties go to the first, whatever the number of threads.
-        let scored: Vec<(f64, Vec3)> = scored.collect();
-        let better = |a: (f64, Vec3), b: (f64, Vec3)| if b.0 > a.0 { b } else { a };
-        scored.into_iter().reduce(better)
+    let points = &evenly(points, size / N_CELLS)[..];
+    let score = |direction: Vec3| {
+        let along = conventions
+            .iter()
+            .any(|axis| axis.dot(direction).abs() > ON_AXIS);
+        concentration(points, size, direction) * if along { AXIS_WEIGHT } else { 1.0 }
     };
-    let first = best_of(fibonacci_sphere(N_DIRECTIONS));
-    let Some((_, mut best)) = first.filter(|_| !points.is_empty()) else {
+    if points.is_empty() {
         return conventions.first().copied().unwrap_or(Vec3::Z);
-    };
-    let mut change = FIRST_CHANGE;
-    for _ in 0..N_ROUNDS {
-        let (t, b) = best.any_orthonormal_pair();
-        let mut around = vec![best];
-        for i in 0..8_u8 {
-            let (sin, cos) = (f32::from(i) * std::f32::consts::FRAC_PI_4).sin_cos();
-            around.push((best + change * (cos * t + sin * b)).normalize_or(best));
-        }
-        best = best_of(around).map_or(best, |(_, direction)| direction);
-        change *= 0.5;
     }
+    let mut first: Vec<(f64, Vec3)> = fibonacci_sphere(N_DIRECTIONS)
+        .into_par_iter()
+        .chain(conventions.to_vec())
+        .map(|direction| (score(direction), direction))
+        .collect();
+    // Stable: ties go to the first, whatever the number of threads.
+    first.sort_by(|a, b| b.0.total_cmp(&a.0));
+    first.truncate(N_REFINED);
+    let refined: Vec<(f64, Vec3)> = first
+        .into_par_iter()
+        .map(|candidate| refined(candidate, score))
+        .collect();
+    let better = |a: (f64, Vec3), b: (f64, Vec3)| if b.0 > a.0 { b } else { a };
+    let (_, best) = refined
+        .into_iter()
+        .fold((f64::NEG_INFINITY, Vec3::Z), better);
     let known = conventions
         .iter()
         .find(|axis| best.dot(**axis).abs() > ALIGNED);
@@ -50,6 +60,35 @@ pub(super) fn up_direction(points: &[Vec3], size: f32, conventions: &[Vec3]) -> 
         Some(axis) => best * best.dot(*axis).signum(),
         None => best * upper_side(points, best),
     }
+}
+
+/// The best direction, with its score, that smaller and smaller changes lead to.
+fn refined(mut best: (f64, Vec3), score: impl Fn(Vec3) -> f64) -> (f64, Vec3) {
+    let mut change = FIRST_CHANGE;
+    for _ in 0..N_ROUNDS {
+        let center = best.1;
+        let (t, b) = center.any_orthonormal_pair();
+        for i in 0..8_u8 {
+            let (sin, cos) = (f32::from(i) * std::f32::consts::FRAC_PI_4).sin_cos();
+            let direction = (center + change * (cos * t + sin * b)).normalize_or(center);
+            let scored = score(direction);
+            if scored > best.0 {
+                best = (scored, direction);
+            }
+        }
+        change *= 0.5;
+    }
+    best
+}
+
+/// The first of the points in each cell of this size.
+fn evenly(points: &[Vec3], cell: f32) -> Vec<Vec3> {
+    let cell = cell.max(f32::MIN_POSITIVE);
+    let in_cell = |p: &Vec3| ((*p / cell).floor().as_i64vec3().to_array(), *p);
+    let mut cells: Vec<_> = points.iter().map(in_cell).collect();
+    cells.sort_by_key(|(cell, _)| *cell);
+    cells.dedup_by_key(|(cell, _)| *cell);
+    cells.into_iter().map(|(_, point)| point).collect()
 }
 
 /// How much of the points lies in few layers across a direction: the sum of the squares of the layers' shares.
@@ -112,6 +151,39 @@ mod tests {
             let up = up_direction(&points, 6.0, &[]);
             let off = up.angle_between(turn * Vec3::Z).to_degrees();
             assert!(off < 1.5, "{turn}: off by {off} degrees");
+        }
+    }
+
+    #[test]
+    fn walls_with_more_detail_do_not_win() {
+        // Along the long walls fifty times as many points as anywhere else.
+        let wall = (0..40_000).map(|i| {
+            let (u, v) = ((i % 200) as f32 / 200.0, (i / 200) as f32 / 200.0);
+            Vec3::new(6.0 * u, 0.0, 3.0 * v)
+        });
+        let points: Vec<Vec3> = room().into_iter().chain(wall).collect();
+        let turn = Quat::from_euler(glam::EulerRot::XYZ, -0.7, 2.0, 0.5);
+        for turn in [Quat::IDENTITY, turn] {
+            let turned: Vec<Vec3> = points.iter().map(|p| turn * *p).collect();
+            let up = up_direction(&turned, 6.0, &[]);
+            let off = up.angle_between(turn * Vec3::Z).to_degrees();
+            assert!(off.min(180.0 - off) < 1.5, "{turn}: off by {off} degrees");
+        }
+    }
+
+    #[test]
+    fn among_equals_the_format_s_axis_is_up() {
+        let n = 30;
+        let cube: Vec<Vec3> = (0..n * n)
+            .flat_map(|i| {
+                let (u, v) = ((i % n) as f32 / n as f32, (i / n) as f32 / n as f32);
+                [0.0, 1.0].map(|w| [Vec3::new(u, v, w), Vec3::new(u, w, v), Vec3::new(w, u, v)])
+            })
+            .flatten()
+            .collect();
+        for axis in [Vec3::Y, Vec3::NEG_Y, Vec3::Z] {
+            let up = up_direction(&cube, 1.0, &[axis]);
+            assert!(up.dot(axis) > 0.99, "{up}");
         }
     }
 
