@@ -292,6 +292,21 @@ fn the_environment_moves_by_numbers() {
     );
 }
 
+#[test]
+fn long_numbers_leave_the_panels_their_width() {
+    let mut harness = harness(training_state());
+    let width = |harness: &Harness<'static, Shown>| {
+        harness.get_by_label("Reset environment").rect().right()
+    };
+    let before = width(&harness);
+    let transform = &mut harness.state_mut().state.look.transform;
+    transform.rotate_deg = Vec3::new(-142.348, -99.761, -150.333);
+    transform.translate = Vec3::new(-1234.567, -33.333, -0.777);
+    harness.run_steps(3);
+    assert_eq!(width(&harness), before);
+    harness.get_by_label("Rotate X");
+}
+
 /// A harness whose viewport shows a picture, and a point inside the viewport.
 fn with_picture() -> (Harness<'static, Shown>, egui::Pos2) {
     let mut harness = harness(training_state());
@@ -428,6 +443,7 @@ fn another_environment_says_where_it_is_and_can_be_matched() {
         width: 16,
         height: 8,
         world_from_picture: Quat::IDENTITY,
+        has_floor: false,
     };
     let light = DistantLight::new(config, &[0.5; 16 * 8 * 3]).expect("a picture");
     let sky = Environment::of_distant("sky".to_owned(), Vec3::Z, light);

@@ -7,7 +7,7 @@ use glam::{Affine3A, Quat, Vec3};
 
 use crate::geometry::Ray;
 use crate::neif::field::radiance_field::{FieldBatch, FieldRay};
-use crate::neif::light::environment::{EnvironmentField, LightScratch};
+use crate::neif::light::environment::LightScratch;
 use crate::neif::{Environment, EnvironmentTransform};
 
 /// Opacity of a ray below which it meets nothing.
@@ -32,10 +32,10 @@ pub struct Support {
 }
 
 impl Support {
-    /// What a ray in the environment's own coordinates meets first; `None` where it meets nothing, and in environments without
-    /// a trained grid.
+    /// What a ray in the environment's own coordinates meets first; `None` where it meets nothing, and in environments
+    /// without surfaces.
     pub fn met_by(environment: &Environment, ray: &Ray) -> Option<Self> {
-        if !matches!(environment.field(), EnvironmentField::Grid { .. }) || environment.is_far() {
+        if !environment.has_surfaces() {
             return None;
         }
         let (right, down) = ray.direction.any_orthonormal_pair();

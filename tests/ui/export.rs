@@ -15,6 +15,7 @@ fn state() -> AppState {
         width: 16,
         height: 8,
         world_from_picture: Quat::IDENTITY,
+        has_floor: false,
     };
     let light = DistantLight::new(config, &[0.5; 16 * 8 * 3]).expect("a picture");
     let sky = Environment::of_distant("sky".to_owned(), Vec3::Z, light);

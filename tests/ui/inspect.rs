@@ -42,6 +42,7 @@ pub(super) fn snapshot() -> Arc<Snapshot> {
         width: 16,
         height: 8,
         world_from_picture: Quat::IDENTITY,
+        has_floor: false,
     };
     let light = DistantLight::new(sky, &[0.5; 16 * 8 * 3]).expect("a picture");
     Arc::new(Snapshot {

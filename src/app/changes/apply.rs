@@ -5,7 +5,9 @@ use glam::Vec2;
 
 use super::choose::{choose_environment, go_to_view, set_budget, stand_at_photo};
 use super::paths::apply_path;
-use super::{export, history, inspect, leaving, lighting, palette, preferences, saving, watch};
+use super::{
+    export, history, inspect, leaving, lighting, palette, preferences, saving, standing, watch,
+};
 use crate::app::session::leaving::Goal;
 use crate::app::state::app_state::{AppState, Compare, Overlays};
 use crate::app::state::command::{Command, Effect, Train};
@@ -46,6 +48,7 @@ fn dispatch(state: &mut AppState, command: Command, effects: &mut Vec<Effect>) {
         Command::Edit(edit) => state.look.edit = edit,
         Command::MoveEnvironment(transform) => state.look.transform = transform,
         Command::MatchExposure => effects.push(Effect::MatchExposure),
+        Command::PutOnFloor => standing::put_on_floor(state, effects),
         Command::StopImport(index) => effects.push(Effect::StopImport(index)),
         Command::ChooseEnvironment(index) => choose_environment(state, index, effects),
         Command::Lighting(command) => lighting::apply(state, command),

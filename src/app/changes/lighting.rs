@@ -1,16 +1,14 @@
 //! What seeing, grabbing and comparing the environment do.
 
-use glam::{Vec2, Vec3};
+use glam::Vec2;
 
+use super::standing::set_down;
 use crate::app::lighting::anchor::{anchor, object_size};
 use crate::app::lighting::gizmo::{Grab, Snap};
 use crate::app::lighting::{LARGEST_DISPLAY_EV, LightingCommand};
 use crate::app::state::app_state::{AppState, Compare};
 use crate::app::state::source::EnvironmentContent;
 use crate::app::state::training_state::Level;
-use crate::geometry::Ray;
-use crate::neif::EnvironmentTransform;
-use crate::render::{Support, motion_between};
 
 /// Changes the state by a command.
 pub(super) fn apply(state: &mut AppState, command: LightingCommand) {
@@ -75,63 +73,6 @@ fn drag(state: &mut AppState, at: Vec2, is_snapped: bool) {
     }
 }
 
-/// Stands the object on what the shown environment has at a pixel; false where that is nothing. The camera goes with the
-/// environment: in the picture, the object moves.
-fn set_down(state: &mut AppState, at: Vec2, window: (u32, u32)) -> bool {
-    let ray = state.window_camera(window).ray(at.x, at.y);
-    let before = state.look.transform;
-    let Some(after) = stood_on(state, &ray) else {
-        return false;
-    };
-    let moved = motion_between(&before, &after);
-    let pivot = anchor(state);
-    let viewpoint = &mut state.view.viewpoint;
-    viewpoint.camera.world_from_camera = moved * viewpoint.camera.world_from_camera;
-    viewpoint.pivot = pivot;
-    state.view.at_view = None;
-    state.view.was_moved = true;
-    state.look.transform = after;
-    true
-}
-
-/// Stands the object on what is below the middle of the shown environment, if anything.
-pub(in crate::app) fn set_down_in_the_middle(state: &mut AppState) {
-    let Some(environment) = state.shown_environment() else {
-        return;
-    };
-    let motion = state.look.transform.environment_from_world();
-    let ray = Ray {
-        origin: motion.world_point(environment.inner_box().center()),
-        direction: motion.world_direction(-environment.up()),
-    };
-    if let Some(after) = stood_on(state, &ray) {
-        state.look.transform = after;
-    }
-}
-
-/// The transform with which the object stands on what a ray meets, world coordinates.
-fn stood_on(state: &AppState, ray: &Ray) -> Option<EnvironmentTransform> {
-    let before = &state.look.transform;
-    let motion = before.environment_from_world();
-    let inside = Ray {
-        origin: motion.point(ray.origin),
-        direction: motion.direction(ray.direction),
-    };
-    let support = Support::met_by(state.shown_environment()?, &inside)?;
-    let up = state.view.up;
-    Some(support.under(foot(state, up), up, before))
-}
-
-/// The middle of the object's underside; without an object, what the camera turns about.
-fn foot(state: &AppState, up: Vec3) -> Vec3 {
-    let middle = anchor(state);
-    let heights = state.object().map(|object| {
-        let positions = object.tracer.mesh().positions.iter();
-        positions.map(|p| p.dot(up)).fold(f32::INFINITY, f32::min)
-    });
-    heights.map_or(middle, |lowest| middle + (lowest - middle.dot(up)) * up)
-}
-
 fn remove(state: &mut AppState, index: usize) {
     let Some(entry) = state.environments.get_mut(index) else {
         return;
@@ -155,9 +96,8 @@ mod tests {
     use crate::app::state::app_state::tests::snapshot;
     use crate::app::state::look::Look;
     use crate::app::state::source::EnvironmentEntry;
-    use crate::app::viewport::camera_control::Viewpoint;
     use crate::neif::{Environment, MaterialEdit};
-    use crate::render::test_scene::{environment, fog_above};
+    use crate::render::test_scene::environment;
 
     fn state() -> AppState {
         AppState {
@@ -219,48 +159,9 @@ mod tests {
         assert!(state.scene().unwrap().has_own_light(), "back to its own");
     }
 
-    /// A state lit by a floor at -0.5, seen from above.
-    fn above_a_floor() -> AppState {
-        let mut state = state();
-        state.look.environment = Some(add(&mut state, fog_above(-0.5)));
-        state.look.transform.rotate_deg.z = 30.0;
-        let eye = Vec3::new(0.2, -0.3, 0.4);
-        state.view.viewpoint = Viewpoint::look_at(eye, Vec3::new(0.1, 0.0, -0.5), Vec3::Z);
-        state
-    }
-
-    /// Where the ray of a pixel is in the environment.
-    fn inside(state: &AppState, at: Vec2) -> [Vec3; 2] {
-        let ray = state.window_camera((400, 300)).ray(at.x, at.y);
-        let motion = state.look.transform.environment_from_world();
-        [motion.point(ray.origin), motion.direction(ray.direction)]
-    }
-
-    #[test]
-    fn the_object_is_set_down_under_the_pointer_while_the_picture_stays_still() {
-        let mut state = above_a_floor();
-        let (at, window) = (Vec2::new(170.0, 190.0), (400, 300));
-        let corner = Vec2::new(11.0, 7.0);
-        let before = [inside(&state, at), inside(&state, corner)];
-        apply(&mut state, LightingCommand::SetDown { at, window });
-        let after = [inside(&state, at), inside(&state, corner)];
-        for (before, after) in before.as_flattened().iter().zip(after.as_flattened()) {
-            assert!((*before - *after).length() < 1e-3, "{before} and {after}");
-        }
-        let foot = foot(&state, Vec3::Z);
-        let seen = state.window_camera(window).project(foot).unwrap();
-        assert!((seen - at).length() < 8.0, "the foot is at {seen}");
-        assert_eq!(
-            state.view.viewpoint.pivot,
-            anchor(&state),
-            "it turns about the object"
-        );
-    }
-
     #[test]
     fn where_nothing_is_nothing_moves_and_it_is_said() {
-        let mut state = above_a_floor();
-        state.look.environment = None;
+        let mut state = state();
         state.snapshot = None;
         let before = state.look;
         let (at, window) = (Vec2::new(170.0, 190.0), (400, 300));
@@ -271,15 +172,5 @@ mod tests {
             said.any(|m| m.text.contains("nothing to stand on")),
             "it is said"
         );
-    }
-
-    #[test]
-    fn an_imported_scan_has_the_object_on_what_is_below_its_middle() {
-        let mut state = above_a_floor();
-        set_down_in_the_middle(&mut state);
-        let motion = state.look.transform.environment_from_world();
-        let foot = motion.point(foot(&state, Vec3::Z));
-        assert!((foot.z + 0.5).abs() < 0.05, "on the floor: {foot}");
-        assert!(foot.truncate().length() < 0.05, "in the middle: {foot}");
     }
 }

@@ -11,6 +11,16 @@ pub(in crate::app) fn anchor(state: &AppState) -> Vec3 {
     bounds.unwrap_or(state.view.home.pivot)
 }
 
+/// The middle of the object's underside; without an object, what the camera turns about.
+pub(in crate::app) fn foot(state: &AppState) -> Vec3 {
+    let (middle, up) = (anchor(state), state.view.up);
+    let heights = state.object().map(|object| {
+        let positions = object.tracer.mesh().positions.iter();
+        positions.map(|p| p.dot(up)).fold(f32::INFINITY, f32::min)
+    });
+    heights.map_or(middle, |lowest| middle + (lowest - middle.dot(up)) * up)
+}
+
 /// Size that steps and axes are measured by, scene units: the object's diagonal, or a quarter of the environment's.
 pub(in crate::app) fn object_size(state: &AppState) -> f32 {
     let own = state.snapshot.as_ref();

@@ -103,7 +103,7 @@ pub fn vector_row(ui: &mut Ui, name: &str, value: &mut Vec3, speed: f64, suffix:
     numbers_row(ui, (name, ["X", "Y", "Z"]), value, Vec3::ZERO, |v| {
         DragValue::new(v)
             .speed(speed)
-            .max_decimals(2)
+            .custom_formatter(|v, _| three_digits(v))
             .suffix(suffix.to_owned())
     })
 }
@@ -114,8 +114,19 @@ pub fn gain_row(ui: &mut Ui, name: &str, value: &mut Vec3) -> bool {
         DragValue::new(v)
             .speed(0.005)
             .range(0.0..=100.0)
-            .max_decimals(2)
+            .custom_formatter(|v, _| three_digits(v))
     })
+}
+
+/// At most two decimals, and fewer of numbers that would not fit beside two others.
+fn three_digits(v: f64) -> String {
+    let n_before = v.abs().max(1.0).log10() as usize;
+    let n_after = 2_usize.saturating_sub(n_before);
+    let text = format!("{v:.n_after$}");
+    // No negative zero.
+    text.strip_prefix('-')
+        .filter(|rest| rest.trim_matches(['0', '.']).is_empty())
+        .map_or(text.clone(), str::to_owned)
 }
 
 fn numbers_row(

@@ -83,6 +83,8 @@ pub enum Command {
     MoveEnvironment(EnvironmentTransform),
     /// Make the chosen environment as bright as the capture's own.
     MatchExposure,
+    /// Put the chosen panorama on a floor, and the object on that.
+    PutOnFloor,
     /// Choose an environment; none is the capture's own.
     ChooseEnvironment(Option<usize>),
     /// End the import of the environment with this index; what was learned stays.
@@ -163,6 +165,8 @@ pub enum Effect {
     LoadEnvironment(usize),
     /// End the import of the environment with this index.
     StopImport(usize),
+    /// Put the environment with this index, which is in no file yet, into the library.
+    KeepEnvironment(usize),
     /// Find the exposure and white balance of the chosen environment.
     MatchExposure,
     /// Show the system's dialog.

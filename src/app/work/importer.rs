@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use egui::Context;
 
-use crate::app::changes::lighting::set_down_in_the_middle;
+use crate::app::changes::standing::set_down_in_the_middle;
 use crate::app::lighting::Import;
 use crate::app::state::app_state::AppState;
 use crate::app::state::source::EnvironmentContent;
@@ -51,10 +51,10 @@ struct Running {
     set_down: Option<[EnvironmentTransform; 2]>,
 }
 
-/// An environment that was made of a scan.
+/// An environment that was made here.
 pub(super) struct Made {
-    /// The scan's file.
-    pub(super) scan: PathBuf,
+    /// The file that it was made of, by which it is known on the list.
+    pub(super) source: PathBuf,
     pub(super) environment: Arc<Environment>,
 }
 
@@ -133,7 +133,7 @@ impl Importer {
                 if let EnvironmentContent::Ready(environment) = &entry.content {
                     let environment = Environment::clone(environment).renamed(&entry.name);
                     made.push(Made {
-                        scan: entry.path.clone(),
+                        source: entry.path.clone(),
                         environment: Arc::new(environment),
                     });
                 }

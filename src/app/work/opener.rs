@@ -77,9 +77,9 @@ pub(super) enum Opened {
     },
     /// Another program's scan, of which an environment is to be made.
     Scan(PathBuf),
-    /// The file of the library in which what was made of the scan at this path is kept, or why it is not.
+    /// The file of the library in which what was made of the file at this path is kept, or why it is not.
     Kept {
-        scan: PathBuf,
+        source: PathBuf,
         result: Result<PathBuf, String>,
     },
     /// An environment, or why it cannot be used.
@@ -125,18 +125,22 @@ impl Opener {
         }
     }
 
-    /// Puts an environment that was made of a scan into the library.
-    pub(super) fn keep(&self, Made { scan, environment }: Made) {
+    /// Puts an environment into the library.
+    pub(super) fn keep(&self, made: Made) {
+        let Made {
+            source,
+            environment,
+        } = made;
         self.spawn(move |send| {
             let record = Record {
-                origin: Some(scan.display().to_string()),
+                origin: Some(source.display().to_string()),
                 ..Record::default()
             };
             let kept = Library::of_system().add(&environment, Storage::default(), record);
             let result = kept
                 .map(|entry| entry.file)
                 .map_err(|error| with_causes(&error));
-            send(Opened::Kept { scan, result });
+            send(Opened::Kept { source, result });
         });
     }
 

@@ -10,7 +10,7 @@ use egui::Context;
 
 use super::dialog::{FileDialog, ask, ask_export};
 use super::exporter::Exporter;
-use super::importer::Importer;
+use super::importer::{Importer, Made};
 use super::keeper::Keeper;
 use super::opener::{Opened, Opener, ScreenPhoto};
 use crate::app::assets;
@@ -139,6 +139,16 @@ impl Work {
             Effect::LoadEnvironment(index) => {
                 if let Some(entry) = state.environments.get(index) {
                     self.opener.load_environment(&entry.path);
+                }
+            }
+            Effect::KeepEnvironment(index) => {
+                if let Some(entry) = state.environments.get(index)
+                    && let EnvironmentContent::Ready(environment) = &entry.content
+                {
+                    self.opener.keep(Made {
+                        source: entry.path.clone(),
+                        environment: Arc::clone(environment),
+                    });
                 }
             }
             Effect::StopImport(index) => self.importer.stop(index),
@@ -372,7 +382,7 @@ impl Work {
                 state.set_dataset(dataset);
                 stand_at_wanted_view(state);
             }
-            Opened::Kept { scan, result } => keep(state, &scan, result),
+            Opened::Kept { source, result } => keep(state, &source, result),
             Opened::Scan(path) if state.source == Source::Nothing => {
                 return Some(self.open_capture(state, Source::Capture(path)));
             }
@@ -480,11 +490,11 @@ impl Work {
 }
 
 /// Takes in where the environment of a scan is kept: it is read from there from now on.
-fn keep(state: &mut AppState, scan: &Path, result: Result<PathBuf, String>) {
+fn keep(state: &mut AppState, source: &Path, result: Result<PathBuf, String>) {
     match result {
         Ok(file) => {
             let mut entries = state.environments.iter_mut();
-            if let Some(entry) = entries.find(|entry| entry.path == scan) {
+            if let Some(entry) = entries.find(|entry| entry.path == source) {
                 let said = format!("“{}” is in the library of environments", entry.name);
                 entry.path = file;
                 state.messages.say(Level::Info, said);

@@ -69,6 +69,9 @@ struct PanoramaArgs {
     /// Brighten it, in photographic stops
     #[arg(long, value_name = "EV", default_value = "0", value_parser = values::finite, allow_hyphen_values = true)]
     exposure: f32,
+    /// Put it on a level floor, so far below the camera that took it, in scene units; else it is infinitely far, and an object floats
+    #[arg(long, value_name = "HEIGHT", value_parser = values::positive)]
+    floor: Option<f32>,
 }
 
 pub(crate) fn run(args: &EnvImportArgs, started: Instant) -> Result<(), Failure> {
@@ -105,6 +108,7 @@ fn import_panorama(args: &EnvImportArgs) -> Result<(), Failure> {
         up: args.up.unwrap_or(defaults.up),
         rotate_deg: args.panorama.rotate,
         exposure_ev: args.panorama.exposure,
+        floor: args.panorama.floor,
         name: args.name.clone(),
     };
     let Imported {

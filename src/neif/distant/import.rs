@@ -26,6 +26,8 @@ pub struct ImportOptions {
     pub rotate_deg: f32,
     /// Exposure, stops.
     pub exposure_ev: f32,
+    /// Height of the camera above a level floor that the picture stands on, scene units, positive; none is infinitely far.
+    pub floor: Option<f32>,
     /// Shown in lists; none is the file's name.
     pub name: Option<String>,
 }
@@ -37,6 +39,7 @@ impl Default for ImportOptions {
             up: Vec3::Z,
             rotate_deg: 0.0,
             exposure_ev: 0.0,
+            floor: None,
             name: None,
         }
     }
@@ -66,7 +69,7 @@ fn extension(path: &Path) -> String {
     extension.to_string_lossy().to_ascii_lowercase()
 }
 
-/// Reads an equirectangular picture as an infinitely far environment of gamma 1.
+/// Reads an equirectangular picture as an environment of gamma 1.
 ///
 /// Pictures wider than 1024 pixels are reduced to that, each pixel the mean over its solid angle. Negative values become
 /// 0, with a notice.
@@ -102,11 +105,15 @@ pub fn import_environment(path: &Path, options: &ImportOptions) -> Result<Import
         width: picture.width(),
         height: picture.height(),
         world_from_picture: world_from_picture(options),
+        has_floor: false,
     };
     let light = DistantLight::new(config, picture.pixels().as_flattened())
         .ok_or_else(|| unusable("has an unusable size"))?;
+    let far = Environment::of_distant(name, options.up, light);
     Ok(Imported {
-        environment: Environment::of_distant(name, options.up, light),
+        environment: options
+            .floor
+            .map_or(far.clone(), |height| far.on_floor(height)),
         notices,
     })
 }

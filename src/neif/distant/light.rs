@@ -1,8 +1,9 @@
-//! The radiance that a cone gathers from an infinitely far environment.
+//! The radiance that a cone gathers from a panorama.
 
 use glam::{Mat3, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 
+use super::dome;
 use super::equirect::Equirect;
 use super::pyramid::{LOG_RATIO, MAX_WIDTH, Pyramid};
 use crate::neif::field::radiance_field::FieldRay;
@@ -23,6 +24,10 @@ pub struct DistantConfig {
     pub height: usize,
     /// Turns the picture's axes (z up, centre along +x) into the world's.
     pub world_from_picture: Quat,
+    /// Whether the picture stands on a level floor, one field unit below its camera, which is in the field's origin; else it is
+    /// infinitely far.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub has_floor: bool,
 }
 
 impl DistantConfig {
@@ -79,6 +84,13 @@ impl DistantLight {
         let variance = ray.cone.spread * ray.cone.spread + ray.cone.lobe_variance;
         let direction = self.picture_from_world * Vec3::from(ray.direction);
         self.gathered(direction, variance).to_array()
+    }
+
+    /// The same of a picture on a floor, and where the light comes from: distance along the unit direction, field units.
+    pub fn radiance_above_floor(&self, ray: &FieldRay) -> ([f32; 3], f32) {
+        let met = dome::meet(ray, self.config.world_from_picture * Vec3::Z);
+        let seen = self.gathered(self.picture_from_world * met.direction, met.variance);
+        (seen.to_array(), met.distance)
     }
 
     /// The mean over the lobe about `d` (picture axes) with the given variance per transverse axis of its unit directions.
@@ -151,6 +163,7 @@ mod tests {
             width,
             height,
             world_from_picture: Quat::IDENTITY,
+            has_floor: false,
         };
         let pixels: Vec<f32> = (0..width * height)
             .flat_map(|i| paint(pixel_direction(width, i)))

@@ -16,6 +16,9 @@ use crate::neif::networks::mlp::{Mlp, MlpBuffers, keep_rows};
 /// surface is a few cells thick.
 const REACHED: f32 = 0.9;
 
+/// Half the thickness of a surface that is met at one distance, shares of that.
+const HALF_SURFACE: f32 = 1e-4;
+
 /// One ray to evaluate.
 #[derive(Clone, Copy, Debug)]
 pub struct FieldRay {
@@ -135,6 +138,25 @@ impl FieldBatch {
         }
         self.density.keep_rows(&self.active, density_net);
         keep_rows(&self.active, density_net.n_in, &mut self.features);
+    }
+
+    /// Evaluates rays that meet one surface each: `light` gives their radiance and the distance along the unit direction. Of two
+    /// samples, just before and behind it, the second has all the weight.
+    pub(in crate::neif) fn end_at(&mut self, light: impl Fn(&FieldRay) -> ([f32; 3], f32)) {
+        self.samples.n_per_ray = 2;
+        self.samples.distances.clear();
+        self.radiance.clear();
+        for ray in &self.rays {
+            let (radiance, distance) = light(ray);
+            let length = Vec3::from(ray.cone.direction).length();
+            self.radiance.push(radiance);
+            let end = distance / length.max(1e-6);
+            let around = [end * (1.0 - HALF_SURFACE), end * (1.0 + HALF_SURFACE)];
+            self.samples.distances.extend(around);
+        }
+        self.composite.weights.clear();
+        let weights = self.rays.iter().flat_map(|_| [0.0, 1.0]);
+        self.composite.weights.extend(weights);
     }
 
     /// Samples of all rays.

@@ -55,7 +55,7 @@ pub enum EnvironmentField {
     },
     /// The paper's network, sampled in two passes.
     Paper(PaperField),
-    /// A picture of an infinitely far environment.
+    /// A picture of an infinitely far environment, or of one on a floor.
     Distant(DistantLight),
 }
 
@@ -68,7 +68,7 @@ pub enum EnvironmentKind {
     /// A network of the paper, trained on photos.
     #[strum(to_string = "paper network")]
     PaperNetwork,
-    /// A picture of an infinitely far environment.
+    /// A picture of all directions.
     Panorama,
 }
 
@@ -146,6 +146,16 @@ impl Environment {
         Self { place, field }
     }
 
+    /// A panorama put on a level floor, `height` scene units below its camera; its inner box ends there. Any other
+    /// environment is returned as it is.
+    pub fn on_floor(mut self, height: f32) -> Self {
+        if let EnvironmentField::Distant(light) = &mut self.field {
+            light.config.has_floor = true;
+            self.place.frame.half_side = height;
+        }
+        self
+    }
+
     /// Shown in lists.
     pub fn name(&self) -> &str {
         &self.place.name
@@ -176,6 +186,7 @@ impl Environment {
         // Asked for every picture: the same value needs no look at millions of numbers.
         std::ptr::eq(self, other)
             || (self.place.frame, self.place.gamma) == (other.place.frame, other.place.gamma)
+                && self.is_far() == other.is_far()
                 && kind(self) == kind(other)
                 && self.params() == other.params()
     }
@@ -194,8 +205,14 @@ impl Environment {
         match &self.field {
             EnvironmentField::Grid { field, .. } => field.config.is_far,
             EnvironmentField::Paper(_) => false,
-            EnvironmentField::Distant(_) => true,
+            EnvironmentField::Distant(light) => !light.config.has_floor,
         }
+    }
+
+    /// Whether it is known where along a ray its light comes from, so that an object can stand on it. The paper's network does
+    /// not determine it.
+    pub fn has_surfaces(&self) -> bool {
+        !self.is_far() && !matches!(self.field, EnvironmentField::Paper(_))
     }
 
     /// Variance per transverse axis of the sharpest cone that the field was taught, which every cone of a lobe has on top of
@@ -272,9 +289,13 @@ impl Environment {
                 batch.radiance.extend(radiance);
             }
             EnvironmentField::Distant(light) => {
-                batch.radiance.clear();
-                let radiance = batch.rays.iter().map(|ray| light.radiance(ray));
-                batch.radiance.extend(radiance);
+                if light.config.has_floor {
+                    batch.end_at(|ray| light.radiance_above_floor(ray));
+                } else {
+                    batch.radiance.clear();
+                    let radiance = batch.rays.iter().map(|ray| light.radiance(ray));
+                    batch.radiance.extend(radiance);
+                }
             }
         }
     }

@@ -25,7 +25,9 @@ const LARGEST_BALANCE: f32 = 8.0;
 ///
 /// Of a distant picture it is exact; else the mean over 2048 even directions without specks.
 fn mean_radiance(environment: &Environment, at: Vec3) -> Vec3 {
-    if let EnvironmentField::Distant(light) = environment.field() {
+    if let EnvironmentField::Distant(light) = environment.field()
+        && environment.is_far()
+    {
         return light.mean();
     }
     let origin = environment.frame().field_from_world(at).to_array();
@@ -98,6 +100,7 @@ mod tests {
             width: 16,
             height: 8,
             world_from_picture: Quat::IDENTITY,
+            has_floor: false,
         };
         let pixels: Vec<f32> = (0..128).flat_map(|_| color.to_array()).collect();
         let light = DistantLight::new(config, &pixels).unwrap();

@@ -12,7 +12,7 @@ use super::sight::Sight;
 use super::square::Square;
 use crate::neif::Environment;
 use crate::neif::field::radiance_field::{FieldBatch, FieldRay};
-use crate::neif::light::environment::{EnvironmentField, LightScratch};
+use crate::neif::light::environment::LightScratch;
 
 /// Least cosine between a triangle's normal and the look at it: below lies an edge with nothing in between.
 const LEAST_COSINE: f32 = 0.08;
@@ -155,8 +155,7 @@ impl Surfaces {
         outside: impl Fn(Vec3) -> f32 + Sync,
     ) -> Self {
         let mut found = vec![Found::default(); cells.len()];
-        // What is infinitely far has no surfaces; the paper's network does not determine where its light comes from.
-        if matches!(environment.field(), EnvironmentField::Grid { .. }) {
+        if environment.has_surfaces() {
             look_around(environment, &cells, (resolution, &outside), &mut found);
         }
         let patches = smoothed(&cells, &found);

@@ -3,12 +3,13 @@
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use glam::{Vec2, Vec3, Vec4};
+use glam::{Quat, Vec2, Vec3, Vec4};
 
 use super::map::Map;
 use super::stand::Stand;
 use super::*;
 use crate::geometry::meshes::test_mesh::ellipsoid;
+use crate::neif::distant::{DistantConfig, DistantLight};
 use crate::neif::field::radiance_field::FieldRay;
 use crate::neif::light::environment::LightScratch;
 use crate::neif::{Environment, EnvironmentTransform, ObjectModel, SurfaceField};
@@ -182,6 +183,36 @@ fn a_red_mirror_keeps_less_red_from_its_floor_than_a_black_one() {
     assert!(
         (red.y - black.y).abs() < 0.02,
         "{red} by a red one, {black}"
+    );
+}
+
+#[test]
+fn a_panorama_s_floor_is_shaded() {
+    let config = DistantConfig {
+        width: 16,
+        height: 8,
+        world_from_picture: Quat::IDENTITY,
+        has_floor: false,
+    };
+    let white = DistantLight::new(config, &[1.0; 16 * 8 * 3]).expect("a picture");
+    let white = Environment::of_distant("white".to_owned(), Vec3::Z, white);
+    let floor = white.on_floor(-FLOOR);
+    let still = EnvironmentTransform::default();
+    let shadow = shadow_in(&floor, &ball(), &still, &captured(&ball()), None);
+    let ground = Ground {
+        baked: None,
+        shadow,
+    };
+    let eye = Vec3::new(0.1, -1.6, 0.6);
+    let shade = |x: f32| {
+        let at = Vec3::new(x, -0.45, FLOOR);
+        look_in(&floor, Some(&ground), eye, at).max_element()
+    };
+    assert!(
+        shade(0.0) < 0.8 && shade(4.0) > 0.95,
+        "{} {}",
+        shade(0.0),
+        shade(4.0)
     );
 }
 

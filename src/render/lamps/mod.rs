@@ -278,7 +278,7 @@ fn look_around(
                     }
                 }));
                 environment.light(batch, scratch);
-                let has_distance = matches!(environment.field(), EnvironmentField::Grid { .. });
+                let has_distance = environment.has_surfaces();
                 let distance = |ray| if has_distance { batch.end(ray).0 } else { 1.0 };
                 let seen = batch.radiance.iter().enumerate();
                 Some(seen.map(|(i, v)| (Vec3::from(*v), distance(i))).collect())

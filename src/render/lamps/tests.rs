@@ -24,6 +24,7 @@ fn sky(toward: Vec3) -> Environment {
         width,
         height: width / 2,
         world_from_picture: Quat::IDENTITY,
+        has_floor: false,
     };
     let pixels: Vec<f32> = (0..width * width / 2)
         .flat_map(|i| {

@@ -67,6 +67,7 @@ pub(crate) mod tests {
             width: 16,
             height: 8,
             world_from_picture: Quat::IDENTITY,
+            has_floor: false,
         };
         // The upper half (towards +z) has the colour, the lower one is black.
         let pixel = |i: usize| if i < 64 { color } else { [0.0; 3] };

@@ -140,6 +140,7 @@ mod tests {
             width: 16,
             height: 8,
             world_from_picture: glam::Quat::IDENTITY,
+            has_floor: false,
         };
         let light = DistantLight::new(config, &[0.5; 16 * 8 * 3]).expect("a picture");
         let sky = Environment::of_distant("sky".to_owned(), glam::Vec3::Z, light);

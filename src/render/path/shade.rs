@@ -9,7 +9,6 @@ use super::scratch::{Contribution, FAR, PIECE, SeenLight, ShadeScratch, TILE, li
 use crate::geometry::Camera;
 use crate::neif::EditedSurfaces;
 use crate::neif::field::radiance_field::FieldBatch;
-use crate::neif::light::environment::EnvironmentField;
 use crate::neif::light::light_path::{self, PathVertex};
 use crate::neif::light::lobe_cones::PathOfPixel;
 use crate::neif::light::shading::{fresnel, outgoing};
@@ -56,8 +55,7 @@ pub(in crate::render) fn see_background(
         scratch.aim_at_background(scene, camera, pixels);
         scratch.light(scene);
         let batch = &scratch.batch;
-        let is_grid = matches!(scene.environment.field(), EnvironmentField::Grid { .. });
-        let is_near = is_grid && !scene.environment.is_far();
+        let is_near = scene.environment.has_surfaces();
         for (i, out) in out.iter_mut().enumerate() {
             let t = if is_near {
                 median_distance(batch, i)

@@ -283,6 +283,7 @@ mod tests {
             width: 256,
             height: 128,
             world_from_picture: Quat::IDENTITY,
+            has_floor: false,
         };
         let wave = |i: usize| {
             let (x, y) = ((i % 256) as f32, (i / 256) as f32);

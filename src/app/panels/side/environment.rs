@@ -5,6 +5,7 @@ use glam::Vec3;
 
 use super::gallery::gallery_ui;
 use crate::app::lighting::LightingCommand;
+use crate::app::lighting::anchor::foot;
 use crate::app::panels::section::section_row;
 use crate::app::panels::widgets::{Setting, gain_row, on_click, slider_row, vector_row, weak};
 use crate::app::state::app_state::AppState;
@@ -19,7 +20,7 @@ const SCALE: Setting = Setting {
     name: "Scale",
     range: 0.1..=10.0,
     default: 1.0,
-    hint: "Size of the environment about the origin",
+    hint: "Size of the environment about the point that the object stands on",
 };
 const EXPOSURE: Setting = Setting {
     name: "Exposure",
@@ -107,6 +108,12 @@ fn transform_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     vector_row(ui, "Rotate", &mut transform.rotate_deg, 0.5, "°");
     vector_row(ui, "Move", &mut transform.translate, speed, "");
     slider_row(ui, &SCALE, &mut transform.scale);
+    let growth = transform.scale / state.look.transform.scale;
+    if growth.is_normal() && growth != 1.0 {
+        // What the object stands on stays below it.
+        let foot = foot(state);
+        transform.translate = foot + growth * (transform.translate - foot);
+    }
     slider_row(ui, &EXPOSURE, &mut transform.exposure_ev);
     gain_row(ui, "White", &mut transform.white_balance);
     tools_ui(ui, state, commands);
@@ -127,6 +134,12 @@ fn tools_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
             .on_hover_text("Exposure and white balance by which this environment lights the object as much as its own")
             .on_disabled_hover_text("Choose another environment first");
         on_click(&button, Command::MatchExposure, commands);
+        let chosen = state.chosen_environment();
+        if chosen.is_some_and(|environment| environment.is_far()) {
+            let button = ui.button("Put on a floor");
+            let what = "A panorama is infinitely far, so that the object floats in it. This makes an environment of it that has a floor below the object, as if it had been taken from where the photos were";
+            on_click(&button.on_hover_text(what), Command::PutOnFloor, commands);
+        }
         let set_down = Button::selectable(state.lighting.is_setting_down, "Set down");
         let what = "Press or drag in the picture: the object stands on the surface under the pointer (P)";
         let toggle = Command::Lighting(LightingCommand::ToggleSettingDown);
