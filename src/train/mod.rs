@@ -9,6 +9,7 @@ pub mod photos;
 mod pixels;
 mod placement;
 mod preparation;
+mod presets;
 mod priors;
 mod random;
 pub mod scene_model;

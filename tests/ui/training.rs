@@ -1,6 +1,7 @@
 //! Training is paused, ended, prolonged and paced from the window.
 
 use super::*;
+use neif::app::session::preferences::Quality;
 
 #[test]
 fn training_is_paused_and_resumed_by_button_and_space() {
@@ -51,6 +52,17 @@ fn a_finished_run_can_be_trained_longer() {
         [Effect::Train(TrainCommand::Extend(more))]
     );
     assert_eq!(harness.state().state.training.phase, Phase::Training);
+}
+
+#[test]
+fn quality_is_chosen_before_training_and_brings_its_time() {
+    let mut harness = harness(AppState::default());
+    click(&mut harness, "Full");
+    let state = &harness.state().state;
+    assert_eq!(state.preferences.quality, Quality::Full);
+    assert_eq!(state.watch.budget_secs, 1200.0);
+    click(&mut harness, "Fast");
+    assert_eq!(harness.state().state.watch.budget_secs, 300.0);
 }
 
 #[test]

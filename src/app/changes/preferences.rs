@@ -8,6 +8,10 @@ pub(in crate::app) fn apply(state: &mut AppState, command: PreferencesCommand) {
     let preferences = &mut state.preferences;
     match command {
         PreferencesCommand::Theme(theme) => preferences.theme = theme,
+        PreferencesCommand::Quality(quality) => {
+            preferences.quality = quality;
+            state.watch.budget_secs = quality.usual_secs();
+        }
         PreferencesCommand::Zoom(steps) => {
             let zoom = preferences.zoom + steps * ZOOM_STEP;
             preferences.zoom = (zoom * 10.0).round() / 10.0;
@@ -33,5 +37,5 @@ pub(in crate::app) fn apply(state: &mut AppState, command: PreferencesCommand) {
             preferences.window = Some(size.map(f32::round));
         }
     }
-    preferences.limit();
+    state.preferences.limit();
 }

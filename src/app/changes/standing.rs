@@ -73,10 +73,10 @@ fn camera_height(state: &AppState) -> f32 {
 }
 
 /// Puts the chosen panorama on a floor that the object stands on, as another environment that goes to the library: as if the
-/// photos and the panorama had been taken from the same height. Nothing where the chosen environment is not infinitely far.
+/// photos and the panorama had been taken from the same height. Nothing where the chosen environment is no panorama that lacks one.
 pub(super) fn put_on_floor(state: &mut AppState, effects: &mut Vec<Effect>) {
     let chosen = state.look.environment.zip(state.chosen_environment());
-    let Some((index, far)) = chosen.filter(|(_, chosen)| chosen.is_far()) else {
+    let Some((index, far)) = chosen.filter(|(_, chosen)| chosen.lacks_floor()) else {
         return;
     };
     let entry = &state.environments[index];

@@ -193,16 +193,14 @@ fn environment() -> Vec<Binding> {
             Command::MoveEnvironment(EnvironmentTransform::default())
         })
         .when(|state| state.look.transform != EnvironmentTransform::default()),
-        entry("", "Put the panorama on a floor", |_| Command::PutOnFloor).when(is_panorama_chosen),
+        entry("", "Put the panorama on a floor", |_| Command::PutOnFloor).when(|state| {
+            state
+                .chosen_environment()
+                .is_some_and(|it| it.lacks_floor())
+        }),
         entry("", "Match exposure", |_| Command::MatchExposure)
             .when(|state| state.chosen_environment().is_some()),
     ]
-}
-
-fn is_panorama_chosen(state: &AppState) -> bool {
-    state
-        .chosen_environment()
-        .is_some_and(|chosen| chosen.is_far())
 }
 
 fn photos() -> Vec<Binding> {

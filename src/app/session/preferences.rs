@@ -33,6 +33,55 @@ pub enum ThemeChoice {
     Dark,
 }
 
+/// How much a new run is to find out.
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    Serialize,
+    Deserialize,
+    strum::IntoStaticStr,
+    strum::VariantArray,
+)]
+#[serde(rename_all = "lowercase")]
+pub enum Quality {
+    /// What can be had in minutes.
+    #[default]
+    Fast,
+    /// What the photos show.
+    Full,
+}
+
+impl Quality {
+    /// The settings' name.
+    pub(in crate::app) fn preset(self) -> &'static str {
+        match self {
+            Self::Fast => "fast",
+            Self::Full => "quality",
+        }
+    }
+
+    /// Training time that suits it, seconds.
+    pub(in crate::app) fn usual_secs(self) -> f64 {
+        match self {
+            Self::Fast => 300.0,
+            Self::Full => 1200.0,
+        }
+    }
+
+    pub(in crate::app) fn hint(self) -> &'static str {
+        match self {
+            Self::Fast => "Sharp in minutes",
+            Self::Full => {
+                "A finer environment, for large sharp photos and twenty minutes on two cores"
+            }
+        }
+    }
+}
+
 /// A panel beside the viewport.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
@@ -72,6 +121,8 @@ pub struct Preferences {
     pub zoom: f32,
     /// Whether opening a capture starts training.
     pub is_auto_start: bool,
+    /// How much new runs are to find out.
+    pub quality: Quality,
     /// Which parts of the side panels are folded; at first those that few people need.
     pub folded: BTreeSet<Section>,
     /// Whether the list of messages is open.
@@ -88,6 +139,7 @@ impl Default for Preferences {
             theme: ThemeChoice::default(),
             zoom: 1.0,
             is_auto_start: true,
+            quality: Quality::default(),
             folded: BTreeSet::from([Section::Skips, Section::Slice]),
             is_log_open: false,
             window: None,
@@ -101,6 +153,8 @@ impl Default for Preferences {
 pub enum PreferencesCommand {
     /// Dark or light.
     Theme(ThemeChoice),
+    /// How much new runs are to find out; their training time goes with it.
+    Quality(Quality),
     /// Larger (above zero) or smaller text by so many steps.
     Zoom(f32),
     /// Text of the system's size.

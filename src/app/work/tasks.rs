@@ -38,9 +38,6 @@ use crate::train::session::plan::Budget;
 
 /// Training wakes the window at most so often.
 const TRAINING_REPAINT: Duration = Duration::from_millis(250);
-/// Settings of runs that the window starts.
-const PRESET: &str = "fast";
-
 /// What the window itself has to do about news.
 #[derive(Debug)]
 pub(in crate::app) enum News {
@@ -255,12 +252,14 @@ impl Work {
     fn start(&mut self, state: &mut AppState) {
         let budget = Budget::Seconds(state.watch.budget_secs);
         let options = match &state.source {
-            Source::Demo(path) | Source::Capture(path) => TrainConfig::preset(PRESET)
-                .map(|config| SessionOptions {
-                    choices: self.choices(path),
-                    ..SessionOptions::new(path, config, budget)
-                })
-                .map_err(|error| error.to_string()),
+            Source::Demo(path) | Source::Capture(path) => {
+                TrainConfig::preset(state.preferences.quality.preset())
+                    .map(|config| SessionOptions {
+                        choices: self.choices(path),
+                        ..SessionOptions::new(path, config, budget)
+                    })
+                    .map_err(|error| error.to_string())
+            }
             Source::Run(path) => {
                 SessionOptions::resume(path, Some(budget)).map_err(|error| error.to_string())
             }

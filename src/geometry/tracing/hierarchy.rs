@@ -1,7 +1,8 @@
 //! Building a hierarchy over triangles: obvhs', or a balanced one of a mesh that would make that too deep to walk.
 //!
 //! obvhs merges neighbours by surface area. Triangles on top of each other, or each within the next, become a chain: a
-//! level for every seven of them, which no walk has room for and obvhs' own recursion runs out of stack over.
+//! level for every seven of them, which no walk has room for and obvhs' own recursion runs out of stack over. Many of them take
+//! it a time that is quadratic in their number.
 
 use glam::Vec3A;
 use obvhs::aabb::Aabb;
@@ -18,11 +19,18 @@ use obvhs::{Boundable, BvhBuildParams};
 pub(in crate::geometry) const MAX_DEPTH: usize = 32;
 /// The same of a binary tree that obvhs may turn into a hierarchy: it does so by recursion.
 const MAX_BINARY_DEPTH: usize = 256;
+/// Triangles about one point that obvhs is given, at most: as many take it a tenth of a second.
+const MOST_IN_PLACE: usize = 2000;
+/// Cells of a place, along each side of the mesh.
+const N_PLACES: f32 = 1024.0;
 /// Triangles in a leaf, at most.
 const LEAF: u32 = 3;
 
 /// The hierarchy over triangles, at most [`MAX_DEPTH`] deep.
 pub(super) fn build_hierarchy(triangles: &[Triangle]) -> CwBvh {
+    if most_in_place(triangles) > MOST_IN_PLACE {
+        return widen(&balanced(triangles));
+    }
     let params = BvhBuildParams::medium_build();
     let mut binary = PlocBuilder::with_capacity(triangles.len()).build(
         params.ploc_search_distance,
@@ -35,6 +43,18 @@ pub(super) fn build_hierarchy(triangles: &[Triangle]) -> CwBvh {
     let wide = (binary_depth(&binary) <= MAX_BINARY_DEPTH).then(|| widen(&binary));
     wide.filter(|wide| wide_depth(wide) <= MAX_DEPTH)
         .unwrap_or_else(|| widen(&balanced(triangles)))
+}
+
+/// The greatest number of triangles whose centres are about one point.
+fn most_in_place(triangles: &[Triangle]) -> usize {
+    let centers: Vec<Vec3A> = triangles.iter().map(|t| t.aabb().center()).collect();
+    let bounds = Aabb::from_points(&centers);
+    let per_side = N_PLACES / bounds.diagonal().max(Vec3A::splat(f32::MIN_POSITIVE));
+    let place = |center: &Vec3A| ((*center - bounds.min) * per_side).as_uvec3().to_array();
+    let mut places: Vec<[u32; 3]> = centers.iter().map(place).collect();
+    places.sort_unstable();
+    let runs = places.chunk_by(|a, b| a == b).map(<[_]>::len);
+    runs.max().unwrap_or(0)
 }
 
 fn widen(binary: &Bvh2) -> CwBvh {
@@ -151,6 +171,19 @@ mod tests {
             let mut held = hierarchy.primitive_indices.clone();
             held.sort_unstable();
             assert!(held.into_iter().eq(0..n as u32), "each triangle once");
+        }
+    }
+
+    #[test]
+    fn a_hundred_thousand_triangles_in_one_place_are_built_at_once() {
+        for ratio in [1.0, 0.9999] {
+            let triangles = packed(&nested(100_000, ratio, 1));
+            let began = std::time::Instant::now();
+            let hierarchy = build_hierarchy(&triangles);
+            let secs = began.elapsed().as_secs_f64();
+            // It was a minute; the bound leaves room for a busy machine.
+            assert!(secs < 5.0, "{ratio}: {secs} s");
+            assert!(wide_depth(&hierarchy) <= MAX_DEPTH);
         }
     }
 

@@ -111,9 +111,10 @@ pub fn import_environment(path: &Path, options: &ImportOptions) -> Result<Import
         .ok_or_else(|| unusable("has an unusable size"))?;
     let far = Environment::of_distant(name, options.up, light);
     Ok(Imported {
-        environment: options
-            .floor
-            .map_or(far.clone(), |height| far.on_floor(height)),
+        environment: match options.floor {
+            Some(height) => far.on_floor(height),
+            None => far,
+        },
         notices,
     })
 }

@@ -146,6 +146,11 @@ impl Environment {
         Self { place, field }
     }
 
+    /// Whether it is a panorama without a floor.
+    pub fn lacks_floor(&self) -> bool {
+        matches!(&self.field, EnvironmentField::Distant(light) if !light.config.has_floor)
+    }
+
     /// A panorama put on a level floor, `height` scene units below its camera; its inner box ends there. Any other
     /// environment is returned as it is.
     pub fn on_floor(mut self, height: f32) -> Self {

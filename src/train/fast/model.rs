@@ -143,11 +143,13 @@ impl Fast {
         let model = Self {
             pixels,
             work: Work::of(&field),
-            field: Learned::new("field", field).with_rounded_grids(),
+            field: Learned::new("field", field)
+                .with_rounded_grids()
+                .with_averages(),
             density,
             // An environment alone looks the same with any exponent: its own stays 1.
             display: LearnedDisplay::new(material.is_some()),
-            material: material.map(|material| Learned::new("material", material)),
+            material: material.map(|material| Learned::new("material", material).with_averages()),
             photos: Photos {
                 exposures,
                 noted,

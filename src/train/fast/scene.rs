@@ -26,9 +26,9 @@ impl SceneModel for Fast {
             ..self.place.clone()
         };
         let material = self.material.as_ref();
-        let material = material.map(|m| SurfaceField::Grid(m.value.clone()));
+        let material = material.map(|m| SurfaceField::Grid(m.settled()));
         let object = ObjectModel::of(self.surface.tracer.as_ref(), material);
-        let environment = Environment::new(place, self.field.value.clone(), self.density.clone());
+        let environment = Environment::new(place, self.field.settled(), self.density.clone());
         let photos = self.photos.noted.as_ref().zip(self.gains());
         Snapshot {
             step,

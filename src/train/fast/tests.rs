@@ -338,6 +338,32 @@ fn the_same_seed_gives_the_same_bits_on_any_number_of_threads() {
 }
 
 #[test]
+fn snapshots_show_the_mean_of_the_last_steps() {
+    let dataset = sphere_in_a_box(6, 24);
+    let mut trainer = trainer(&small_fields(), &dataset);
+    let mut last = Vec::new();
+    for step in 0..1040_u32 {
+        trainer.step(step as f32 / 1040.0);
+        if step % 8 == 7 {
+            last.push(trainer.model.field.value.params.clone());
+        }
+    }
+    let shown = trainer.snapshot();
+    let shown = shown.environment.params();
+    // About 31 steps at the end: the distance to the mean of as many is less than to where the last one went.
+    let mean = |i: usize| last[last.len() - 4..].iter().map(|v| v[i]).sum::<f32>() / 4.0;
+    let apart = |of: &dyn Fn(usize) -> f32| -> f64 {
+        let squares = (0..shown.len()).map(|i| f64::from(shown[i] - of(i)).powi(2));
+        squares.sum::<f64>()
+    };
+    let (to_mean, to_last) = (apart(&mean), apart(&|i| last[last.len() - 1][i]));
+    assert!(
+        0.0 < to_mean && to_mean < 0.7 * to_last,
+        "{to_mean} {to_last}"
+    );
+}
+
+#[test]
 fn a_resumed_run_equals_an_uninterrupted_one() {
     let dataset = sphere_in_a_box(6, 24);
     let config = TrainConfig {

@@ -3,6 +3,7 @@
 use std::fmt;
 
 use rayon::Scope;
+use rayon::prelude::*;
 
 use super::adam::{Adam, store_bf16};
 use super::chunks::sum_in_order;
@@ -15,6 +16,13 @@ use crate::neif::networks::hash_grid::{FEATURES, Level};
 use crate::neif::paper::{PaperField, PaperMaterial};
 use crate::neif::surface::material::Material;
 use crate::train::TrainError;
+
+/// Updates between two looks at the parameters for their running means.
+const AVERAGED_EVERY: u64 = 8;
+/// Share of all updates that the means go back.
+const WINDOW: f32 = 0.03;
+/// Parameters a task takes.
+const BLOCK: usize = 1 << 15;
 
 /// A field as the optimiser sees it: one vector, first the networks' parameters, then the grids'.
 pub(in crate::train) trait Network: fmt::Debug {
@@ -67,6 +75,8 @@ pub(in crate::train) struct Learned<N: Network> {
     pub(in crate::train) transposed: Vec<f32>,
     /// The grids in bf16, where they are read from there: half the cache lines.
     pub(in crate::train) rounded: Vec<u16>,
+    /// Running means of the parameters, where those are what is shown: the noise of the last steps is not in them.
+    averaged: Vec<f32>,
 }
 
 impl<N: Network> Learned<N> {
@@ -79,6 +89,7 @@ impl<N: Network> Learned<N> {
             gradient: vec![0.0; n],
             transposed: Vec::new(),
             rounded: Vec::new(),
+            averaged: Vec::new(),
             value,
         };
         learned.derive();
@@ -90,6 +101,40 @@ impl<N: Network> Learned<N> {
         self.rounded = vec![0; self.value.params().len() - self.value.n_head()];
         self.derive();
         self
+    }
+
+    /// With running means of the parameters.
+    pub(in crate::train) fn with_averages(mut self) -> Self {
+        self.averaged = self.value.params().to_vec();
+        self
+    }
+
+    /// The field with the means of its parameters, where they are kept.
+    pub(in crate::train) fn settled(&self) -> N
+    where
+        N: Clone,
+    {
+        let mut settled = self.value.clone();
+        if !self.averaged.is_empty() {
+            settled.params_mut().copy_from_slice(&self.averaged);
+        }
+        settled
+    }
+
+    /// Lets the means follow: exponentially, over the last [`WINDOW`] of all updates, so that they are as sharp early in a run as
+    /// late (after Polyak and Juditsky 1992).
+    fn average(&mut self, updates: u64) {
+        if self.averaged.is_empty() || !updates.is_multiple_of(AVERAGED_EVERY) {
+            return;
+        }
+        let share = (AVERAGED_EVERY as f32 / (WINDOW * updates as f32)).min(1.0);
+        let means = self.averaged.par_chunks_mut(BLOCK);
+        let params = self.value.params().par_chunks(BLOCK);
+        means.zip(params).for_each(|(means, params)| {
+            for (mean, param) in means.iter_mut().zip(params) {
+                *mean += share * (param - *mean);
+            }
+        });
     }
 
     /// Adds all chunks' gradients in order: of the networks, as `of_networks` has them, by one task, and of each of the grid's
@@ -150,18 +195,31 @@ impl<N: Network> Part for Learned<N> {
             now.updates,
         );
         self.value.write_transposed(&mut self.transposed);
+        self.average(now.updates);
     }
 
     fn store(&self, file: &mut TensorFile) {
         insert(file, &self.array("params"), self.value.params());
         insert(file, &self.array("first"), &self.adam.first);
         insert(file, &self.array("second"), &self.adam.second);
+        if !self.averaged.is_empty() {
+            insert(file, &self.array("averaged"), &self.averaged);
+        }
     }
 
     fn restore(&mut self, file: &TensorFile) -> Result<(), TrainError> {
         let n = self.value.params().len();
         let read = |what| finite(file, &self.array(what), n);
         let [params, first, second] = [read("params")?, read("first")?, read("second")?];
+        if !self.averaged.is_empty() {
+            // Runs from before kept none.
+            let is_kept = file.tensor(&self.array("averaged")).is_ok();
+            self.averaged = if is_kept {
+                read("averaged")?
+            } else {
+                params.clone()
+            };
+        }
         self.value.params_mut().copy_from_slice(&params);
         self.adam = Adam { first, second };
         self.derive();

@@ -135,7 +135,7 @@ fn tools_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
             .on_disabled_hover_text("Choose another environment first");
         on_click(&button, Command::MatchExposure, commands);
         let chosen = state.chosen_environment();
-        if chosen.is_some_and(|environment| environment.is_far()) {
+        if chosen.is_some_and(|chosen| chosen.lacks_floor()) {
             let button = ui.button("Put on a floor");
             let what = "A panorama is infinitely far, so that the object floats in it. This makes an environment of it that has a floor below the object, as if it had been taken from where the photos were";
             on_click(&button.on_hover_text(what), Command::PutOnFloor, commands);

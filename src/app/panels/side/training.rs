@@ -8,6 +8,7 @@ use crate::app::panels::section::section_heading;
 use crate::app::panels::widgets::{
     choices_ui, count, duration, number_ui, on_click, training_secs, weak,
 };
+use crate::app::session::preferences::{PreferencesCommand, Quality};
 use crate::app::state::app_state::{AppState, PathPurpose};
 use crate::app::state::command::{Command, Train};
 use crate::app::state::sections::Section;
@@ -148,6 +149,16 @@ fn start_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
             commands.push(Command::SetBudget(budget));
         }
     });
+    if !matches!(state.source, Source::Run(_)) {
+        ui.horizontal_wrapped(|ui| {
+            ui.label(weak(ui, "Quality"));
+            let qualities = Quality::VARIANTS.iter();
+            let qualities = qualities.map(|it| (*it, <&str>::from(it), it.hint()));
+            let chosen = choices_ui(ui, state.preferences.quality, qualities);
+            let command = |it| Command::Preferences(PreferencesCommand::Quality(it));
+            commands.extend(chosen.map(command));
+        });
+    }
     let mut is_auto = state.preferences.is_auto_start;
     let auto = ui.checkbox(&mut is_auto, "Start when a capture is opened");
     on_click(&auto, Command::SetAutoStart(is_auto), commands);
