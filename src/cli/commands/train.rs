@@ -52,8 +52,9 @@ pub(crate) struct TrainArgs {
     /// The run folder to make, or to continue with --resume
     #[arg(long, value_name = "RUN")]
     out: PathBuf,
-    /// Settings: `fast`, `quality` (a finer environment, for large sharp photos and more than two minutes), `paper` (the paper's own networks: a slow reference), or a
-    /// TOML file with the values that differ from `fast` or from the preset that its entry `preset` names [default: fast]
+    /// Settings: `fast`, `quality` (a finer environment, for large sharp photos and more than two minutes), `paper` (the paper's own
+    /// networks: a slow reference), or a TOML file with the values that differ from `fast` or from the preset that its entry
+    /// `preset` names [default: fast]
     #[arg(long, value_name = "NAME|FILE.toml", conflicts_with = "resume")]
     preset: Option<String>,
     #[command(flatten)]

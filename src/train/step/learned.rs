@@ -17,7 +17,8 @@ use crate::neif::paper::{PaperField, PaperMaterial};
 use crate::neif::surface::material::Material;
 use crate::train::TrainError;
 
-/// Updates between two looks at the parameters for their running means.
+/// Updates between two looks at the parameters for their running means, which are the parameters themselves before the window
+/// is as long.
 const AVERAGED_EVERY: u64 = 8;
 /// Share of all updates that the means go back.
 const WINDOW: f32 = 0.03;
@@ -124,10 +125,11 @@ impl<N: Network> Learned<N> {
     /// Lets the means follow: exponentially, over the last [`WINDOW`] of all updates, so that they are as sharp early in a run as
     /// late (after Polyak and Juditsky 1992).
     fn average(&mut self, updates: u64) {
-        if self.averaged.is_empty() || !updates.is_multiple_of(AVERAGED_EVERY) {
+        let share = (AVERAGED_EVERY as f32 / (WINDOW * updates as f32)).min(1.0);
+        let is_due = share == 1.0 || updates.is_multiple_of(AVERAGED_EVERY);
+        if self.averaged.is_empty() || !is_due {
             return;
         }
-        let share = (AVERAGED_EVERY as f32 / (WINDOW * updates as f32)).min(1.0);
         let means = self.averaged.par_chunks_mut(BLOCK);
         let params = self.value.params().par_chunks(BLOCK);
         means.zip(params).for_each(|(means, params)| {

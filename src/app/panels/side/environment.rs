@@ -137,7 +137,7 @@ fn tools_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
         let chosen = state.chosen_environment();
         if chosen.is_some_and(|chosen| chosen.lacks_floor()) {
             let button = ui.button("Put on a floor");
-            let what = "A panorama is infinitely far, so that the object floats in it. This makes an environment of it that has a floor below the object, as if it had been taken from where the photos were";
+            let what = "Objects float in a panorama, which is infinitely far. This makes one of it with a floor below the object";
             on_click(&button.on_hover_text(what), Command::PutOnFloor, commands);
         }
         let set_down = Button::selectable(state.lighting.is_setting_down, "Set down");
