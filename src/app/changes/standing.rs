@@ -187,7 +187,8 @@ mod tests {
         );
         let motion = state.look.transform.environment_from_world();
         let foot = motion.point(foot(&state));
-        assert!((foot - Vec3::NEG_Z * height).length() < 1e-4, "{foot}");
+        let off = (foot - Vec3::NEG_Z * height).length();
+        assert!(off < 1e-3 * height, "on it, within its thickness: {foot}");
         put_on_floor(&mut state, &mut effects);
         assert_eq!(effects.len(), 1, "it has one");
     }
