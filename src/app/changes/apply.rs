@@ -5,9 +5,8 @@ use glam::Vec2;
 
 use super::choose::{choose_environment, go_to_view, set_budget, stand_at_photo};
 use super::paths::apply_path;
-use super::{
-    export, history, inspect, leaving, lighting, palette, preferences, saving, standing, watch,
-};
+use super::{export, history, inspect, leaving, lighting, palette, preferences, saving, watch};
+use crate::app::lighting::standing;
 use crate::app::session::leaving::Goal;
 use crate::app::state::app_state::{AppState, Compare, Overlays};
 use crate::app::state::command::{Command, Effect, Train};

@@ -2,9 +2,9 @@
 
 use glam::Vec2;
 
-use super::standing::set_down;
 use crate::app::lighting::anchor::{anchor, object_size};
 use crate::app::lighting::gizmo::{Grab, Snap};
+use crate::app::lighting::standing::set_down;
 use crate::app::lighting::{LARGEST_DISPLAY_EV, LightingCommand};
 use crate::app::state::app_state::{AppState, Compare};
 use crate::app::state::source::EnvironmentContent;

@@ -14,6 +14,5 @@ pub(super) mod palette;
 mod paths;
 pub(super) mod preferences;
 pub(super) mod saving;
-pub(super) mod standing;
 mod stored;
 mod watch;

@@ -8,6 +8,7 @@ mod lines;
 pub(super) mod lines_ui;
 pub(super) mod preview_side;
 pub(super) mod split_ui;
+pub(super) mod standing;
 mod thumbnails;
 
 use std::collections::BTreeSet;

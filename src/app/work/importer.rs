@@ -6,10 +6,10 @@ use std::time::Duration;
 
 use egui::Context;
 
-use crate::app::changes::standing::set_down_in_the_middle;
 use crate::app::lighting::Import;
+use crate::app::lighting::standing::set_down_in_the_middle;
 use crate::app::state::app_state::AppState;
-use crate::app::state::source::EnvironmentContent;
+use crate::app::state::source::{EnvironmentContent, EnvironmentEntry};
 use crate::app::state::training_state::Level;
 use crate::neif::{Environment, EnvironmentTransform};
 use crate::train::config::TrainConfig;
@@ -56,6 +56,19 @@ pub(super) struct Made {
     /// The file that it was made of, by which it is known on the list.
     pub(super) source: PathBuf,
     pub(super) environment: Arc<Environment>,
+}
+
+impl Made {
+    /// What is on the list, where it is known.
+    pub(super) fn of_entry(entry: &EnvironmentEntry) -> Option<Self> {
+        let EnvironmentContent::Ready(environment) = &entry.content else {
+            return None;
+        };
+        Some(Self {
+            source: entry.path.clone(),
+            environment: Arc::clone(environment),
+        })
+    }
 }
 
 impl Importer {

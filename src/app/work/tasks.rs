@@ -139,13 +139,8 @@ impl Work {
                 }
             }
             Effect::KeepEnvironment(index) => {
-                if let Some(entry) = state.environments.get(index)
-                    && let EnvironmentContent::Ready(environment) = &entry.content
-                {
-                    self.opener.keep(Made {
-                        source: entry.path.clone(),
-                        environment: Arc::clone(environment),
-                    });
+                if let Some(made) = state.environments.get(index).and_then(Made::of_entry) {
+                    self.opener.keep(made);
                 }
             }
             Effect::StopImport(index) => self.importer.stop(index),

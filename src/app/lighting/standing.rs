@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
 
-use crate::app::lighting::anchor::{anchor, foot, object_size};
+use super::anchor::{anchor, foot, object_size};
 use crate::app::state::app_state::AppState;
 use crate::app::state::command::Effect;
 use crate::app::state::source::{EnvironmentContent, EnvironmentEntry};
@@ -14,7 +14,7 @@ use crate::render::{Support, motion_between};
 
 /// Stands the object on what the shown environment has at a pixel; false where that is nothing. The camera goes with the
 /// environment: in the picture, the object moves.
-pub(super) fn set_down(state: &mut AppState, at: Vec2, window: (u32, u32)) -> bool {
+pub(in crate::app) fn set_down(state: &mut AppState, at: Vec2, window: (u32, u32)) -> bool {
     let ray = state.window_camera(window).ray(at.x, at.y);
     let before = state.look.transform;
     let Some(after) = stood_on(state, &ray) else {
@@ -74,7 +74,7 @@ fn camera_height(state: &AppState) -> f32 {
 
 /// Puts the chosen panorama on a floor that the object stands on, as another environment that goes to the library: as if the
 /// photos and the panorama had been taken from the same height. Nothing where the chosen environment is no panorama that lacks one.
-pub(super) fn put_on_floor(state: &mut AppState, effects: &mut Vec<Effect>) {
+pub(in crate::app) fn put_on_floor(state: &mut AppState, effects: &mut Vec<Effect>) {
     let chosen = state.look.environment.zip(state.chosen_environment());
     let Some((index, far)) = chosen.filter(|(_, chosen)| chosen.lacks_floor()) else {
         return;
