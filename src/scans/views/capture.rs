@@ -122,9 +122,15 @@ pub(super) fn photographs(
     planned.par_iter().map(take).collect()
 }
 
+/// What counts as white: Gaussians are never quite opaque, so that lamps which were white in the photos come out a little darker.
+const WHITE: f32 = 0.96;
+
 /// A picture as a camera would store it.
 fn photo(picture: &ScanPicture) -> Photo {
-    let code = |srgb: f32| (srgb.clamp(0.0, 1.0) * 65535.0).round() as u16;
+    let code = |srgb: f32| {
+        let srgb = if srgb >= WHITE { 1.0 } else { srgb.max(0.0) };
+        (srgb * 65535.0).round() as u16
+    };
     Photo::Ldr {
         width: picture.width,
         height: picture.height,
@@ -148,5 +154,27 @@ fn depths(picture: &ScanPicture, camera: &Camera) -> DepthMap {
     DepthMap {
         camera: *camera,
         depths: picture.distance.iter().enumerate().map(depth).collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lamps_that_are_not_quite_opaque_are_white() {
+        let taken = photo(&ScanPicture {
+            width: 4,
+            height: 1,
+            srgb: vec![[0.97; 3], [1.3; 3], [0.95, -0.1, 0.0], [0.0; 3]],
+            opacity: vec![1.0; 4],
+            distance: vec![1.0; 4],
+        });
+        let expected = [[1.0; 3], [1.0; 3], [0.95, 0.0, 0.0], [0.0; 3]];
+        for (i, expected) in expected.into_iter().enumerate() {
+            for (found, expected) in taken.srgb(i).into_iter().zip(expected) {
+                assert!((found - expected).abs() < 1e-4, "{i}: {found}");
+            }
+        }
     }
 }
