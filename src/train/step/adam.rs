@@ -13,7 +13,7 @@ const EPSILON: f32 = 1e-15;
 /// touched by few steps, and the update is as fast as memory (instant-ngp skips them too, Sec. 4 of arXiv:2201.05989).
 const LINE: usize = 16;
 /// Parameters a task takes.
-const BLOCK: usize = 1 << 15;
+pub(super) const BLOCK: usize = 1 << 15;
 
 /// First and second moments of a parameter vector.
 #[derive(Clone, Debug, PartialEq)]

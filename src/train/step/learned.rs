@@ -5,7 +5,7 @@ use std::fmt;
 use rayon::Scope;
 use rayon::prelude::*;
 
-use super::adam::{Adam, store_bf16};
+use super::adam::{Adam, BLOCK, store_bf16};
 use super::chunks::sum_in_order;
 use super::now::Now;
 use super::part::{Part, finite, insert};
@@ -22,8 +22,6 @@ use crate::train::TrainError;
 const AVERAGED_EVERY: u64 = 8;
 /// Share of all updates that the means go back.
 const WINDOW: f32 = 0.03;
-/// Parameters a task takes.
-const BLOCK: usize = 1 << 15;
 
 /// A field as the optimiser sees it: one vector, first the networks' parameters, then the grids'.
 pub(in crate::train) trait Network: fmt::Debug {
