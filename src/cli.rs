@@ -20,7 +20,7 @@ use std::time::Instant;
 use clap::{Parser, Subcommand};
 
 use self::commands::{
-    bench, env, env_import, env_library, eval, export, info, mesh, render, train, view,
+    bench, env, env_import, env_library, eval, export, info, masks, mesh, render, train, view,
 };
 use self::failure::Failure;
 
@@ -47,6 +47,8 @@ enum Command {
     Eval(eval::EvalArgs),
     /// Render pictures of a trained run, with edits and other light
     Render(render::RenderArgs),
+    /// Find the object in photos without masks, and write masks
+    Masks(masks::MasksArgs),
     /// Make a mesh of the object from the masks, depth maps or points of a capture
     Mesh(mesh::MeshArgs),
     /// Write the object with baked textures for other programs (glTF), and its environment
@@ -75,6 +77,7 @@ pub(crate) fn run(started: Instant) -> Result<(), Failure> {
         Some(Command::Train(args)) => train::run(&args, started),
         Some(Command::Eval(args)) => eval::run(&args),
         Some(Command::Render(args)) => render::run(&args),
+        Some(Command::Masks(args)) => masks::run(&args, started),
         Some(Command::Mesh(args)) => mesh::run(&args, started),
         Some(Command::Export(args)) => export::run(&args),
         Some(Command::Bench(command)) => bench::run(&command),

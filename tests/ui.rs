@@ -95,6 +95,7 @@ fn effects(harness: &mut Harness<'_, Shown>) -> Vec<Effect> {
 fn view(name: &str, eye: Vec3) -> View {
     View {
         name: name.to_owned(),
+        file: PathBuf::new(),
         split: Split::Train,
         camera: Camera::look_at(eye, Vec3::ZERO, Vec3::Z, 0.8, 32, 24),
         photo: Photo::Ldr {

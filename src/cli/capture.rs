@@ -19,6 +19,9 @@ pub(crate) struct PhotoArgs {
     /// A folder with train.txt, val.txt or test.txt (a photo's name a line) instead of the capture's own splits
     #[arg(long, value_name = "DIR")]
     split_lists: Option<PathBuf>,
+    /// A folder of masks, named as their photos, instead of the capture's own: `neif masks` makes one
+    #[arg(long, value_name = "DIR")]
+    masks: Option<PathBuf>,
 }
 
 impl PhotoArgs {
@@ -26,11 +29,13 @@ impl PhotoArgs {
     pub(crate) fn over(&self, stored: CaptureChoices) -> CaptureChoices {
         let mut choices = stored;
         choices.max_megapixels = self.max_megapixels.unwrap_or(choices.max_megapixels);
+        // A run stores them, and is read from other folders later.
+        let absolute = |path: &PathBuf| std::path::absolute(path).unwrap_or_else(|_| path.clone());
+        if let Some(masks) = &self.masks {
+            choices.masks = Some(absolute(masks));
+        }
         if self.test_every.is_some() || self.split_lists.is_some() {
             choices.test_every = self.test_every;
-            // A run stores it, and is read from other folders later.
-            let absolute =
-                |path: &PathBuf| std::path::absolute(path).unwrap_or_else(|_| path.clone());
             choices.split_lists = self.split_lists.as_ref().map(absolute);
         }
         choices

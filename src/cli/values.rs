@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use glam::Vec3;
+use neif::geometry::Aabb;
 
 /// Reads `300s`, `5m`, `1.5h` or a bare number of seconds; more than zero.
 pub(crate) fn duration_secs(text: &str) -> Result<f64, String> {
@@ -66,6 +67,18 @@ pub(crate) fn vector(text: &str) -> Result<Vec3, String> {
         [x, y, z] => Ok(Vec3::new(x, y, z)),
         _ => Err(format!(
             "expected three numbers as in 0,0,90, found {}",
+            numbers.len()
+        )),
+    }
+}
+
+/// Reads `X,Y,Z,X,Y,Z`, two opposite corners of a box.
+pub(crate) fn aabb(text: &str) -> Result<Aabb, String> {
+    let numbers: Vec<f32> = text.split(',').map(finite).collect::<Result<_, _>>()?;
+    match numbers[..] {
+        [a, b, c, d, e, f] => Ok(Aabb::from_points([Vec3::new(a, b, c), Vec3::new(d, e, f)])),
+        _ => Err(format!(
+            "expected six numbers as in -1,-1,0,1,1,2, found {}",
             numbers.len()
         )),
     }

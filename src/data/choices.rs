@@ -20,6 +20,8 @@ pub struct CaptureChoices {
     /// A folder with `train.txt`, `val.txt` or `test.txt` (a photo's name a line) that counts instead of the
     /// capture's own splits.
     pub split_lists: Option<PathBuf>,
+    /// A folder of masks, named as their photos, that count instead of the capture's own.
+    pub masks: Option<PathBuf>,
 }
 
 impl Default for CaptureChoices {
@@ -31,6 +33,7 @@ impl Default for CaptureChoices {
             max_megapixels: 100.0,
             test_every: None,
             split_lists: None,
+            masks: None,
         }
     }
 }

@@ -53,7 +53,7 @@ pub use self::photos::depth_view::DepthView;
 pub use self::photos::exr_image::{
     ExrChannel, ExrSample, read_exr_linear, write_exr, write_exr_channels,
 };
-pub use self::photos::image::{read_mask, read_photo, write_png_srgb};
+pub use self::photos::image::{read_mask, read_photo, write_mask, write_png_srgb};
 pub use self::photos::photo::{Mask, Photo};
 pub use self::photos::rgba8::Rgba8;
 pub use check::{
@@ -164,6 +164,8 @@ pub enum Split {
 pub struct View {
     /// The photo's file name without extension; photos of other splits may have the same.
     pub name: String,
+    /// The photo's file; empty where there is none.
+    pub file: PathBuf,
     /// What the photo is for.
     pub split: Split,
     /// The camera, for exactly the photo's size.

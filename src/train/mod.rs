@@ -2,6 +2,7 @@
 
 pub mod config;
 pub mod fast;
+pub mod masks;
 pub mod measure;
 pub mod neilf;
 pub mod paper;

@@ -28,7 +28,7 @@ pub(super) fn environment_place(config: &TrainConfig, dataset: &Dataset) -> Envi
 
 /// The inner box: around the object (or between the cameras), as far as the cameras stand, times `scale`.
 pub(super) fn field_frame(dataset: &Dataset, scale: f32) -> FieldFrame {
-    let cameras: Vec<Vec3> = dataset.train.iter().map(|v| v.camera.position()).collect();
+    let cameras = camera_positions(dataset);
     let mean = cameras.iter().sum::<Vec3>() / cameras.len().max(1) as f32;
     let object = dataset.object_box();
     let center = object.map_or(mean, |object| object.center());
@@ -111,6 +111,11 @@ pub(super) fn up_direction(dataset: &Dataset) -> Vec3 {
     let mut up = Vec3::ZERO;
     up[axis] = if mean[axis] < 0.0 { -1.0 } else { 1.0 };
     up
+}
+
+/// Where the training photos were taken from, world.
+pub(super) fn camera_positions(dataset: &Dataset) -> Vec<Vec3> {
+    dataset.train.iter().map(|v| v.camera.position()).collect()
 }
 
 /// The cameras of the training photos as the capture has them.

@@ -151,6 +151,7 @@ fn view(tracer: &SurfaceTracer, index: usize, n_views: usize, size: u32) -> View
     }
     View {
         name: format!("view {index}"),
+        file: PathBuf::new(),
         split: Split::Train,
         camera,
         photo: painted(size, |i| colors[i as usize]),

@@ -450,6 +450,7 @@ pub(in crate::app) mod tests {
     pub(in crate::app) fn one_photo(gain: Vec3) -> (Arc<Dataset>, Snapshot) {
         let view = View {
             name: "a".to_owned(),
+            file: PathBuf::new(),
             split: Split::Train,
             camera: camera(4, 3),
             photo: Photo::Ldr {

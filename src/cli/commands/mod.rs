@@ -8,6 +8,7 @@ pub(super) mod env_library;
 pub(super) mod eval;
 pub(super) mod export;
 pub(super) mod info;
+pub(super) mod masks;
 pub(super) mod mesh;
 pub(super) mod render;
 pub(super) mod train;

@@ -6,7 +6,7 @@
 use std::path::{Path, PathBuf};
 
 use super::found::{Found, Layout, Listed};
-use super::photo_folder::assign_masks;
+use super::photo_folder::{assign_masks, assign_masks_of};
 use super::splits::{self, SplitFrames, split_as_chosen};
 use super::{blended_mvs, colmap, idr, llff, neilf, nero, rgbd};
 use crate::data::files::capture_path::{folder_of, has_extension};
@@ -84,6 +84,13 @@ pub(in crate::data) fn list_capture_as(
 ) -> Result<Listing, DataError> {
     let mut listing = list_capture(path)?;
     listing.split = split_as_chosen(choices, listing.split)?;
+    if let Some(folder) = &choices.masks {
+        let SplitFrames {
+            train, val, test, ..
+        } = &mut listing.split;
+        let frames = train.iter_mut().chain(val).chain(test);
+        assign_masks_of(folder, frames)?;
+    }
     Ok(listing)
 }
 

@@ -137,6 +137,26 @@ pub(super) fn assign_masks(root: &Path, frames: &mut [Frame], problems: &mut Vec
     problems.push(Problem::new(Severity::Note, what, "").in_file(folder));
 }
 
+/// Gives frames the masks of a folder that are named as their photos, and no others.
+///
+/// # Errors
+/// When no photo has one there.
+pub(super) fn assign_masks_of<'a>(
+    folder: &Path,
+    frames: impl Iterator<Item = &'a mut Frame>,
+) -> Result<(), DataError> {
+    let mut n_found = 0;
+    for frame in frames {
+        frame.mask = mask_by_name(folder, &frame.photo);
+        n_found += usize::from(frame.mask.is_some());
+    }
+    if n_found > 0 {
+        return Ok(());
+    }
+    let problem = "no mask in this folder is named as a photo";
+    Err(DataError::unusable(folder, problem))
+}
+
 fn mask_by_name(folder: &Path, photo: &Path) -> Option<PathBuf> {
     let (stem, name) = (photo.file_stem()?, photo.file_name()?);
     // Photos of rigs lie in folders of their own: masks/left/0001.png for images/left/0001.jpg.

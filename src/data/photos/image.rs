@@ -210,6 +210,18 @@ pub fn write_png_srgb(
     .map_err(|e| DataError::io(path, e))
 }
 
+/// Writes a mask as an 8-bit grey PNG, atomically.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_mask(path: &Path, mask: &Mask) -> Result<(), DataError> {
+    write_atomically(path, |file| {
+        let (width, height) = (mask.width, mask.height);
+        encode_png(file, width, height, &mask.coverage, ExtendedColorType::L8)
+    })
+    .map_err(|e| DataError::io(path, e))
+}
+
 /// Writes a PNG of 8 bits a channel; `bytes`: `[height * width]` pixels, row-major. Panics if the count is wrong.
 pub(in crate::data) fn encode_png(
     file: impl Write,

@@ -222,6 +222,7 @@ fn load_view(frame: &Frame, reduction: Reduction) -> Result<LoadedView, DataErro
     };
     let full = View {
         name: frame.name.clone(),
+        file: frame.photo.clone(),
         split: Split::Train,
         camera,
         photo: decoded.photo,
@@ -264,6 +265,7 @@ impl View {
 fn reduced_view(full: &View, shown: Option<&Mask>, (width, height): (u32, u32)) -> View {
     View {
         name: full.name.clone(),
+        file: full.file.clone(),
         split: full.split,
         camera: full.camera.resized(width, height),
         photo: shrunk_photo(&full.photo, shown, width, height),

@@ -223,6 +223,20 @@ impl FieldBatch {
         (moment / sum.max(f32::MIN_POSITIVE), sum)
     }
 
+    /// Distance, field units, before which half of the light of a ray comes from, in the last forward pass.
+    pub(crate) fn middle_of_light(&self, ray: usize) -> f32 {
+        let samples = self.samples_of(ray);
+        let weights = &self.weights()[samples.clone()];
+        let half = 0.5 * weights.iter().sum::<f32>();
+        let mut absorbed = 0.0;
+        let reached = weights.iter().position(|weight| {
+            absorbed += weight;
+            absorbed > half
+        });
+        let distances = &self.distances()[samples];
+        distances[reached.unwrap_or(distances.len() - 1)]
+    }
+
     fn samples_of(&self, ray: usize) -> Range<usize> {
         let n = self.samples.n_per_ray;
         ray * n..(ray + 1) * n

@@ -161,6 +161,16 @@ impl Environment {
         self
     }
 
+    /// The same field without what it has where `is_void` (world coordinates) says so; `None` of fields that cannot be cut.
+    pub(crate) fn hollowed(&self, is_void: impl Fn(Vec3) -> bool) -> Option<Self> {
+        let EnvironmentField::Grid { field, density } = &self.field else {
+            return None;
+        };
+        let mut density = density.clone();
+        density.hollow(|p| is_void(self.place.frame.world_from_field(Vec3::from(p))));
+        Some(Self::new(self.place.clone(), field.clone(), density))
+    }
+
     /// Shown in lists.
     pub fn name(&self) -> &str {
         &self.place.name

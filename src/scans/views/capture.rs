@@ -111,6 +111,7 @@ pub(super) fn photographs(
         on_progress(n_done.fetch_add(1, Ordering::Relaxed) + 1, planned.len());
         let view = View {
             name: format!("{i:03}"),
+            file: std::path::PathBuf::new(),
             split,
             camera: *camera,
             photo: photo(&picture),

@@ -310,6 +310,7 @@ mod tests {
             let photo = render(&scene, &taken, Layer::Final, &cancel, &|_| {}).expect("a photo");
             View {
                 name: "off".to_owned(),
+                file: std::path::PathBuf::new(),
                 split: Split::Test,
                 camera,
                 photo: Photo::Ldr {

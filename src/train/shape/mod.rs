@@ -10,4 +10,5 @@ pub(super) mod refinement;
 mod refinement_tests;
 pub(super) mod retracing;
 pub mod stage_one;
+pub mod support_plane;
 pub(super) mod tilted_rays;

@@ -89,6 +89,7 @@ mod tests {
         let blue = [0, 0, 255];
         let view = View {
             name: "r_0".to_owned(),
+            file: std::path::PathBuf::new(),
             split: Split::Train,
             camera: Camera::look_at(3.0 * Vec3::X, Vec3::ZERO, Vec3::Z, 0.6, width, height),
             photo: Photo::Rgb8 {

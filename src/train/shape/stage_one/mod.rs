@@ -10,7 +10,7 @@
 mod alignment;
 mod band;
 mod compare;
-mod depths;
+pub(in crate::train) mod depths;
 mod fairing;
 mod growth;
 mod hull;
@@ -29,16 +29,18 @@ use rayon::prelude::*;
 
 use self::alignment::outline_error_px;
 use self::depths::fusion::{Depths, Seen};
-use self::depths::{floor, fusion, point_maps};
+use self::depths::{fusion, point_maps};
 use self::fairing::{Evidence, Fairing};
 use self::silhouette::Silhouette;
 use self::slopes::Normals;
 use crate::data::{Dataset, View};
 use crate::geometry::{Aabb, Mesh, MeshError, ScalarGrid, iso_surface};
-use crate::train::placement::up_direction;
+use crate::train::placement::camera_positions;
 use crate::train::session::plan::Budget;
+use crate::train::shape::support_plane;
 use crate::train::statistics::middle;
 
+pub(in crate::train) use self::depths::fusion::looked_at;
 pub use compare::{MeshDifference, compare, silhouette_agreement};
 pub use growth::GrowthPicture;
 pub(in crate::train) use refit::{is_of_outlines, refit};
@@ -378,10 +380,11 @@ impl Job<'_> {
             return Ok(None);
         };
         if let Some((points, reach)) = point_maps::around_object(self.dataset)
-            && let Some(floor) = floor::find(&points, up_direction(self.dataset), reach)
+            && let Some(support) =
+                support_plane::find(&points, &camera_positions(self.dataset), reach)
         {
             let clearance = FLOOR_CELLS * grid.cell;
-            floor.cut(&mut grid, clearance);
+            hull::raise(&mut grid, |p| clearance - support.plane.height(p));
         }
         surface(self.dataset, &grid, LEAST_PART_OF_POINTS).map(Some)
     }

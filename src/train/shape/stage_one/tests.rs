@@ -92,6 +92,7 @@ fn view(i: u32, n: u32, shape: Shape) -> View {
     };
     View {
         name: format!("r_{i}"),
+        file: PathBuf::new(),
         split: Split::Train,
         camera,
         photo: Photo::Rgb8 {

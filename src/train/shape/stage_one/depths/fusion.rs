@@ -190,7 +190,7 @@ pub(in super::super) fn shows_object(dataset: &Dataset) -> bool {
 }
 
 /// The place that the cameras look at and how far from it the object reaches; `None` where they look at no one place.
-pub(super) fn looked_at(dataset: &Dataset) -> Option<(Vec3, f32)> {
+pub(in crate::train) fn looked_at(dataset: &Dataset) -> Option<(Vec3, f32)> {
     let cameras = || dataset.train.iter().map(|view| &view.camera);
     let axes: Vec<(Vec3, Vec3)> = cameras().map(|c| (c.position(), c.forward())).collect();
     let center = nearest_point(&axes);

@@ -1,0 +1,232 @@
+//! `neif masks`: finds the object in the photos of a capture and writes a mask of each.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+use anyhow::Context as _;
+use glam::Vec3;
+use neif::data::{CaptureChoices, Dataset, LoadOptions, Mask, View, write_mask};
+use neif::geometry::Aabb;
+use neif::neif::Environment;
+use neif::scans::load_capture;
+use neif::train::TrainError;
+use neif::train::config::TrainConfig;
+use neif::train::masks::{
+    FoundObject, MaskError, Selection, agreement_of, find_object, learn_environment, mask_file,
+    point_at,
+};
+use neif::train::session::plan::Budget;
+use serde_json::json;
+
+use crate::cli::capture::PhotoArgs;
+use crate::cli::failure::{Failure, OrUnusable as _};
+use crate::cli::output::Display;
+use crate::cli::{interrupt, output, scenes, values};
+
+/// Time in which the environment is learned where none is given, seconds.
+const DEFAULT_SECS: f64 = 60.0;
+/// So many doubtful photos are named.
+const MOST_NAMED: usize = 5;
+/// Agreement below which a mask is doubtful.
+const DOUBTFUL: f32 = 0.9;
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct MasksArgs {
+    /// The capture: a folder or file of posed photos
+    #[arg(value_name = "DATASET")]
+    dataset: PathBuf,
+    /// The folder to write the masks into, one a photo: `--masks DIR` of the other commands reads them
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// A point on the object, scene units [default: the object that the cameras look at]
+    #[arg(long, value_name = "X,Y,Z", value_parser = values::vector, allow_hyphen_values = true)]
+    at: Option<Vec3>,
+    /// A pixel on the object: a photo's name (or with its split: `train/r_000`) and the place in it
+    #[arg(long, value_name = "PHOTO,X,Y", conflicts_with = "at")]
+    pixel: Option<String>,
+    /// A box that the object is within, scene units
+    #[arg(long = "box", value_name = "X,Y,Z,X,Y,Z", value_parser = values::aabb, allow_hyphen_values = true)]
+    within: Option<Aabb>,
+    /// An environment that was trained on these photos with the object in them, or a run: it is learned otherwise
+    #[arg(long, value_name = "RUN|FILE", conflicts_with = "budget")]
+    environment: Option<PathBuf>,
+    /// Time to learn the environment in: 60s, 2m [default: 60s]
+    #[arg(long, value_name = "TIME", value_parser = values::duration_secs)]
+    budget: Option<f64>,
+    /// Steps of learning instead: gives the same masks on every machine speed
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..), conflicts_with_all = ["budget", "environment"])]
+    steps: Option<u64>,
+    #[command(flatten)]
+    photos: PhotoArgs,
+    /// Write JSON
+    #[arg(long)]
+    json: bool,
+}
+
+pub(crate) fn run(args: &MasksArgs, started: Instant) -> Result<(), Failure> {
+    let cancel = interrupt::install()?;
+    let load_options = LoadOptions {
+        choices: args.photos.over(CaptureChoices::default()),
+        ..LoadOptions::default()
+    };
+    let dataset = load_capture(&args.dataset, &load_options, cancel)
+        .or_unusable()?
+        .ok_or(Failure::Interrupted)?;
+    let display = std::sync::Mutex::new(Display::new(args.json));
+    let report = |what: &str, fraction: f32| {
+        // Progress that cannot be shown is no reason to stop the work.
+        if let Ok(mut display) = display.lock() {
+            display.set(fraction, what, "");
+        }
+        if args.json {
+            let line = json!({"event": "progress", "what": what, "fraction": fraction});
+            output::json_line(&line).unwrap_or_default();
+        }
+    };
+    let environment = if let Some(path) = &args.environment {
+        scenes::open_environment(path)?
+    } else {
+        let seconds = Budget::Seconds(args.budget.unwrap_or(DEFAULT_SECS));
+        let budget = args.steps.map_or(seconds, Budget::Steps);
+        let config = TrainConfig::default();
+        let on_progress = |fraction| report("Learning the environment", fraction);
+        match learn_environment(&dataset, &config, budget, cancel, &on_progress) {
+            Err(TrainError::Cancelled) => return Err(Failure::Interrupted),
+            learned => learned.or_unusable()?,
+        }
+    };
+    let selection = selection(args, &dataset, &environment)?;
+    let learned = Instant::now();
+    let on_progress = |fraction| report("Finding the object", fraction);
+    let found = match find_object(&dataset, &environment, &selection, cancel, &on_progress) {
+        Err(MaskError::Cancelled) => return Err(Failure::Interrupted),
+        found => found.or_unusable()?,
+    };
+    let found_secs = learned.elapsed().as_secs_f64();
+    if let Ok(display) = display.lock() {
+        display.finish();
+    }
+    write(&args.out, &dataset, &found)?;
+    report_on(args, &dataset, &found, (started, found_secs))
+}
+
+/// What the arguments say of the object.
+fn selection(
+    args: &MasksArgs,
+    dataset: &Dataset,
+    environment: &Arc<Environment>,
+) -> Result<Selection, Failure> {
+    let at = match &args.pixel {
+        None => args.at,
+        Some(pixel) => {
+            let (view, at) = pixel_of(pixel, dataset).map_err(Failure::unusable)?;
+            Some(point_at(environment, &view.camera, at))
+        }
+    };
+    Ok(Selection {
+        at,
+        within: args.within,
+    })
+}
+
+/// The photo and the place in it that `PHOTO,X,Y` names.
+fn pixel_of<'a>(text: &str, dataset: &'a Dataset) -> anyhow::Result<(&'a View, glam::Vec2)> {
+    let parts: Vec<&str> = text.rsplitn(3, ',').collect();
+    let [y, x, name] = parts[..] else {
+        anyhow::bail!("--pixel: expected PHOTO,X,Y as in r_000,160,120, found `{text}`");
+    };
+    let number = |text| values::finite(text).map_err(|e| anyhow::anyhow!("--pixel: `{text}`: {e}"));
+    let at = glam::Vec2::new(number(x)?, number(y)?);
+    let is_named =
+        |view: &&View| view.name == name || format!("{}/{}", view.split, view.name) == name;
+    let view = dataset.views().find(is_named);
+    let view = view.with_context(|| format!("--pixel: no photo is named `{name}`"))?;
+    let (width, height) = (view.camera.width as f32, view.camera.height as f32);
+    anyhow::ensure!(
+        (0.0..width).contains(&at.x) && (0.0..height).contains(&at.y),
+        "--pixel: {},{} lies outside the photo `{name}` of {width} x {height}",
+        at.x,
+        at.y
+    );
+    Ok((view, at))
+}
+
+fn write(folder: &Path, dataset: &Dataset, found: &FoundObject) -> Result<(), Failure> {
+    for ((view, mask), file) in dataset.views().zip(&found.masks).zip(mask_file(dataset)) {
+        let path = folder.join(file);
+        scenes::make_folder_of(&path)?;
+        write_mask(&path, mask).with_context(|| format!("the mask of {}", view.full_name()))?;
+    }
+    Ok(())
+}
+
+/// Says how sure the masks are, and how like those that the capture has.
+fn report_on(
+    args: &MasksArgs,
+    dataset: &Dataset,
+    found: &FoundObject,
+    (started, found_secs): (Instant, f64),
+) -> Result<(), Failure> {
+    let views: Vec<&View> = dataset.views().collect();
+    let own: Vec<(&Mask, &Mask)> = views
+        .iter()
+        .zip(&found.masks)
+        .filter_map(|(view, mask)| Some((view.mask.as_ref()?, mask)))
+        .collect();
+    let in_common: Vec<f32> = own.iter().map(|(a, b)| agreement_of(a, b)).collect();
+    let mean = |values: &[f32]| {
+        (!values.is_empty()).then(|| values.iter().sum::<f32>() / values.len() as f32)
+    };
+    let least = |values: &[f32]| values.iter().copied().reduce(f32::min);
+    let mut doubtful: Vec<(f32, String)> = views
+        .iter()
+        .zip(&found.agreement)
+        .filter(|(_, agreement)| **agreement < DOUBTFUL)
+        .map(|(view, agreement)| (*agreement, view.full_name()))
+        .collect();
+    doubtful.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let seconds = started.elapsed().as_secs_f64();
+    if args.json {
+        let photos = views.iter().zip(&found.agreement).map(|(view, agreement)| {
+            json!({"photo": view.name, "split": view.split.to_string(), "agreement": agreement})
+        });
+        return Ok(output::json_line(&json!({
+            "event": "finished", "masks": args.out.to_string_lossy(), "seconds": seconds,
+            "seconds_to_find": found_secs,
+            "agreement": mean(&found.agreement),
+            "in_common_with_own": mean(&in_common), "least_in_common_with_own": least(&in_common),
+            "photos": photos.collect::<Vec<_>>(),
+        }))?);
+    }
+    output::line(&format!(
+        "{}: {} masks in {seconds:.1} s ({found_secs:.1} s to find the object)",
+        args.out.display(),
+        found.masks.len()
+    ))?;
+    if let (Some(mean), Some(least)) = (mean(&in_common), least(&in_common)) {
+        output::line(&format!(
+            "{:.1} % in common with the capture's own masks, {:.1} % at least",
+            100.0 * mean,
+            100.0 * least
+        ))?;
+    }
+    if !doubtful.is_empty() {
+        let names: Vec<&str> = doubtful
+            .iter()
+            .take(MOST_NAMED)
+            .map(|(_, name)| name.as_str())
+            .collect();
+        output::line(&format!(
+            "look at {} of them, which the other photos contradict: {}{}",
+            doubtful.len(),
+            names.join(", "),
+            if doubtful.len() > MOST_NAMED {
+                ", ..."
+            } else {
+                ""
+            }
+        ))?;
+    }
+    Ok(())
+}

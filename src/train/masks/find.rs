@@ -1,0 +1,172 @@
+//! Finds the object in all photos.
+
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+
+use super::outline::cut;
+use super::region::{Region, agreement_of};
+use super::seen::{SeenView, look};
+use crate::data::{Dataset, Mask, View};
+use crate::geometry::{Aabb, Camera};
+use crate::neif::Environment;
+use crate::train::shape::stage_one::looked_at;
+use crate::train::shape::support_plane::Plane;
+
+/// Cuts of the photos: the first near the region, the others near the shape on which the photos agree.
+const ROUNDS: usize = 2;
+
+/// Which object is meant.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Selection {
+    /// A point on it, world; the middle of what the cameras look at where absent.
+    pub at: Option<Vec3>,
+    /// A box that it is within, world.
+    pub within: Option<Aabb>,
+}
+
+/// The object in the photos.
+#[derive(Clone, Debug)]
+pub struct FoundObject {
+    /// A mask a view, in the order of [`Dataset::views`].
+    pub masks: Vec<Mask>,
+    /// Share of each mask's outline shape that it has in common with the shape on which all photos agree, 0..1: the lower, the
+    /// likelier it is wrong.
+    pub agreement: Vec<f32>,
+    /// What it stands on.
+    pub support: Option<Plane>,
+}
+
+/// Why no object is found.
+#[derive(Debug, thiserror::Error)]
+pub enum MaskError {
+    /// The environment does not know where things are.
+    #[error(
+        "the object is found in an environment that was trained on the photos; this one is {0}"
+    )]
+    NoSurfaces(String),
+    /// Nobody said where it is.
+    #[error("{}: the cameras look at no one place: say where the object is", dataset.display())]
+    NoPlace {
+        /// The capture.
+        dataset: PathBuf,
+    },
+    /// There is nothing.
+    #[error("{}: nothing stands out from its surroundings where the object was looked for", dataset.display())]
+    Nothing {
+        /// The capture.
+        dataset: PathBuf,
+    },
+    /// The person asked to stop.
+    #[error("cancelled")]
+    Cancelled,
+}
+
+/// Finds the selected object in the photos of a capture, on the current thread pool. `environment` was trained on them with the
+/// object as a part of it. `on_progress` gets 0..1.
+///
+/// The same input gives the same masks on any number of threads.
+///
+/// # Errors
+/// When the environment is of another kind, when it shows nothing there, and when cancelled.
+pub fn find_object(
+    dataset: &Dataset,
+    environment: &Environment,
+    selection: &Selection,
+    cancel: &AtomicBool,
+    on_progress: &(dyn Fn(f32) + Sync),
+) -> Result<FoundObject, MaskError> {
+    let root = || dataset.root.clone();
+    if environment.hollowed(|_| false).is_none() {
+        return Err(MaskError::NoSurfaces(environment.name().to_owned()));
+    }
+    let looked_at = looked_at(dataset).map(|(center, _)| center);
+    let center = selection
+        .at
+        .or(selection.within.map(|within| within.center()));
+    let center = center.or(looked_at);
+    let center = center.ok_or_else(|| MaskError::NoPlace { dataset: root() })?;
+    let views: Vec<&View> = dataset.views().collect();
+    let done = AtomicUsize::new(0);
+    let n_jobs = (ROUNDS + 1) * views.len();
+    let job = || {
+        let done = done.fetch_add(1, Ordering::Relaxed) + 1;
+        on_progress(done as f32 / n_jobs as f32);
+    };
+    let unless_cancelled = || {
+        let is_cancelled = cancel.load(Ordering::Relaxed);
+        (!is_cancelled).then_some(()).ok_or(MaskError::Cancelled)
+    };
+
+    let see = |view: &&View| {
+        unless_cancelled()?;
+        job();
+        Ok(SeenView::new(environment, &view.camera))
+    };
+    let seen: Vec<SeenView> = views.par_iter().map(see).collect::<Result<_, _>>()?;
+    let region = Region::find(&seen, center, selection);
+    let region = region.ok_or_else(|| MaskError::Nothing { dataset: root() })?;
+    let mut priors: Vec<Mask> = seen.par_iter().map(|view| region.shown_in(view)).collect();
+    let empty = environment.hollowed(region.cleared(&seen, &priors));
+    let empty = empty.ok_or_else(|| MaskError::Nothing { dataset: root() })?;
+    let mut masks = Vec::new();
+    for _ in 0..ROUNDS {
+        let cut_view = |(view, prior): (&&View, &Mask)| {
+            unless_cancelled()?;
+            job();
+            Ok(cut(view, prior, &empty))
+        };
+        let pairs = views.par_iter().zip(&priors);
+        masks = pairs
+            .map(cut_view)
+            .collect::<Result<Vec<Mask>, MaskError>>()?;
+        let shrunk: Vec<Mask> = masks.iter().zip(&seen).map(|(m, s)| shrunk(m, s)).collect();
+        priors = region.agreed(&seen, &shrunk);
+    }
+    let shrunk: Vec<Mask> = masks.iter().zip(&seen).map(|(m, s)| shrunk(m, s)).collect();
+    let pairs = shrunk.iter().zip(&priors);
+    Ok(FoundObject {
+        agreement: pairs.map(|(a, b)| agreement_of(a, b)).collect(),
+        masks,
+        support: region.support.map(|support| support.plane),
+    })
+}
+
+/// A photo's mask with the pixels of the view as it was seen.
+fn shrunk(mask: &Mask, seen: &SeenView) -> Mask {
+    let (width, height) = (seen.camera.width, seen.camera.height);
+    let pixel = |i: u32| {
+        let at = |v: u32, from: u32, to: u32| ((v as f32 + 0.5) * to as f32 / from as f32) as usize;
+        let (x, y) = (
+            at(i % width, width, mask.width),
+            at(i / width, height, mask.height),
+        );
+        mask.coverage[y * mask.width as usize + x]
+    };
+    Mask {
+        width,
+        height,
+        coverage: (0..width * height).map(pixel).collect(),
+    }
+}
+
+/// The surface point of the environment that a camera shows at a place of its picture (pixels), world.
+pub fn point_at(environment: &Environment, camera: &Camera, at_px: Vec2) -> Vec3 {
+    look(environment, camera, &[at_px])[0].point
+}
+
+/// Where the mask of each view is kept in a folder of masks, in the order of [`Dataset::views`]: named as its photo, in a folder
+/// named as the photo's where several have the same name.
+pub fn mask_file(dataset: &Dataset) -> Vec<PathBuf> {
+    let mut seen = HashSet::new();
+    let are_unique = dataset.views().all(|view| seen.insert(&view.name));
+    let file = |view: &View| {
+        let folder = view.file.parent().and_then(Path::file_name);
+        let folder = folder.filter(|_| !are_unique).unwrap_or_default();
+        Path::new(folder).join(format!("{}.png", view.name))
+    };
+    dataset.views().map(file).collect()
+}

@@ -1,0 +1,21 @@
+//! Which pixels show the object, where nobody drew masks: selected in space, in all photos at once.
+//!
+//! An environment that was trained on the photos with the object in them knows how far away everything is. `seen` looks at it
+//! from the photos' cameras; `region` is the part of space that the object takes up: what stands out from the plane that it
+//! stands on, where the cameras look or the person pointed. `outline` predicts each photo without it (background subtraction by
+//! view synthesis), and cuts the photo where it differs, along its edges, with `colors` and `total_variation`.
+//! `voxels` and `window` are the grids in space and in a photo.
+
+mod colors;
+mod find;
+mod learn;
+mod outline;
+mod region;
+mod seen;
+mod total_variation;
+mod voxels;
+mod window;
+
+pub use find::{FoundObject, MaskError, Selection, find_object, mask_file, point_at};
+pub use learn::learn_environment;
+pub use region::agreement_of;

@@ -1,0 +1,262 @@
+//! The object's outline in one photo: where it differs from the environment alone, along the photo's edges, near where the
+//! region is.
+
+use glam::Vec2;
+
+use super::colors::Histogram;
+use super::seen::look;
+use super::total_variation::segment;
+use super::window::Window;
+use crate::color::{linear_from_srgb, srgb_from_linear};
+use crate::data::{Mask, View};
+use crate::neif::Environment;
+use crate::train::pixels::mask_outline::MaskOutline;
+use crate::train::statistics::middle;
+
+/// Samples of a photo that are cut, at most.
+const MOST_SAMPLES: usize = 250_000;
+/// Rays that predict a photo without the object, at most.
+const MOST_RAYS: usize = 40_000;
+/// How far the outline may be from that of the region, as a share of the object's size, and in pixels at least.
+const BAND: f32 = 0.04;
+const LEAST_BAND_PX: f32 = 1.5;
+/// Bands around the object in which colours are those of what is beside it.
+const BESIDE: f32 = 6.0;
+/// Weights of what the region, the prediction and the colours say.
+const REGION: f32 = 1.0;
+const PREDICTION: f32 = 0.9;
+const COLORS: f32 = 0.3;
+/// The most that each of them says.
+const MOST_BANDS: f32 = 3.0;
+const MOST_PREDICTION: f32 = 2.0;
+const MOST_COLORS: f32 = 2.0;
+/// Mean difference of two colours of which nothing is known (sum of the channels, sRGB).
+const UNKNOWN_DIFFERENCE: f32 = 1.5;
+/// The least error of a prediction.
+const LEAST_ERROR: f32 = 0.01;
+/// Cost of a pixel of outline where there is no edge, and the share of it on the sharpest edge.
+const LENGTH: f32 = 6.0;
+const LENGTH_ON_EDGE: f32 = 0.05;
+/// Rounds of the cut, and cuts: the second knows the colours that the first found.
+const ROUNDS: usize = 200;
+const CUTS: usize = 2;
+/// Added to both sides of a ratio of radiances: dark pixels have no say in a photo's exposure.
+const DARK: f32 = 0.01;
+
+/// Where a photo of a view shows the object: the mask near `prior`, which has any resolution. `empty` is the environment without
+/// the object.
+pub(super) fn cut(view: &View, prior: &Mask, empty: &Environment) -> Mask {
+    let nothing = Mask {
+        width: view.camera.width,
+        height: view.camera.height,
+        coverage: vec![0; view.photo.n_pixels()],
+    };
+    Cut::new(view, prior, empty).map_or(nothing, |cut| cut.mask(view))
+}
+
+/// What is known of the samples of a window.
+struct Cut {
+    window: Window,
+    /// Display colours.
+    colors: Vec<[f32; 3]>,
+    /// Distances to the region's outline in bands, positive on the object.
+    bands: Vec<f32>,
+    /// Costs of the object by the region and the prediction.
+    costs: Vec<f32>,
+    /// Costs of outline.
+    edges: Vec<f32>,
+}
+
+impl Cut {
+    /// `None` where the prior shows no outline.
+    fn new(view: &View, prior: &Mask, empty: &Environment) -> Option<Self> {
+        let to_photo = view.camera.width as f32 / prior.width as f32;
+        let n_object = (0..prior.coverage.len())
+            .filter(|i| prior.is_object(*i))
+            .count();
+        let size = (n_object as f32).sqrt() * to_photo;
+        let band = (BAND * size).max(LEAST_BAND_PX);
+        let outline = MaskOutline::new(prior, BESIDE * band / to_photo + 1.0)?;
+        let window = window_around(view, prior, BESIDE * band + 4.0);
+        let places = (0..window.len()).map(|i| window.place(i));
+        let distance = |at: Vec2| outline.distance_at(at / to_photo) * to_photo / band;
+        let bands: Vec<f32> = places.map(distance).collect();
+        let colors = window.colors(&view.photo);
+        let predicted = predicted(view, &window, &bands, empty);
+        let costs = costs(&colors, &predicted, &bands);
+        let edges = edges(&colors, window.width, &bands);
+        Some(Self {
+            window,
+            colors,
+            bands,
+            costs,
+            edges,
+        })
+    }
+
+    fn mask(&self, view: &View) -> Mask {
+        let mut share: Vec<f32> = self.bands.iter().map(|d| f32::from(*d > 0.0)).collect();
+        for _ in 0..CUTS {
+            let costs = self.with_colors(&share);
+            segment(&mut share, self.window.width, &self.edges, &costs, ROUNDS);
+        }
+        self.drawn(view, &share)
+    }
+
+    /// The costs with what the colours say that a cut found on the object and beside it.
+    fn with_colors(&self, share: &[f32]) -> Vec<f32> {
+        let samples = || self.colors.iter().zip(share).zip(&self.bands);
+        let object = samples().filter(|((_, share), _)| **share > 0.5);
+        let beside = samples().filter(|((_, share), band)| **share <= 0.5 && **band > -BESIDE);
+        let object = Histogram::of(object.map(|((color, _), _)| *color));
+        let beside = Histogram::of(beside.map(|((color, _), _)| *color));
+        let cost = |(color, cost): (&[f32; 3], &f32)| {
+            let odds = (beside.share(*color) / object.share(*color)).ln();
+            cost + COLORS * odds.clamp(-MOST_COLORS, MOST_COLORS)
+        };
+        self.colors.iter().zip(&self.costs).map(cost).collect()
+    }
+
+    /// A mask of the photo's size.
+    fn drawn(&self, view: &View, share: &[f32]) -> Mask {
+        let (width, height) = (view.camera.width, view.camera.height);
+        let share: Vec<[f32; 1]> = share.iter().map(|v| [*v]).collect();
+        let start = self.window.start;
+        let end = start
+            + self.window.step * Vec2::new(self.window.width as f32, self.window.height as f32);
+        let coverage = (0..width * height).map(|i| {
+            let at = Vec2::new((i % width) as f32, (i / width) as f32) + 0.5;
+            let is_near = at.cmpge(start).all() && at.cmple(end).all();
+            let [share] = if is_near {
+                self.window.sample(&share, at)
+            } else {
+                [0.0]
+            };
+            (255.0 * share).round() as u8
+        });
+        Mask {
+            width,
+            height,
+            coverage: coverage.collect(),
+        }
+    }
+}
+
+/// The window of a photo around the pixels of a mask, and so many photo pixels more.
+fn window_around(view: &View, prior: &Mask, margin: f32) -> Window {
+    let to_photo = view.camera.width as f32 / prior.width as f32;
+    let (mut min, mut max) = (Vec2::INFINITY, Vec2::NEG_INFINITY);
+    for i in (0..prior.coverage.len()).filter(|i| prior.is_object(*i)) {
+        let at = Vec2::new(
+            (i as u32 % prior.width) as f32,
+            (i as u32 / prior.width) as f32,
+        );
+        min = min.min(at * to_photo);
+        max = max.max((at + 1.0) * to_photo);
+    }
+    let size = Vec2::new(view.camera.width as f32, view.camera.height as f32);
+    Window::over(
+        (min - margin).floor().max(Vec2::ZERO),
+        (max + margin).ceil().min(size),
+        MOST_SAMPLES,
+    )
+}
+
+/// Display colours of the window's samples without the object, in the photo's exposure and white balance: those that fit it
+/// best beside the object.
+fn predicted(view: &View, window: &Window, bands: &[f32], empty: &Environment) -> Vec<[f32; 3]> {
+    let coarse = window.coarser(MOST_RAYS);
+    let places: Vec<Vec2> = (0..coarse.len()).map(|i| coarse.place(i)).collect();
+    let looks = look(empty, &view.camera, &places);
+    let radiance: Vec<[f32; 3]> = looks.iter().map(|look| look.radiance).collect();
+    let sampled = |i: usize| coarse.sample(&radiance, window.place(i));
+    let radiance: Vec<[f32; 3]> = (0..window.len()).map(sampled).collect();
+    let photo = window.colors(&view.photo);
+    let gain: [f32; 3] = std::array::from_fn(|c| {
+        let beside = (0..window.len()).filter(|i| is_beside(bands[*i]));
+        let ratio = |i: usize| (linear_from_srgb(photo[i][c]) + DARK) / (radiance[i][c] + DARK);
+        let mut ratios: Vec<f32> = beside.map(ratio).collect();
+        if ratios.is_empty() {
+            1.0
+        } else {
+            middle(&mut ratios)
+        }
+    });
+    let shown = |radiance: &[f32; 3]| {
+        std::array::from_fn(|c| srgb_from_linear((gain[c] * radiance[c]).clamp(0.0, 1.0)))
+    };
+    radiance.iter().map(shown).collect()
+}
+
+/// Whether a place is safely beside the object and near it.
+fn is_beside(band: f32) -> bool {
+    (-BESIDE..-1.0).contains(&band)
+}
+
+/// What each sample costs on the object, by how far it is within the region and how unlike the prediction.
+fn costs(colors: &[[f32; 3]], predicted: &[[f32; 3]], bands: &[f32]) -> Vec<f32> {
+    let difference = |a: &[f32; 3], b: &[f32; 3]| (0..3).map(|c| (a[c] - b[c]).abs()).sum::<f32>();
+    let pairs = colors.iter().zip(predicted);
+    let differences: Vec<f32> = pairs.map(|(a, b)| difference(a, b)).collect();
+    let beside = differences
+        .iter()
+        .zip(bands)
+        .filter(|(_, band)| is_beside(**band));
+    let (sum, n) = beside.fold((0.0, 0.0), |(sum, n), (d, _)| (sum + d, n + 1.0));
+    // The mean beside the object is the prediction's error (an exponential distribution).
+    let error = (sum / f32::max(n, 1.0)).max(LEAST_ERROR);
+    let cost = |(difference, band): (&f32, &f32)| {
+        let odds = (UNKNOWN_DIFFERENCE / error).ln() - difference / error;
+        PREDICTION * odds.clamp(-MOST_PREDICTION, MOST_PREDICTION)
+            - REGION * band.clamp(-MOST_BANDS, MOST_BANDS)
+    };
+    differences.iter().zip(bands).map(cost).collect()
+}
+
+/// What a pixel of outline costs at each sample: less, the more the photo changes there.
+fn edges(colors: &[[f32; 3]], width: usize, bands: &[f32]) -> Vec<f32> {
+    let smooth = smoothed(colors, width);
+    let n = smooth.len();
+    let change = |i: usize, j: usize| {
+        let square = |c: usize| (smooth[i][c] - smooth[j][c]).powi(2);
+        (0..3).map(square).sum::<f32>()
+    };
+    let changes: Vec<f32> = (0..n)
+        .map(|i| {
+            let right = if (i + 1) % width == 0 {
+                0.0
+            } else {
+                change(i, i + 1)
+            };
+            let below = if i + width < n {
+                change(i, i + width)
+            } else {
+                0.0
+            };
+            (right + below).sqrt()
+        })
+        .collect();
+    let near = changes
+        .iter()
+        .zip(bands)
+        .filter(|(_, band)| band.abs() < 4.0);
+    let (sum, n_near) = near.fold((0.0, 0.0), |(sum, n), (change, _)| (sum + change, n + 1.0));
+    let usual = (sum / f32::max(n_near, 1.0)).max(1e-6);
+    let cost = |change: &f32| LENGTH * ((-change / usual).exp() + LENGTH_ON_EDGE);
+    changes.iter().map(cost).collect()
+}
+
+/// Colours blurred by 1, 2, 1 along both axes: about 0.7 samples.
+fn smoothed(colors: &[[f32; 3]], width: usize) -> Vec<[f32; 3]> {
+    let height = colors.len() / width;
+    let along = |source: &[[f32; 3]], n: usize, stride: usize| -> Vec<[f32; 3]> {
+        let of = |i: usize| {
+            let at = i / stride % n;
+            let before = source[if at > 0 { i - stride } else { i }];
+            let after = source[if at + 1 < n { i + stride } else { i }];
+            std::array::from_fn(|c| 0.25 * (before[c] + 2.0 * source[i][c] + after[c]))
+        };
+        (0..source.len()).map(of).collect()
+    };
+    along(&along(colors, width, 1), height, width)
+}

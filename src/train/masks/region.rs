@@ -1,0 +1,289 @@
+//! The part of space that the object takes up: what stands out from its support, in one piece, where it was looked for.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::find::Selection;
+use super::seen::SeenView;
+use super::voxels::{VoxelGrid, VoxelSet};
+use crate::data::Mask;
+use crate::geometry::Ray;
+use crate::train::shape::support_plane::{self, Support};
+use crate::train::statistics::middle;
+
+/// Largest reach of an object as a share of the cameras' distance, and of what a photo shows at that distance.
+const REACH: f32 = 0.45;
+const REACH_OF_PHOTO: f32 = 0.8;
+/// Reaches around the object in which its support is looked for.
+const SUPPORT_WITHIN: [f32; 2] = [1.2, 1.8];
+/// Half the side of the grid, in reaches.
+const GRID_REACH: f32 = 1.9;
+/// Voxels along an axis.
+const N_VOXELS: usize = 160;
+/// Standard deviations of the support's points below which nothing stands out from it.
+const STANDS_OUT: f32 = 2.5;
+/// The same height times this is where parts are told apart: lower, things that stand side by side are joined by their shadows.
+const APART: f32 = 3.0;
+/// Points of the surface that make a voxel, as a share of what one photo that looks straight at it shows.
+const LEAST_POINTS: f32 = 1.0;
+/// Share of the photos that must have a place in the picture, or it is not what they were taken of.
+const SHOWN: f32 = 0.5;
+/// Share of the photos that show a place on the object, from which on it is inside the object.
+const INSIDE: f32 = 0.7;
+/// Voxels around the object that are cleared with it: its surface is as thick.
+const CLEARED: usize = 2;
+/// Voxels along an axis for the shape on which all photos agree.
+const N_AGREED: usize = 128;
+/// The shares of photos that are tried for it.
+const AGREEMENTS: [f32; 6] = [0.6, 0.7, 0.8, 0.86, 0.91, 0.95];
+
+/// Where the object is.
+#[derive(Debug)]
+pub(super) struct Region {
+    voxels: VoxelSet,
+    pub(super) support: Option<Support>,
+    /// Height over the support from which on something stands out, scene units.
+    margin: f32,
+}
+
+impl Region {
+    /// The region around `center` that the views show; `None` where nothing is there.
+    pub(super) fn find(views: &[SeenView], center: Vec3, selection: &Selection) -> Option<Self> {
+        let eyes: Vec<Vec3> = views.iter().map(|view| view.camera.position()).collect();
+        let mut distances: Vec<f32> = eyes.iter().map(|eye| eye.distance(center)).collect();
+        let distance = middle(&mut distances);
+        let half_widths = views.iter().map(|view| {
+            let shorter = view.camera.width.min(view.camera.height);
+            0.5 * shorter as f32 * view.camera.pixel_angle()
+        });
+        let half_width = middle(&mut half_widths.collect::<Vec<_>>());
+        let reach = distance * REACH.min(REACH_OF_PHOTO * half_width);
+        let pixels = views
+            .iter()
+            .map(|view| view.camera.pixel_angle() * distance);
+        let pixel = middle(&mut pixels.collect::<Vec<_>>());
+
+        let points = || views.iter().flat_map(|view| view.points.iter().copied());
+        let supports = SUPPORT_WITHIN.iter().filter_map(|share| {
+            let near = |p: &Vec3| p.distance(center) < share * reach;
+            support_plane::find(&points().filter(near).collect::<Vec<_>>(), &eyes, reach)
+        });
+        let support = supports.max_by(|a, b| a.share.total_cmp(&b.share));
+        let scatter = support.map_or(0.0, |support| support.scatter);
+        let margin = (STANDS_OUT * scatter).max(pixel);
+        let height = |p: Vec3| support.map_or(f32::INFINITY, |s| s.plane.height(p));
+
+        let grid = VoxelGrid::around(center, GRID_REACH * reach, N_VOXELS);
+        let mut counts = vec![0_u32; grid.len()];
+        for p in points().filter(|p| height(*p) > 0.5 * margin) {
+            if let Some(voxel) = grid.index(p) {
+                counts[voxel] += 1;
+            }
+        }
+        let least = (LEAST_POINTS * (grid.cell / pixel).powi(2)).max(2.0) as u32;
+        let is_there = |voxel: usize| {
+            let p = grid.center(voxel);
+            counts[voxel] >= least
+                && selection.within.is_none_or(|within| within.contains(p))
+                && is_shown(views, p)
+        };
+        let solid: Vec<usize> = (0..grid.len())
+            .into_par_iter()
+            .filter(|v| is_there(*v))
+            .collect();
+        let solid = VoxelSet::of(grid, solid);
+        let is_high = |voxel: usize| height(grid.center(voxel)) > APART * margin;
+        let high = solid.filtered(is_high).grown(1).filtered(is_high);
+        let aim = selection.at.unwrap_or(center);
+        let spread = if selection.at.is_some() { 0.1 } else { 0.4 } * reach;
+        // The larger, the nearer to where it was looked for.
+        let score = |part: &VoxelSet| -> f32 {
+            let weight = |voxel: &usize| {
+                let off = grid.center(*voxel).distance(aim) / spread;
+                counts[*voxel] as f32 * (-off * off).exp()
+            };
+            part.members.iter().map(weight).sum()
+        };
+        let parts = high.parts();
+        let main = parts
+            .iter()
+            .max_by(|a, b| score(a).total_cmp(&score(b)))
+            .filter(|part| score(part) > 0.0)?;
+        let mut voxels = main.clone();
+        let foot = (APART * margin / grid.cell).ceil() as usize + 2;
+        let near_solid = solid.grown(1);
+        let low = main.grown(foot).filtered(|voxel| {
+            near_solid.contains(voxel) && !is_high(voxel) && height(grid.center(voxel)) > 0.0
+        });
+        for voxel in low.members {
+            voxels.insert(voxel);
+        }
+        Some(Self {
+            voxels,
+            support,
+            margin,
+        })
+    }
+
+    fn height(&self, p: Vec3) -> f32 {
+        self.support
+            .map_or(f32::INFINITY, |support| support.plane.height(p))
+    }
+
+    /// The pixels whose surface is the object's; single ones at its edge are left out.
+    pub(super) fn shown_in(&self, view: &SeenView) -> Mask {
+        let is_object =
+            |p: &Vec3| self.voxels.contains_point(*p) && self.height(*p) > 0.5 * self.margin;
+        let shown: Vec<bool> = view.points.iter().map(is_object).collect();
+        opened(&shown, view.camera.width, view.camera.height)
+    }
+
+    /// What must be empty for the photos to show the environment alone: the object, what `masks` say is in its inside, and a
+    /// little around it, over the support.
+    pub(super) fn cleared(&self, views: &[SeenView], masks: &[Mask]) -> impl Fn(Vec3) -> bool {
+        let grid = self.voxels.grid;
+        let around = bounded(&self.voxels);
+        let inside: Vec<usize> = around
+            .into_par_iter()
+            .filter(|voxel| vote(views, masks, grid.center(*voxel)) > INSIDE)
+            .collect();
+        let mut cleared = self.voxels.clone();
+        for voxel in inside {
+            cleared.insert(voxel);
+        }
+        let cleared = cleared.grown(CLEARED);
+        let (support, margin) = (self.support, self.margin);
+        move |p| {
+            cleared.contains_point(p)
+                && support.is_none_or(|support| support.plane.height(p) > 0.7 * margin)
+        }
+    }
+
+    /// The outlines in all views of the shape on which most of them agree: as many as make its outlines most like theirs.
+    pub(super) fn agreed(&self, views: &[SeenView], masks: &[Mask]) -> Vec<Mask> {
+        let bounds = bounded(&self.voxels.grown(4));
+        let places = bounds.iter().map(|voxel| self.voxels.grid.center(*voxel));
+        let bounds = crate::geometry::Aabb::from_points(places);
+        let reach = 0.5 * bounds.extent().max_element();
+        let grid = VoxelGrid::around(bounds.center(), reach, N_AGREED);
+        let votes: Vec<f32> = (0..grid.len())
+            .into_par_iter()
+            .map(|voxel| vote(views, masks, grid.center(voxel)))
+            .collect();
+        let drawn = |agreement: f32, stride: usize| -> Vec<Mask> {
+            let voxels = (0..grid.len()).filter(|voxel| votes[*voxel] >= agreement);
+            let shape = VoxelSet::of(grid, voxels);
+            let views: Vec<&SeenView> = views.iter().step_by(stride).collect();
+            views
+                .par_iter()
+                .map(|view| outline_of(&shape, view))
+                .collect()
+        };
+        let stride = views.len().div_ceil(12);
+        let likeness = |agreement: f32| -> f32 {
+            let pairs = drawn(agreement, stride);
+            let pairs = pairs.iter().zip(masks.iter().step_by(stride));
+            pairs.map(|(a, b)| agreement_of(a, b)).sum()
+        };
+        let scored = AGREEMENTS.map(|agreement| (agreement, likeness(agreement)));
+        let best = scored.iter().max_by(|a, b| a.1.total_cmp(&b.1));
+        drawn(best.map_or(AGREEMENTS[2], |best| best.0), 1)
+    }
+}
+
+/// Share of two masks' object pixels that they have in common, 0..1; 1 where both show none.
+pub fn agreement_of(a: &Mask, b: &Mask) -> f32 {
+    let (mut both, mut either) = (0, 0);
+    for i in 0..a.coverage.len().min(b.coverage.len()) {
+        both += usize::from(a.is_object(i) && b.is_object(i));
+        either += usize::from(a.is_object(i) || b.is_object(i));
+    }
+    if either == 0 {
+        return 1.0;
+    }
+    both as f32 / either as f32
+}
+
+/// Whether a place is in the picture of enough views.
+fn is_shown(views: &[SeenView], p: Vec3) -> bool {
+    let shown = views.iter().filter(|view| pixel_of(view, p).is_some());
+    shown.count() as f32 >= SHOWN * views.len() as f32
+}
+
+fn pixel_of(view: &SeenView, p: Vec3) -> Option<usize> {
+    let at = view.camera.project(p)?;
+    let (width, height) = (view.camera.width as f32, view.camera.height as f32);
+    let is_inside = at.x >= 0.0 && at.y >= 0.0 && at.x < width && at.y < height;
+    is_inside.then(|| at.y as usize * view.camera.width as usize + at.x as usize)
+}
+
+/// Share of the views that show a place on the object, of those that have it in the picture.
+fn vote(views: &[SeenView], masks: &[Mask], p: Vec3) -> f32 {
+    let (mut n, mut n_object) = (0_u32, 0_u32);
+    for (view, mask) in views.iter().zip(masks) {
+        if let Some(pixel) = pixel_of(view, p) {
+            n += 1;
+            n_object += u32::from(mask.is_object(pixel));
+        }
+    }
+    n_object as f32 / n.max(1) as f32
+}
+
+/// The voxels of the box around a set.
+fn bounded(set: &VoxelSet) -> Vec<usize> {
+    let places = set.members.iter().map(|voxel| set.grid.center(*voxel));
+    let mut bounds = crate::geometry::Aabb::from_points(places);
+    bounds.min -= 0.5 * set.grid.cell;
+    bounds.max += 0.5 * set.grid.cell;
+    let voxels = (0..set.grid.len()).into_par_iter();
+    voxels
+        .filter(|voxel| bounds.contains(set.grid.center(*voxel)))
+        .collect()
+}
+
+/// The pixels whose rays meet a set.
+fn outline_of(shape: &VoxelSet, view: &SeenView) -> Mask {
+    let camera = &view.camera;
+    let bounds = shape.grid.bounds();
+    let step = 0.7 * shape.grid.cell;
+    let meets = |ray: &Ray| {
+        let Some((near, far)) = bounds.span(ray) else {
+            return false;
+        };
+        let n = ((far - near) / step) as usize + 1;
+        (0..n).any(|k| shape.contains_point(ray.origin + ray.direction * (near + k as f32 * step)))
+    };
+    let pixels = (0..camera.width * camera.height).map(|i| {
+        let (x, y) = (i % camera.width, i / camera.width);
+        meets(&camera.ray(x as f32 + 0.5, y as f32 + 0.5))
+    });
+    Mask {
+        width: camera.width,
+        height: camera.height,
+        coverage: pixels.map(|is| 255 * u8::from(is)).collect(),
+    }
+}
+
+/// Without pixels that are not part of a cross of five (a morphological opening).
+fn opened(shown: &[bool], width: u32, height: u32) -> Mask {
+    let (w, h) = (width as usize, height as usize);
+    let cross = |i: usize| {
+        let (x, y) = (i % w, i / w);
+        let beside = [
+            (x > 0).then(|| i - 1),
+            (x + 1 < w).then(|| i + 1),
+            (y > 0).then(|| i - w),
+            (y + 1 < h).then(|| i + w),
+        ];
+        beside.into_iter().flatten()
+    };
+    let core: Vec<bool> = (0..shown.len())
+        .map(|i| shown[i] && cross(i).all(|j| shown[j]))
+        .collect();
+    let coverage = (0..shown.len()).map(|i| core[i] || cross(i).any(|j| core[j]));
+    Mask {
+        width,
+        height,
+        coverage: coverage.map(|is| 255 * u8::from(is)).collect(),
+    }
+}

@@ -1,0 +1,69 @@
+//! What an environment shows of itself along the rays of a photo's pixels: light, and where it comes from.
+
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+
+use crate::geometry::Camera;
+use crate::neif::Environment;
+use crate::neif::field::radiance_field::{FieldBatch, FieldRay};
+use crate::neif::light::environment::LightScratch;
+use crate::render::path::trace::PIXEL_STD;
+
+/// Pixels along the longer side of the photos that depths are looked up in.
+const SIDE: u32 = 224;
+/// Rays that are traced together.
+const BLOCK: usize = 1024;
+
+/// What a ray meets.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Look {
+    /// Linear radiance.
+    pub(super) radiance: [f32; 3],
+    /// Where half of its light is from before and half from behind, world.
+    pub(super) point: Vec3,
+}
+
+/// What a camera meets at `places` of its picture, in pixels.
+pub(super) fn look(environment: &Environment, camera: &Camera, places: &[Vec2]) -> Vec<Look> {
+    let blocks = places.par_chunks(BLOCK);
+    blocks
+        .flat_map_iter(|places| look_at_block(environment, camera, places))
+        .collect()
+}
+
+fn look_at_block(environment: &Environment, camera: &Camera, places: &[Vec2]) -> Vec<Look> {
+    let frame = environment.frame();
+    let spread = camera.pixel_angle() * PIXEL_STD;
+    let rays: Vec<_> = places.iter().map(|at| camera.ray(at.x, at.y)).collect();
+    let mut batch = FieldBatch::default();
+    batch.rays.extend(rays.iter().map(|ray| {
+        let origin = frame.field_from_world(ray.origin).to_array();
+        FieldRay::of_pixel(origin, ray.direction.to_array(), 0.0, spread)
+    }));
+    environment.light(&mut batch, &mut LightScratch::default());
+    let look = |(i, ray): (usize, &crate::geometry::Ray)| Look {
+        radiance: batch.radiance[i],
+        point: ray.origin + ray.direction * (batch.middle_of_light(i) * frame.half_side),
+    };
+    rays.iter().enumerate().map(look).collect()
+}
+
+/// A photo's camera with fewer pixels, and the surface that each of them shows.
+#[derive(Debug)]
+pub(super) struct SeenView {
+    pub(super) camera: Camera,
+    /// `[height * width]` world.
+    pub(super) points: Vec<Vec3>,
+}
+
+impl SeenView {
+    pub(super) fn new(environment: &Environment, camera: &Camera) -> Self {
+        let camera = camera.within(SIDE);
+        let width = camera.width as usize;
+        let place = |i: usize| Vec2::new((i % width) as f32, (i / width) as f32) + 0.5;
+        let places: Vec<Vec2> = (0..width * camera.height as usize).map(place).collect();
+        let looks = look(environment, &camera, &places);
+        let points = looks.iter().map(|look| look.point).collect();
+        Self { camera, points }
+    }
+}
