@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-use super::outline::cut;
+use super::outline::{Photo, nothing};
 use super::region::{Region, agreement_of};
 use super::seen::{SeenView, look};
 use crate::data::{Dataset, Mask, View};
@@ -91,7 +91,7 @@ pub fn find_object(
     let center = center.ok_or_else(|| MaskError::NoPlace { dataset: root() })?;
     let views: Vec<&View> = dataset.views().collect();
     let done = AtomicUsize::new(0);
-    let n_jobs = (ROUNDS + 1) * views.len();
+    let n_jobs = (ROUNDS + 2) * views.len();
     let job = || {
         let done = done.fetch_add(1, Ordering::Relaxed) + 1;
         on_progress(done as f32 / n_jobs as f32);
@@ -112,17 +112,23 @@ pub fn find_object(
     let mut priors: Vec<Mask> = seen.par_iter().map(|view| region.shown_in(view)).collect();
     let empty = environment.hollowed(region.cleared(&seen, &priors));
     let empty = empty.ok_or_else(|| MaskError::Nothing { dataset: root() })?;
+    let ready = |(view, prior): (&&View, &Mask)| {
+        unless_cancelled()?;
+        job();
+        Ok(Photo::new(view, prior, &empty))
+    };
+    let photos = views.par_iter().zip(&priors).map(ready);
+    let photos: Vec<Option<Photo>> = photos.collect::<Result<_, MaskError>>()?;
     let mut masks = Vec::new();
     for _ in 0..ROUNDS {
-        let cut_view = |(view, prior): (&&View, &Mask)| {
+        let cut = |((view, photo), prior): ((&&View, &Option<Photo>), &Mask)| {
             unless_cancelled()?;
             job();
-            Ok(cut(view, prior, &empty))
+            let photo = photo.as_ref();
+            Ok(photo.map_or_else(|| nothing(view), |photo| photo.cut(view, prior)))
         };
-        let pairs = views.par_iter().zip(&priors);
-        masks = pairs
-            .map(cut_view)
-            .collect::<Result<Vec<Mask>, MaskError>>()?;
+        let photos = views.par_iter().zip(&photos).zip(&priors);
+        masks = photos.map(cut).collect::<Result<Vec<Mask>, MaskError>>()?;
         let shrunk: Vec<Mask> = masks.iter().zip(&seen).map(|(m, s)| shrunk(m, s)).collect();
         priors = region.agreed(&seen, &shrunk);
     }

@@ -11,12 +11,12 @@ use crate::color::{linear_from_srgb, srgb_from_linear};
 use crate::data::{Mask, View};
 use crate::neif::Environment;
 use crate::train::pixels::mask_outline::MaskOutline;
-use crate::train::statistics::middle;
+use crate::train::statistics::middle_or;
 
 /// Samples of a photo that are cut, at most.
-const MOST_SAMPLES: usize = 250_000;
+const MOST_SAMPLES: usize = 150_000;
 /// Rays that predict a photo without the object, at most.
-const MOST_RAYS: usize = 40_000;
+const MOST_RAYS: usize = 30_000;
 /// How far the outline may be from that of the region, as a share of the object's size, and in pixels at least.
 const BAND: f32 = 0.04;
 const LEAST_BAND_PX: f32 = 1.5;
@@ -43,55 +43,152 @@ const CUTS: usize = 2;
 /// Added to both sides of a ratio of radiances: dark pixels have no say in a photo's exposure.
 const DARK: f32 = 0.01;
 
-/// Where a photo of a view shows the object: the mask near `prior`, which has any resolution. `empty` is the environment without
-/// the object.
-pub(super) fn cut(view: &View, prior: &Mask, empty: &Environment) -> Mask {
-    let nothing = Mask {
+/// A photo ready to be cut: the part of it around the object, and what that would show without it.
+#[derive(Debug)]
+pub(super) struct Photo {
+    window: Window,
+    /// The window at the resolution of the prediction.
+    coarse: Window,
+    /// Linear radiance of its samples; NaN where none was asked for.
+    radiance: Vec<[f32; 3]>,
+}
+
+impl Photo {
+    /// Around the object of `prior`, a mask of any resolution, with what `empty`, the environment without the object, shows there;
+    /// `None` where the prior shows no outline.
+    pub(super) fn new(view: &View, prior: &Mask, empty: &Environment) -> Option<Self> {
+        let prior = Prior::new(view, prior)?;
+        let window = prior.window(view);
+        let coarse = window.coarser(MOST_RAYS);
+        let bands = prior.bands(&coarse);
+        // Far within the object nothing else could be there.
+        let is_asked = |i: &usize| (-BESIDE..MOST_BANDS).contains(&bands[*i]);
+        let asked: Vec<usize> = (0..coarse.len()).filter(is_asked).collect();
+        let places: Vec<Vec2> = asked.iter().map(|i| coarse.place(*i)).collect();
+        let mut radiance = vec![[f32::NAN; 3]; coarse.len()];
+        for (i, look) in asked.iter().zip(look(empty, &view.camera, &places)) {
+            radiance[*i] = look.radiance;
+        }
+        Some(Self {
+            window,
+            coarse,
+            radiance,
+        })
+    }
+
+    /// Where the photo shows the object, near that of `prior`: a mask of the photo's size.
+    pub(super) fn cut(&self, view: &View, prior: &Mask) -> Mask {
+        let cut = Prior::new(view, prior).map(|prior| Cut::new(self, view, &prior));
+        cut.map_or_else(|| nothing(view), |cut| cut.mask(view))
+    }
+
+    /// Display colours of the window's samples without the object, in the photo's exposure and white balance: those that fit it
+    /// best beside the object. NaN where nothing is known.
+    fn predicted(&self, colors: &[[f32; 3]], bands: &[f32]) -> Vec<[f32; 3]> {
+        let sampled = |i: usize| self.coarse.sample(&self.radiance, self.window.place(i));
+        let radiance: Vec<[f32; 3]> = (0..self.window.len()).map(sampled).collect();
+        let gain: [f32; 3] = std::array::from_fn(|c| {
+            let beside = (0..radiance.len()).filter(|i| is_beside(bands[*i]));
+            let ratio =
+                |i: usize| (linear_from_srgb(colors[i][c]) + DARK) / (radiance[i][c] + DARK);
+            let ratios = beside.map(ratio).filter(|ratio| ratio.is_finite());
+            middle_or(1.0, ratios.collect())
+        });
+        let shown = |radiance: &[f32; 3]| {
+            std::array::from_fn(|c| srgb_from_linear((gain[c] * radiance[c]).clamp(0.0, 1.0)))
+        };
+        radiance.iter().map(shown).collect()
+    }
+}
+
+/// A mask that shows none of the object.
+pub(super) fn nothing(view: &View) -> Mask {
+    Mask {
         width: view.camera.width,
         height: view.camera.height,
         coverage: vec![0; view.photo.n_pixels()],
-    };
-    Cut::new(view, prior, empty).map_or(nothing, |cut| cut.mask(view))
+    }
+}
+
+/// Where the object is expected in a photo.
+struct Prior<'a> {
+    mask: &'a Mask,
+    outline: MaskOutline,
+    /// Photo pixels a pixel of the mask.
+    scale: f32,
+    /// How far off its outline may be, photo pixels.
+    band: f32,
+}
+
+impl<'a> Prior<'a> {
+    fn new(view: &View, mask: &'a Mask) -> Option<Self> {
+        let scale = view.camera.width as f32 / mask.width as f32;
+        let n_object = (0..mask.coverage.len())
+            .filter(|i| mask.is_object(*i))
+            .count();
+        let band = (BAND * (n_object as f32).sqrt() * scale).max(LEAST_BAND_PX);
+        let outline = MaskOutline::new(mask, BESIDE * band / scale + 1.0)?;
+        Some(Self {
+            mask,
+            outline,
+            scale,
+            band,
+        })
+    }
+
+    /// The part of the photo that shows the object and what is beside it.
+    fn window(&self, view: &View) -> Window {
+        let (mut min, mut max) = (Vec2::INFINITY, Vec2::NEG_INFINITY);
+        for i in (0..self.mask.coverage.len()).filter(|i| self.mask.is_object(*i)) {
+            let i = i as u32;
+            let at = Vec2::new((i % self.mask.width) as f32, (i / self.mask.width) as f32);
+            min = min.min(at * self.scale);
+            max = max.max((at + 1.0) * self.scale);
+        }
+        let margin = BESIDE * self.band + 4.0;
+        let size = Vec2::new(view.camera.width as f32, view.camera.height as f32);
+        Window::over(
+            (min - margin).floor().max(Vec2::ZERO),
+            (max + margin).ceil().min(size),
+            MOST_SAMPLES,
+        )
+    }
+
+    /// Distances of a window's samples to the outline, in bands, positive on the object.
+    fn bands(&self, window: &Window) -> Vec<f32> {
+        let distance = |i| self.outline.distance_at(window.place(i) / self.scale);
+        let bands = (0..window.len()).map(|i| distance(i) * self.scale / self.band);
+        bands.collect()
+    }
 }
 
 /// What is known of the samples of a window.
-struct Cut {
-    window: Window,
+struct Cut<'a> {
+    window: &'a Window,
     /// Display colours.
     colors: Vec<[f32; 3]>,
-    /// Distances to the region's outline in bands, positive on the object.
+    /// Distances to the prior's outline in bands, positive on the object.
     bands: Vec<f32>,
-    /// Costs of the object by the region and the prediction.
+    /// Costs of the object by the prior and the prediction.
     costs: Vec<f32>,
     /// Costs of outline.
     edges: Vec<f32>,
 }
 
-impl Cut {
-    /// `None` where the prior shows no outline.
-    fn new(view: &View, prior: &Mask, empty: &Environment) -> Option<Self> {
-        let to_photo = view.camera.width as f32 / prior.width as f32;
-        let n_object = (0..prior.coverage.len())
-            .filter(|i| prior.is_object(*i))
-            .count();
-        let size = (n_object as f32).sqrt() * to_photo;
-        let band = (BAND * size).max(LEAST_BAND_PX);
-        let outline = MaskOutline::new(prior, BESIDE * band / to_photo + 1.0)?;
-        let window = window_around(view, prior, BESIDE * band + 4.0);
-        let places = (0..window.len()).map(|i| window.place(i));
-        let distance = |at: Vec2| outline.distance_at(at / to_photo) * to_photo / band;
-        let bands: Vec<f32> = places.map(distance).collect();
+impl<'a> Cut<'a> {
+    fn new(photo: &'a Photo, view: &View, prior: &Prior<'_>) -> Self {
+        let window = &photo.window;
+        let bands = prior.bands(window);
         let colors = window.colors(&view.photo);
-        let predicted = predicted(view, &window, &bands, empty);
-        let costs = costs(&colors, &predicted, &bands);
+        let costs = costs(&colors, &photo.predicted(&colors, &bands), &bands);
         let edges = edges(&colors, window.width, &bands);
-        Some(Self {
+        Self {
             window,
             colors,
             bands,
             costs,
             edges,
-        })
+        }
     }
 
     fn mask(&self, view: &View) -> Mask {
@@ -142,52 +239,6 @@ impl Cut {
     }
 }
 
-/// The window of a photo around the pixels of a mask, and so many photo pixels more.
-fn window_around(view: &View, prior: &Mask, margin: f32) -> Window {
-    let to_photo = view.camera.width as f32 / prior.width as f32;
-    let (mut min, mut max) = (Vec2::INFINITY, Vec2::NEG_INFINITY);
-    for i in (0..prior.coverage.len()).filter(|i| prior.is_object(*i)) {
-        let at = Vec2::new(
-            (i as u32 % prior.width) as f32,
-            (i as u32 / prior.width) as f32,
-        );
-        min = min.min(at * to_photo);
-        max = max.max((at + 1.0) * to_photo);
-    }
-    let size = Vec2::new(view.camera.width as f32, view.camera.height as f32);
-    Window::over(
-        (min - margin).floor().max(Vec2::ZERO),
-        (max + margin).ceil().min(size),
-        MOST_SAMPLES,
-    )
-}
-
-/// Display colours of the window's samples without the object, in the photo's exposure and white balance: those that fit it
-/// best beside the object.
-fn predicted(view: &View, window: &Window, bands: &[f32], empty: &Environment) -> Vec<[f32; 3]> {
-    let coarse = window.coarser(MOST_RAYS);
-    let places: Vec<Vec2> = (0..coarse.len()).map(|i| coarse.place(i)).collect();
-    let looks = look(empty, &view.camera, &places);
-    let radiance: Vec<[f32; 3]> = looks.iter().map(|look| look.radiance).collect();
-    let sampled = |i: usize| coarse.sample(&radiance, window.place(i));
-    let radiance: Vec<[f32; 3]> = (0..window.len()).map(sampled).collect();
-    let photo = window.colors(&view.photo);
-    let gain: [f32; 3] = std::array::from_fn(|c| {
-        let beside = (0..window.len()).filter(|i| is_beside(bands[*i]));
-        let ratio = |i: usize| (linear_from_srgb(photo[i][c]) + DARK) / (radiance[i][c] + DARK);
-        let mut ratios: Vec<f32> = beside.map(ratio).collect();
-        if ratios.is_empty() {
-            1.0
-        } else {
-            middle(&mut ratios)
-        }
-    });
-    let shown = |radiance: &[f32; 3]| {
-        std::array::from_fn(|c| srgb_from_linear((gain[c] * radiance[c]).clamp(0.0, 1.0)))
-    };
-    radiance.iter().map(shown).collect()
-}
-
 /// Whether a place is safely beside the object and near it.
 fn is_beside(band: f32) -> bool {
     (-BESIDE..-1.0).contains(&band)
@@ -198,15 +249,15 @@ fn costs(colors: &[[f32; 3]], predicted: &[[f32; 3]], bands: &[f32]) -> Vec<f32>
     let difference = |a: &[f32; 3], b: &[f32; 3]| (0..3).map(|c| (a[c] - b[c]).abs()).sum::<f32>();
     let pairs = colors.iter().zip(predicted);
     let differences: Vec<f32> = pairs.map(|(a, b)| difference(a, b)).collect();
-    let beside = differences
-        .iter()
-        .zip(bands)
-        .filter(|(_, band)| is_beside(**band));
+    let is_known = |(difference, band): &(&f32, &f32)| is_beside(**band) && difference.is_finite();
+    let beside = differences.iter().zip(bands).filter(is_known);
     let (sum, n) = beside.fold((0.0, 0.0), |(sum, n), (d, _)| (sum + d, n + 1.0));
     // The mean beside the object is the prediction's error (an exponential distribution).
     let error = (sum / f32::max(n, 1.0)).max(LEAST_ERROR);
     let cost = |(difference, band): (&f32, &f32)| {
         let odds = (UNKNOWN_DIFFERENCE / error).ln() - difference / error;
+        // Where nothing was predicted, nothing is known.
+        let odds = if odds.is_finite() { odds } else { 0.0 };
         PREDICTION * odds.clamp(-MOST_PREDICTION, MOST_PREDICTION)
             - REGION * band.clamp(-MOST_BANDS, MOST_BANDS)
     };

@@ -10,7 +10,7 @@ use crate::neif::light::environment::LightScratch;
 use crate::render::path::trace::PIXEL_STD;
 
 /// Pixels along the longer side of the photos that depths are looked up in.
-const SIDE: u32 = 224;
+const SIDE: u32 = 160;
 /// Rays that are traced together.
 const BLOCK: usize = 1024;
 
@@ -23,7 +23,7 @@ pub(super) struct Look {
     pub(super) point: Vec3,
 }
 
-/// What a camera meets at `places` of its picture, in pixels.
+/// What a camera meets at `places` of its picture, in pixels, each as sharp as a pixel.
 pub(super) fn look(environment: &Environment, camera: &Camera, places: &[Vec2]) -> Vec<Look> {
     let blocks = places.par_chunks(BLOCK);
     blocks
@@ -58,12 +58,17 @@ pub(super) struct SeenView {
 
 impl SeenView {
     pub(super) fn new(environment: &Environment, camera: &Camera) -> Self {
-        let camera = camera.within(SIDE);
-        let width = camera.width as usize;
+        let small = camera.within(SIDE);
+        let (width, height) = (small.width as usize, small.height as usize);
+        let scale = Vec2::new(camera.width as f32, camera.height as f32)
+            / Vec2::new(small.width as f32, small.height as f32);
         let place = |i: usize| Vec2::new((i % width) as f32, (i / width) as f32) + 0.5;
-        let places: Vec<Vec2> = (0..width * camera.height as usize).map(place).collect();
-        let looks = look(environment, &camera, &places);
-        let points = looks.iter().map(|look| look.point).collect();
-        Self { camera, points }
+        let places: Vec<Vec2> = (0..width * height).map(|i| place(i) * scale).collect();
+        // With the photo's own pixels: surfaces are blurred by wider ones.
+        let looks = look(environment, camera, &places);
+        Self {
+            camera: small,
+            points: looks.iter().map(|look| look.point).collect(),
+        }
     }
 }
