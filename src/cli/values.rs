@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use glam::Vec3;
 use neif::geometry::Aabb;
+use neif::train::masks::Selection;
 
 /// Reads `300s`, `5m`, `1.5h` or a bare number of seconds; more than zero.
 pub(crate) fn duration_secs(text: &str) -> Result<f64, String> {
@@ -70,6 +71,15 @@ pub(crate) fn vector(text: &str) -> Result<Vec3, String> {
             numbers.len()
         )),
     }
+}
+
+/// Reads `auto` or a point on the object.
+pub(crate) fn selection(text: &str) -> Result<Selection, String> {
+    let at = match text {
+        "auto" => None,
+        _ => Some(vector(text)?),
+    };
+    Ok(Selection { at, within: None })
 }
 
 /// Reads `X,Y,Z,X,Y,Z`, two opposite corners of a box.

@@ -1,20 +1,19 @@
 //! `neif masks`: finds the object in the photos of a capture and writes a mask of each.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::Context as _;
 use glam::Vec3;
-use neif::data::{CaptureChoices, Dataset, LoadOptions, Mask, View, write_mask};
+use neif::data::{CaptureChoices, Dataset, LoadOptions, Mask, View};
 use neif::geometry::Aabb;
 use neif::neif::Environment;
 use neif::scans::load_capture;
 use neif::train::TrainError;
 use neif::train::config::TrainConfig;
 use neif::train::masks::{
-    FoundObject, MaskError, Selection, agreement_of, find_object, learn_environment, mask_file,
-    point_at,
+    FoundObject, MaskError, Selection, agreement_of, find_object, learn_environment, point_at,
 };
 use neif::train::session::plan::Budget;
 use serde_json::json;
@@ -28,8 +27,6 @@ use crate::cli::{interrupt, output, scenes, values};
 const DEFAULT_SECS: f64 = 60.0;
 /// So many doubtful photos are named.
 const MOST_NAMED: usize = 5;
-/// Agreement below which a mask is doubtful.
-const DOUBTFUL: f32 = 0.9;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct MasksArgs {
@@ -107,7 +104,7 @@ pub(crate) fn run(args: &MasksArgs, started: Instant) -> Result<(), Failure> {
     if let Ok(display) = display.lock() {
         display.finish();
     }
-    write(&args.out, &dataset, &found)?;
+    found.save(&args.out)?;
     report_on(args, &dataset, &found, (started, found_secs))
 }
 
@@ -152,15 +149,6 @@ fn pixel_of<'a>(text: &str, dataset: &'a Dataset) -> anyhow::Result<(&'a View, g
     Ok((view, at))
 }
 
-fn write(folder: &Path, dataset: &Dataset, found: &FoundObject) -> Result<(), Failure> {
-    for ((view, mask), file) in dataset.views().zip(&found.masks).zip(mask_file(dataset)) {
-        let path = folder.join(file);
-        scenes::make_folder_of(&path)?;
-        write_mask(&path, mask).with_context(|| format!("the mask of {}", view.full_name()))?;
-    }
-    Ok(())
-}
-
 /// Says how sure the masks are, and how like those that the capture has.
 fn report_on(
     args: &MasksArgs,
@@ -179,13 +167,7 @@ fn report_on(
         (!values.is_empty()).then(|| values.iter().sum::<f32>() / values.len() as f32)
     };
     let least = |values: &[f32]| values.iter().copied().reduce(f32::min);
-    let mut doubtful: Vec<(f32, String)> = views
-        .iter()
-        .zip(&found.agreement)
-        .filter(|(_, agreement)| **agreement < DOUBTFUL)
-        .map(|(view, agreement)| (*agreement, view.full_name()))
-        .collect();
-    doubtful.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let doubtful = found.doubtful();
     let seconds = started.elapsed().as_secs_f64();
     if args.json {
         let photos = views.iter().zip(&found.agreement).map(|(view, agreement)| {
@@ -196,7 +178,7 @@ fn report_on(
             "seconds_to_find": found_secs,
             "agreement": mean(&found.agreement),
             "in_common_with_own": mean(&in_common), "least_in_common_with_own": least(&in_common),
-            "photos": photos.collect::<Vec<_>>(),
+            "doubtful": doubtful, "photos": photos.collect::<Vec<_>>(),
         }))?);
     }
     output::line(&format!(
@@ -212,11 +194,7 @@ fn report_on(
         ))?;
     }
     if !doubtful.is_empty() {
-        let names: Vec<&str> = doubtful
-            .iter()
-            .take(MOST_NAMED)
-            .map(|(_, name)| name.as_str())
-            .collect();
+        let names = &doubtful[..doubtful.len().min(MOST_NAMED)];
         output::line(&format!(
             "look at {} of them, which the other photos contradict: {}{}",
             doubtful.len(),

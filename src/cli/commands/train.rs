@@ -8,6 +8,7 @@ use glam::Vec3;
 use neif::data::MeshPlacement;
 use neif::neif::Storage;
 use neif::train::config::{Normals, PhotoFit, TrainConfig};
+use neif::train::masks::Selection;
 use neif::train::session::options::SessionOptions;
 use neif::train::session::plan::Budget;
 use neif::train::session::saved::run_folder::RunFolder;
@@ -59,6 +60,10 @@ pub(crate) struct TrainArgs {
     preset: Option<String>,
     #[command(flatten)]
     budget: BudgetArgs,
+    /// Find the object in photos without masks: `auto` is the one that the cameras look at, X,Y,Z a point on another
+    /// [default: without masks or a mesh the environment alone is trained]
+    #[arg(long, value_name = "auto|X,Y,Z", value_parser = values::selection, allow_hyphen_values = true, conflicts_with = "resume")]
+    object: Option<Selection>,
     /// A mesh instead of the one beside the capture
     #[arg(long, value_name = "FILE", conflicts_with = "resume")]
     mesh: Option<PathBuf>,
@@ -163,6 +168,7 @@ fn options(args: &TrainArgs, started: Instant) -> Result<SessionOptions, Failure
             mesh: args.mesh.clone(),
             mesh_placement: args.placement.placement(),
             choices: args.capture.choices(),
+            object: args.object,
             run: Some(args.out.clone()),
             ..SessionOptions::new(&args.dataset, config, args.budget.or_default())
         }

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::outline::{Photo, nothing};
 use super::region::{Region, agreement_of};
 use super::seen::{SeenView, look};
-use crate::data::{Dataset, Mask, View};
+use crate::data::{DataError, Dataset, Mask, View, write_mask};
 use crate::geometry::{Aabb, Camera};
 use crate::neif::Environment;
 use crate::train::shape::stage_one::looked_at;
@@ -28,16 +28,58 @@ pub struct Selection {
     pub within: Option<Aabb>,
 }
 
-/// The object in the photos.
+/// The object in the photos of a capture.
 #[derive(Clone, Debug)]
 pub struct FoundObject {
-    /// A mask a view, in the order of [`Dataset::views`].
+    /// The views' names with those of their splits, in the order of [`Dataset::views`].
+    pub names: Vec<String>,
+    /// Where each view's mask is kept in a folder of masks.
+    pub files: Vec<PathBuf>,
+    /// A mask a view.
     pub masks: Vec<Mask>,
     /// Share of each mask's outline shape that it has in common with the shape on which all photos agree, 0..1: the lower, the
     /// likelier it is wrong.
     pub agreement: Vec<f32>,
     /// What it stands on.
     pub support: Option<Plane>,
+}
+
+/// Agreement below which a mask is likely wrong.
+const DOUBTFUL: f32 = 0.9;
+
+impl FoundObject {
+    /// Names of the views whose masks are likely wrong, the most doubtful first.
+    pub fn doubtful(&self) -> Vec<&str> {
+        let views = self.agreement.iter().zip(&self.names);
+        let mut doubtful: Vec<_> = views.filter(|(share, _)| **share < DOUBTFUL).collect();
+        doubtful.sort_by(|a, b| a.0.total_cmp(b.0));
+        doubtful
+            .into_iter()
+            .map(|(_, name)| name.as_str())
+            .collect()
+    }
+
+    /// Writes a mask a photo into a folder, which is made where it is missing.
+    ///
+    /// # Errors
+    /// When a file cannot be written.
+    pub fn save(&self, folder: &Path) -> Result<(), DataError> {
+        for (mask, file) in self.masks.iter().zip(&self.files) {
+            let path = folder.join(file);
+            let parent = path.parent().unwrap_or(folder);
+            std::fs::create_dir_all(parent).map_err(|e| DataError::io(parent, e))?;
+            write_mask(&path, mask)?;
+        }
+        Ok(())
+    }
+
+    /// Gives the views of the capture their masks.
+    pub fn assign(&self, dataset: &mut Dataset) {
+        let splits = [&mut dataset.train, &mut dataset.val, &mut dataset.test];
+        for (view, mask) in splits.into_iter().flatten().zip(&self.masks) {
+            view.mask = Some(mask.clone());
+        }
+    }
 }
 
 /// Why no object is found.
@@ -135,6 +177,8 @@ pub fn find_object(
     let shrunk: Vec<Mask> = masks.iter().zip(&seen).map(|(m, s)| shrunk(m, s)).collect();
     let pairs = shrunk.iter().zip(&priors);
     Ok(FoundObject {
+        names: views.iter().map(|view| view.full_name()).collect(),
+        files: mask_files(dataset),
         agreement: pairs.map(|(a, b)| agreement_of(a, b)).collect(),
         masks,
         support: region.support.map(|support| support.plane),
@@ -166,7 +210,7 @@ pub fn point_at(environment: &Environment, camera: &Camera, at_px: Vec2) -> Vec3
 
 /// Where the mask of each view is kept in a folder of masks, in the order of [`Dataset::views`]: named as its photo, in a folder
 /// named as the photo's where several have the same name.
-pub fn mask_file(dataset: &Dataset) -> Vec<PathBuf> {
+fn mask_files(dataset: &Dataset) -> Vec<PathBuf> {
     let mut seen = HashSet::new();
     let are_unique = dataset.views().all(|view| seen.insert(&view.name));
     let file = |view: &View| {

@@ -22,8 +22,10 @@ pub fn learn_environment(
     on_progress: &(dyn Fn(f32) + Sync),
 ) -> Result<Arc<Environment>, TrainError> {
     let started = Instant::now();
-    let dataset = without_object(dataset);
-    let mut trainer = new_trainer(config, &dataset, cancel, &|_| ())?;
+    let has_object = dataset.mesh.is_some() || dataset.views().any(|view| view.mask.is_some());
+    let stripped = has_object.then(|| without_object(dataset));
+    let dataset = stripped.as_ref().unwrap_or(dataset);
+    let mut trainer = new_trainer(config, dataset, cancel, &|_| ())?;
     let plan = Plan::new(budget);
     loop {
         if cancel.load(Ordering::Relaxed) {

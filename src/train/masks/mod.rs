@@ -16,6 +16,6 @@ mod total_variation;
 mod voxels;
 mod window;
 
-pub use find::{FoundObject, MaskError, Selection, find_object, mask_file, point_at};
+pub use find::{FoundObject, MaskError, Selection, find_object, point_at};
 pub use learn::learn_environment;
 pub use region::agreement_of;

@@ -11,6 +11,7 @@ use crate::data::{CaptureChoices, DataError, Dataset, MeshPlacement};
 use crate::neif::Storage;
 use crate::scans::Scan;
 use crate::train::config::{PhotoFit, TrainConfig};
+use crate::train::masks::Selection;
 use crate::train::shape::stage_one::GrowthPicture;
 use crate::train::{Snapshot, TrainError};
 
@@ -48,6 +49,8 @@ pub struct SessionOptions {
     pub start: Start,
     /// Train the environment only.
     pub environment_only: bool,
+    /// The object to look for in a capture that has neither masks nor a mesh; its environment alone is trained otherwise.
+    pub object: Option<Selection>,
     /// Precision of the grid values in the saved files.
     pub storage: Storage,
     /// When the budget began to count.
@@ -71,6 +74,7 @@ impl SessionOptions {
             run: None,
             start: Start::Fresh,
             environment_only: false,
+            object: None,
             storage: Storage::default(),
             started: Instant::now(),
             shows_growth: false,
@@ -158,6 +162,9 @@ pub enum SessionError {
     /// The run folder cannot be used.
     #[error(transparent)]
     RunFolder(#[from] RunFolderError),
+    /// The masks of the object that was found cannot be kept.
+    #[error(transparent)]
+    Masks(DataError),
     /// Too many steps in a row gave values that are not finite.
     #[error("{0} steps in a row gave values that are not finite: the run has broken down")]
     NotFinite(u64),
@@ -175,7 +182,7 @@ impl SessionError {
         match self {
             Self::Dataset(_) | Self::Train(_) => true,
             Self::RunFolder(error) => !error.is_refused_by_system(),
-            Self::NotFinite(_) | Self::Threads(_) | Self::Panicked => false,
+            Self::Masks(_) | Self::NotFinite(_) | Self::Threads(_) | Self::Panicked => false,
         }
     }
 }

@@ -4,6 +4,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use super::events::TrainEvent;
+use super::object::Search;
 use super::options::{SessionError, Start};
 use super::run::{Run, Worker};
 use super::saved::run_folder::RunFolder;
@@ -37,6 +38,12 @@ impl Worker {
         let Some(mut dataset) = self.load()? else {
             return Ok(None);
         };
+        let found = match self.find_object(&mut dataset) {
+            Search::Stopped => return Ok(None),
+            Search::Found(found) => Some(found),
+            Search::None => None,
+        };
+        dataset.test.clear();
         if !self.complete_mesh(&mut dataset)? {
             return Ok(None);
         }
@@ -46,6 +53,10 @@ impl Worker {
             (None, _) => None,
             (Some(path), Start::Fresh) => Some(RunFolder::create(path)?),
             (Some(path), _) => Some(RunFolder::open(path)?),
+        };
+        let masks = match (&found, &folder) {
+            (Some(found), Some(folder)) => Some(Self::keep_masks(found, folder)?),
+            _ => None,
         };
         self.shared.dataset.publish(Arc::clone(&dataset));
         let report = |fraction| self.loading(PREPARING, fraction);
@@ -57,6 +68,9 @@ impl Worker {
             other => other?,
         };
         let mut run = Run::new(self, trainer, dataset, folder);
+        if masks.is_some() {
+            run.config.dataset.choices.masks = masks;
+        }
         if options.start != Start::Fresh {
             run.restore()?;
         }
@@ -71,7 +85,7 @@ impl Worker {
         // An environment has no test of its own: every photo that does not validate teaches.
         let environment_only = self.options.environment_only;
         let options = LoadOptions {
-            splits: if environment_only {
+            splits: if environment_only || self.wants_object().is_some() {
                 Splits::ALL
             } else {
                 Splits::TRAIN_VAL
@@ -165,7 +179,7 @@ impl Worker {
         }
     }
 
-    fn loading(&self, what: &str, fraction: f32) {
+    pub(super) fn loading(&self, what: &str, fraction: f32) {
         let what = what.to_owned();
         self.events.send(TrainEvent::Loading { what, fraction });
     }
