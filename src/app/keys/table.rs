@@ -282,6 +282,12 @@ fn training() -> Vec<Binding> {
         entry("", "Train one minute longer", train(Train::Extend(60.0))).when(takes_commands),
         entry("", "Train five minutes longer", train(Train::Extend(300.0))).when(takes_commands),
         entry("", "Stop training", train(Train::Stop)).when(is_running),
+        entry(
+            "",
+            "Find the object in photos without masks",
+            train(Train::AskForObject(true)),
+        )
+        .when(AppState::lacks_object),
     ]
 }
 

@@ -21,6 +21,7 @@ use crate::app::viewport::camera_control::CameraMove;
 use crate::app::work::pace::Pace;
 use crate::neif::{EnvironmentTransform, MaterialEdit};
 use crate::render::Layer;
+use crate::train::masks::Selection;
 use crate::train::session::events::TrainCommand;
 use crate::train::session::handle::Threads;
 
@@ -48,6 +49,10 @@ pub enum Train {
     StopForSure,
     /// Train this many seconds more.
     Extend(f64),
+    /// Ask for a click on the object of a capture without masks, or no longer.
+    AskForObject(bool),
+    /// Find the object that this point (world) is on in the photos, or that the cameras look at, and train with it.
+    FindObject(Option<Vec3>),
 }
 
 /// Everything that may happen.
@@ -155,6 +160,8 @@ pub enum Effect {
     OpenDemo,
     /// Start training on the open capture, or continue the open run.
     StartTraining,
+    /// Find the object in the photos of the open capture, and train with it.
+    FindObject(Selection),
     /// Tell the session.
     Train(TrainCommand),
     /// Train on so many threads.

@@ -1,6 +1,7 @@
 //! What goes on beside drawing: the training session, reading files, the file dialog.
 
 mod session;
+mod training;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -25,16 +26,13 @@ use crate::app::state::export::ExportCommand;
 use crate::app::state::history::History;
 use crate::app::state::look::Look;
 use crate::app::state::source::{EnvironmentContent, Source};
-use crate::app::state::training_state::{Level, Phase, TrainingState};
+use crate::app::state::training_state::{Level, TrainingState};
 use crate::data::CaptureChoices;
 use crate::neif::Environment;
 use crate::render::Scene;
 use crate::train::Snapshot;
-use crate::train::config::TrainConfig;
 use crate::train::session::events::TrainCommand;
 use crate::train::session::handle::Session;
-use crate::train::session::options::SessionOptions;
-use crate::train::session::plan::Budget;
 
 /// Training wakes the window at most so often.
 const TRAINING_REPAINT: Duration = Duration::from_millis(250);
@@ -125,6 +123,7 @@ impl Work {
                 ),
             },
             Effect::StartTraining => self.start(state),
+            Effect::FindObject(selection) => self.find_object(state, selection),
             Effect::Train(command) => self.send(state, command),
             Effect::UseThreads(threads) => {
                 self.importer.use_threads(threads);
@@ -242,52 +241,6 @@ impl Work {
         state.compare = Compare::default();
         state.inspect = InspectState::default();
         state.watch.forget();
-    }
-
-    fn start(&mut self, state: &mut AppState) {
-        let budget = Budget::Seconds(state.watch.budget_secs);
-        let options = match &state.source {
-            Source::Demo(path) | Source::Capture(path) => {
-                TrainConfig::preset(state.preferences.quality.preset())
-                    .map(|config| SessionOptions {
-                        choices: self.choices(path),
-                        ..SessionOptions::new(path, config, budget)
-                    })
-                    .map_err(|error| error.to_string())
-            }
-            Source::Run(path) => {
-                SessionOptions::resume(path, Some(budget)).map_err(|error| error.to_string())
-            }
-            Source::Nothing | Source::Environment(_) => Err("Open a capture first".to_owned()),
-        };
-        let ctx = self.ctx.clone();
-        let session = options.and_then(|options| {
-            let options = SessionOptions {
-                shows_growth: true,
-                nice: true,
-                ..options
-            };
-            let wake = move || ctx.request_repaint_after(TRAINING_REPAINT);
-            Session::spawn(options, wake).map_err(|error| error.to_string())
-        });
-        match session {
-            Ok(session) => {
-                session.use_threads(state.pace.threads());
-                self.session = Some(session);
-                (self.snapshot_version, self.growth_version) = (0, 0);
-                let phase = Phase::Loading {
-                    what: "Reading the capture".to_owned(),
-                    fraction: 0.0,
-                };
-                // A run that goes on goes on with its curves.
-                let earlier = match &state.source {
-                    Source::Run(_) => std::mem::take(&mut state.training),
-                    _ => TrainingState::default(),
-                };
-                state.training = TrainingState { phase, ..earlier };
-            }
-            Err(reason) => state.messages.say(Level::Error, reason),
-        }
     }
 
     /// Takes in what the threads have done since the last frame.

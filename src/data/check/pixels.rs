@@ -32,11 +32,9 @@ fn find_mask_faults(dataset: &Dataset, problems: &mut Vec<Problem>) {
     if without.len() == dataset.views().count() {
         let advice = if dataset.mesh.is_some() {
             "the mesh's silhouette is used"
-        } else if dataset.origin.points.is_some() {
-            "without masks and mesh the object cannot be distinguished from the background; `neif mesh` makes a coarse mesh \
-             of the points around the place that the cameras look at"
         } else {
-            "without masks and mesh the object cannot be distinguished from the background"
+            "the environment alone is trained; `--object auto` of `neif train` and Find the object in the window cut out what \
+             the cameras look at, `neif masks` writes its masks"
         };
         problems.push(Problem::new(Note, "no view has a mask", advice));
     } else {

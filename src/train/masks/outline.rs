@@ -27,7 +27,7 @@ const REGION: f32 = 1.0;
 const PREDICTION: f32 = 0.9;
 const COLORS: f32 = 0.3;
 /// The most that each of them says.
-const MOST_BANDS: f32 = 3.0;
+const MOST_BANDS: f32 = 1.5;
 const MOST_PREDICTION: f32 = 2.0;
 const MOST_COLORS: f32 = 2.0;
 /// Mean difference of two colours of which nothing is known (sum of the channels, sRGB).
@@ -36,7 +36,7 @@ const UNKNOWN_DIFFERENCE: f32 = 1.5;
 const LEAST_ERROR: f32 = 0.01;
 /// Cost of a pixel of outline where there is no edge, and the share of it on the sharpest edge.
 const LENGTH: f32 = 6.0;
-const LENGTH_ON_EDGE: f32 = 0.05;
+const LENGTH_ON_EDGE: f32 = 0.12;
 /// Rounds of the cut, and cuts: the second knows the colours that the first found.
 const ROUNDS: usize = 200;
 const CUTS: usize = 2;
@@ -62,7 +62,7 @@ impl Photo {
         let coarse = window.coarser(MOST_RAYS);
         let bands = prior.bands(&coarse);
         // Far within the object nothing else could be there.
-        let is_asked = |i: &usize| (-BESIDE..MOST_BANDS).contains(&bands[*i]);
+        let is_asked = |i: &usize| (-BESIDE..BESIDE).contains(&bands[*i]);
         let asked: Vec<usize> = (0..coarse.len()).filter(is_asked).collect();
         let places: Vec<Vec2> = asked.iter().map(|i| coarse.place(*i)).collect();
         let mut radiance = vec![[f32::NAN; 3]; coarse.len()];
@@ -197,6 +197,7 @@ impl<'a> Cut<'a> {
             let costs = self.with_colors(&share);
             segment(&mut share, self.window.width, &self.edges, &costs, ROUNDS);
         }
+        tidy(&mut share, self.window.width, &self.bands);
         self.drawn(view, &share)
     }
 
@@ -297,6 +298,44 @@ fn edges(colors: &[[f32; 3]], width: usize, bands: &[f32]) -> Vec<f32> {
     changes.iter().map(cost).collect()
 }
 
+/// Gives up pieces of the object that lie mostly beside the prior, and holes that lie mostly within it: lines of the background
+/// that the prediction has in the wrong place, and spots of the object that look like what is behind.
+fn tidy(share: &mut [f32], width: usize, bands: &[f32]) {
+    let n = share.len();
+    let is_object = |v: f32| v > 0.5;
+    let mut is_taken = vec![false; n];
+    for first in 0..n {
+        if is_taken[first] {
+            continue;
+        }
+        is_taken[first] = true;
+        let kind = is_object(share[first]);
+        let mut piece = vec![first];
+        let mut next = 0;
+        while let Some(&i) = piece.get(next) {
+            next += 1;
+            let beside = [
+                (i % width > 0).then(|| i - 1),
+                ((i + 1) % width > 0).then_some(i + 1),
+                i.checked_sub(width),
+                Some(i + width),
+            ];
+            for j in beside.into_iter().flatten().filter(|j| *j < n) {
+                if !is_taken[j] && is_object(share[j]) == kind {
+                    is_taken[j] = true;
+                    piece.push(j);
+                }
+            }
+        }
+        let n_within = piece.iter().filter(|i| bands[**i] > 0.0).count();
+        if (2 * n_within > piece.len()) != kind {
+            for i in piece {
+                share[i] = f32::from(!kind);
+            }
+        }
+    }
+}
+
 /// Colours blurred by 1, 2, 1 along both axes: about 0.7 samples.
 fn smoothed(colors: &[[f32; 3]], width: usize) -> Vec<[f32; 3]> {
     let height = colors.len() / width;
@@ -310,4 +349,47 @@ fn smoothed(colors: &[[f32; 3]], width: usize) -> Vec<[f32; 3]> {
         (0..source.len()).map(of).collect()
     };
     along(&along(colors, width, 1), height, width)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn specks_beside_the_object_go_and_holes_in_it_close() {
+        const SIDE: usize = 40;
+        let radius = |i: usize, x0: f32| {
+            let [x, y] = [i % SIDE, i / SIDE].map(|v| v as f32 - 19.5);
+            (x - x0).hypot(y)
+        };
+        let bands: Vec<f32> = (0..SIDE * SIDE)
+            .map(|i| 0.2 * (12.0 - radius(i, 0.0)))
+            .collect();
+        // A disc a little beside the expected one, with a hole, and a speck.
+        let disc = |i: usize| radius(i, 2.0) < 12.0;
+        let mut share: Vec<f32> = (0..SIDE * SIDE).map(|i| f32::from(disc(i))).collect();
+        share[20 * SIDE + 20] = 0.0;
+        share[2 * SIDE + 3] = 1.0;
+        tidy(&mut share, SIDE, &bands);
+        let is_disc = (0..SIDE * SIDE).all(|i| (share[i] > 0.5) == disc(i));
+        assert!(is_disc, "the piece itself stays where it is");
+    }
+
+    #[test]
+    fn what_differs_from_the_prediction_costs_less_on_the_object() {
+        let colors = vec![[0.5; 3]; 100];
+        let mut predicted = vec![[0.52, 0.5, 0.5]; 100];
+        predicted[50] = [0.9, 0.1, 0.5];
+        predicted[60] = [f32::NAN; 3];
+        // Beside the object but for three samples on its outline.
+        let mut bands = vec![-3.0; 100];
+        for i in [50, 55, 60] {
+            bands[i] = 0.0;
+        }
+        let costs = costs(&colors, &predicted, &bands);
+        assert!(costs[50] < -1.0, "unlike what is behind: {}", costs[50]);
+        assert!(costs[55] > 1.0, "like what is behind: {}", costs[55]);
+        assert_eq!(costs[60], 0.0, "nothing was predicted");
+        assert!(costs[0] > costs[55], "the prior counts too");
+    }
 }

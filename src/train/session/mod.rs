@@ -9,7 +9,7 @@ pub mod events;
 pub mod handle;
 pub mod latest;
 mod meter;
-mod object;
+pub mod object;
 pub mod options;
 pub mod plan;
 mod run;

@@ -1,13 +1,14 @@
 //! The object of a capture without masks: found before training, where that is asked for.
 
-use std::path::PathBuf;
+use std::sync::Arc;
 
 use super::events::TrainEvent;
 use super::options::SessionError;
 use super::plan::Budget;
-use super::run::Worker;
+use super::run::{Run, Worker};
 use super::saved::run_folder::RunFolder;
 use crate::data::{Dataset, Problem, Severity};
+use crate::neif::Environment;
 use crate::train::TrainError;
 use crate::train::masks::{FoundObject, MaskError, Selection, find_object, learn_environment};
 
@@ -23,6 +24,15 @@ const FOLDER: &str = "masks";
 /// So many doubtful photos are named.
 const MOST_NAMED: usize = 5;
 
+/// The object to look for.
+#[derive(Clone, Debug, Default)]
+pub struct ObjectSearch {
+    /// Which one.
+    pub selection: Selection,
+    /// An environment that was trained on the photos with the object as a part of it; one is learned where absent.
+    pub environment: Option<Arc<Environment>>,
+}
+
 /// What came of looking for the object.
 pub(super) enum Search {
     /// It was not looked for, or not found: the capture is as it was.
@@ -35,15 +45,14 @@ pub(super) enum Search {
 
 impl Worker {
     /// Whether the object is to be looked for in a capture.
-    pub(super) fn wants_object(&self) -> Option<Selection> {
-        self.options
-            .object
-            .filter(|_| !self.options.environment_only)
+    pub(super) fn wants_object(&self) -> Option<&ObjectSearch> {
+        let wanted = self.options.object.as_ref();
+        wanted.filter(|_| !self.options.environment_only)
     }
 
     /// Gives the views masks where there are none and the object is to be looked for.
     pub(super) fn find_object(&self, dataset: &mut Dataset) -> Search {
-        let Some(selection) = self.wants_object() else {
+        let Some(search) = self.wants_object() else {
             return Search::None;
         };
         if dataset.mesh.is_some() || dataset.views().any(|view| view.mask.is_some()) {
@@ -58,12 +67,21 @@ impl Worker {
             }
         };
         let learn = || learn_environment(dataset, config, budget, stop, &report(LEARNING));
-        let environment = match self.pool.install(learn) {
+        let given = search.environment.clone();
+        let environment = match given.map_or_else(|| self.pool.install(learn), Ok) {
             Ok(environment) => environment,
             Err(TrainError::Cancelled) => return Search::Stopped,
             Err(error) => return self.without_object(&error.to_string()),
         };
-        let find = || find_object(dataset, &environment, &selection, stop, &report(FINDING));
+        let find = || {
+            find_object(
+                dataset,
+                &environment,
+                &search.selection,
+                stop,
+                &report(FINDING),
+            )
+        };
         let found = match self.pool.install(find) {
             Ok(found) => found,
             Err(MaskError::Cancelled) => return Search::Stopped,
@@ -83,20 +101,23 @@ impl Worker {
         Search::Found(found)
     }
 
-    /// Keeps the masks in the run's folder; returns where.
-    pub(super) fn keep_masks(
-        found: &FoundObject,
-        run: &RunFolder,
-    ) -> Result<PathBuf, SessionError> {
-        let run = std::path::absolute(run.path()).unwrap_or_else(|_| run.path().to_owned());
-        let folder = run.join(FOLDER);
-        found.save(&folder).map_err(SessionError::Masks)?;
-        Ok(folder)
-    }
-
     fn without_object(&self, why: &str) -> Search {
         let message = format!("only the environment is trained: {why}");
         self.events.send(TrainEvent::Warning(message));
         Search::None
+    }
+}
+
+impl Run<'_> {
+    /// Keeps the masks of the object that was found in a run's folder, and has the run read there.
+    pub(super) fn keep_masks(&mut self, run: &RunFolder) -> Result<(), SessionError> {
+        let Some(found) = &self.found else {
+            return Ok(());
+        };
+        let run = std::path::absolute(run.path()).unwrap_or_else(|_| run.path().to_owned());
+        let folder = run.join(FOLDER);
+        found.save(&folder).map_err(SessionError::Masks)?;
+        self.config.dataset.choices.masks = Some(folder);
+        Ok(())
     }
 }

@@ -5,13 +5,13 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use super::latest::Latest;
+use super::object::ObjectSearch;
 use super::plan::Budget;
 use super::saved::run_folder::{DatasetSource, FORMAT, RunConfig, RunFolder, RunFolderError};
 use crate::data::{CaptureChoices, DataError, Dataset, MeshPlacement};
 use crate::neif::Storage;
 use crate::scans::Scan;
 use crate::train::config::{PhotoFit, TrainConfig};
-use crate::train::masks::Selection;
 use crate::train::shape::stage_one::GrowthPicture;
 use crate::train::{Snapshot, TrainError};
 
@@ -50,7 +50,7 @@ pub struct SessionOptions {
     /// Train the environment only.
     pub environment_only: bool,
     /// The object to look for in a capture that has neither masks nor a mesh; its environment alone is trained otherwise.
-    pub object: Option<Selection>,
+    pub object: Option<ObjectSearch>,
     /// Precision of the grid values in the saved files.
     pub storage: Storage,
     /// When the budget began to count.

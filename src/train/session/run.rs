@@ -18,6 +18,7 @@ use crate::data::Dataset;
 use crate::neif::ObjectModel;
 use crate::render::preview::priority::lower_thread_priority;
 use crate::train::AnyTrainer;
+use crate::train::masks::FoundObject;
 use crate::train::measure::validation::{Settling, Validator};
 use crate::train::shape::retracing::Retracings;
 
@@ -127,6 +128,8 @@ pub(in crate::train) struct Run<'a> {
     pub(in crate::train) folder: Option<RunFolder>,
     /// Folders that belong to this run and so may be written again.
     pub(super) own_folders: Vec<PathBuf>,
+    /// The object that was found in photos without masks.
+    pub(super) found: Option<FoundObject>,
     pub(in crate::train) config: RunConfig,
     pub(in crate::train) plan: Plan,
     pub(super) clock: Clock,
@@ -166,6 +169,7 @@ impl<'a> Run<'a> {
         let validator = worker.make_validator(&dataset, trainer.snapshot().object.as_deref());
         Self {
             config: options.describe(folder.as_ref()),
+            found: None,
             own_folders: options.run.iter().cloned().collect(),
             log: RunLog::default(),
             plan: Plan::new(options.budget),

@@ -54,10 +54,6 @@ impl Worker {
             (Some(path), Start::Fresh) => Some(RunFolder::create(path)?),
             (Some(path), _) => Some(RunFolder::open(path)?),
         };
-        let masks = match (&found, &folder) {
-            (Some(found), Some(folder)) => Some(Self::keep_masks(found, folder)?),
-            _ => None,
-        };
         self.shared.dataset.publish(Arc::clone(&dataset));
         let report = |fraction| self.loading(PREPARING, fraction);
         let trainer = self
@@ -68,9 +64,7 @@ impl Worker {
             other => other?,
         };
         let mut run = Run::new(self, trainer, dataset, folder);
-        if masks.is_some() {
-            run.config.dataset.choices.masks = masks;
-        }
+        run.found = found;
         if options.start != Start::Fresh {
             run.restore()?;
         }

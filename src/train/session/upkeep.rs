@@ -101,6 +101,9 @@ impl Run<'_> {
         {
             folder.save_mesh(mesh)?;
         }
+        if let Some(folder) = self.folder.clone() {
+            self.keep_masks(&folder)?;
+        }
         self.save()?;
         self.validate();
         self.plan_time(begun.elapsed().as_secs_f64());
@@ -265,6 +268,7 @@ impl Run<'_> {
             if let Some(mesh) = &self.dataset.mesh {
                 folder.save_mesh(mesh)?;
             }
+            self.keep_masks(&folder)?;
             self.save_into(&folder)
         });
         match result {

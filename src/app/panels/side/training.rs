@@ -33,6 +33,7 @@ pub fn training_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
         return;
     }
     capture_ui(ui, state);
+    object_ui(ui, state, commands);
     controls_ui(ui, state, commands);
     figures_ui(ui, state);
     best_ui(ui, state);
@@ -59,6 +60,32 @@ fn capture_ui(ui: &mut Ui, state: &AppState) {
         text.push_str("\nno object: the environment alone is trained");
     }
     ui.label(weak(ui, text));
+}
+
+/// For captures whose object nobody has shown yet.
+fn object_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
+    if !state.lacks_object() {
+        return;
+    }
+    if !state.training.asks_for_object {
+        let find = ui.button("Find the object…");
+        let find = find.on_hover_text(
+            "In photos without masks: what stands where you click is cut out of all of them, and trained",
+        );
+        on_click(&find, Command::Train(Train::AskForObject(true)), commands);
+        return;
+    }
+    ui.label("Click on the object in the picture.");
+    ui.horizontal(|ui| {
+        let middle = ui.button("What the photos look at");
+        on_click(&middle, Command::Train(Train::FindObject(None)), commands);
+        let cancel = ui.button("Cancel");
+        on_click(
+            &cancel,
+            Command::Train(Train::AskForObject(false)),
+            commands,
+        );
+    });
 }
 
 fn controls_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
