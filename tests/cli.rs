@@ -7,6 +7,8 @@
 mod capture;
 #[path = "cli/library.rs"]
 mod library;
+#[path = "cli/masks.rs"]
+mod masks;
 #[path = "cli/mesh.rs"]
 mod mesh;
 #[path = "cli/program.rs"]

@@ -152,6 +152,18 @@ fn training_state() -> AppState {
     state
 }
 
+/// An infinitely far, evenly white environment.
+fn white_sky() -> Environment {
+    let config = DistantConfig {
+        width: 16,
+        height: 8,
+        world_from_picture: Quat::IDENTITY,
+        has_floor: false,
+    };
+    let light = DistantLight::new(config, &[0.5; 16 * 8 * 3]).expect("a picture");
+    Environment::of_distant("sky".to_owned(), Vec3::Z, light)
+}
+
 #[test]
 fn an_empty_window_offers_to_open_something() {
     let mut harness = harness(AppState::default());
@@ -440,20 +452,12 @@ fn the_software_chip_is_shown_on_a_processor_adapter() {
 
 #[test]
 fn another_environment_says_where_it_is_and_can_be_matched() {
-    let config = DistantConfig {
-        width: 16,
-        height: 8,
-        world_from_picture: Quat::IDENTITY,
-        has_floor: false,
-    };
-    let light = DistantLight::new(config, &[0.5; 16 * 8 * 3]).expect("a picture");
-    let sky = Environment::of_distant("sky".to_owned(), Vec3::Z, light);
     let mut state = training_state();
     state.environments.push(EnvironmentEntry {
         name: "sky".to_owned(),
         path: PathBuf::from("/sky.hdr"),
         about: String::new(),
-        content: EnvironmentContent::Ready(Arc::new(sky)),
+        content: EnvironmentContent::Ready(Arc::new(white_sky())),
     });
     let mut harness = harness(state);
     assert!(

@@ -186,7 +186,7 @@ mod tests {
 
     use super::super::test_asserts::{assert_contains, assert_error};
     use super::super::test_capture::{SIDE, TestCapture};
-    use super::super::{Splits, write_png_srgb};
+    use super::super::{CaptureChoices, Mask, Splits, write_mask, write_png_srgb};
     use super::*;
 
     fn load(capture: &TestCapture) -> Result<Dataset, DataError> {
@@ -296,6 +296,39 @@ mod tests {
         assert_eq!(names(&dataset.train), ["r_0", "r_3"], "what is left");
         assert_contains(&dataset.problems[0].what, "32 x 8, but w x h is 32 x 32");
         assert_contains(&dataset.problems[1].what, "the mask is 32 x 8");
+    }
+
+    #[test]
+    fn masks_of_another_folder_count_instead_of_the_capture_s() {
+        let capture = TestCapture::new(4);
+        let folder = tempfile::tempdir().unwrap();
+        let inner = folder.path().join("train");
+        std::fs::create_dir(&inner).unwrap();
+        let (width, height) = (SIDE, SIDE);
+        let coverage = vec![255; (width * height) as usize];
+        let white = Mask {
+            width,
+            height,
+            coverage,
+        };
+        write_mask(&inner.join("r_0.png"), &white).unwrap();
+        write_mask(&folder.path().join("r_2.png"), &white).unwrap();
+        let options = LoadOptions {
+            choices: CaptureChoices {
+                masks: Some(folder.path().to_owned()),
+                ..CaptureChoices::default()
+            },
+            ..LoadOptions::default()
+        };
+        let dataset = Dataset::load(capture.root(), &options).unwrap();
+        let masks = dataset.train.iter().map(|view| view.mask.as_ref());
+        let found: Vec<bool> = masks.map(|mask| mask.is_some()).collect();
+        assert_eq!(found, [true, false, true, false]);
+        let empty = tempfile::tempdir().unwrap();
+        let mut options = options;
+        options.choices.masks = Some(empty.path().to_owned());
+        let refused = Dataset::load(capture.root(), &options);
+        assert_error(refused, &["no mask in this folder is named as a photo"]);
     }
 
     #[test]

@@ -1,14 +1,12 @@
 //! `neif masks`: finds the object in the photos of a capture and writes a mask of each.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::Context as _;
 use glam::Vec3;
 use neif::data::{CaptureChoices, Dataset, LoadOptions, Mask, View};
 use neif::geometry::Aabb;
-use neif::neif::Environment;
 use neif::scans::load_capture;
 use neif::train::TrainError;
 use neif::train::config::TrainConfig;
@@ -81,6 +79,9 @@ pub(crate) fn run(args: &MasksArgs, started: Instant) -> Result<(), Failure> {
             output::json_line(&line).unwrap_or_default();
         }
     };
+    let pixel = args.pixel.as_deref();
+    let pixel = pixel.map(|text| pixel_of(text, &dataset)).transpose();
+    let pixel = pixel.map_err(Failure::unusable)?;
     let environment = if let Some(path) = &args.environment {
         scenes::open_environment(path)?
     } else {
@@ -93,7 +94,11 @@ pub(crate) fn run(args: &MasksArgs, started: Instant) -> Result<(), Failure> {
             learned => learned.or_unusable()?,
         }
     };
-    let selection = selection(args, &dataset, &environment)?;
+    let pointed = pixel.map(|(view, at)| point_at(&environment, &view.camera, at));
+    let selection = Selection {
+        at: args.at.or(pointed),
+        within: args.within,
+    };
     let learned = Instant::now();
     let on_progress = |fraction| report("Finding the object", fraction);
     let found = match find_object(&dataset, &environment, &selection, cancel, &on_progress) {
@@ -106,25 +111,6 @@ pub(crate) fn run(args: &MasksArgs, started: Instant) -> Result<(), Failure> {
     }
     found.save(&args.out)?;
     report_on(args, &dataset, &found, (started, found_secs))
-}
-
-/// What the arguments say of the object.
-fn selection(
-    args: &MasksArgs,
-    dataset: &Dataset,
-    environment: &Arc<Environment>,
-) -> Result<Selection, Failure> {
-    let at = match &args.pixel {
-        None => args.at,
-        Some(pixel) => {
-            let (view, at) = pixel_of(pixel, dataset).map_err(Failure::unusable)?;
-            Some(point_at(environment, &view.camera, at))
-        }
-    };
-    Ok(Selection {
-        at,
-        within: args.within,
-    })
 }
 
 /// The photo and the place in it that `PHOTO,X,Y` names.

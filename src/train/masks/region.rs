@@ -7,7 +7,7 @@ use super::find::Selection;
 use super::seen::SeenView;
 use super::voxels::{VoxelGrid, VoxelSet};
 use crate::data::Mask;
-use crate::geometry::Ray;
+use crate::geometry::{Aabb, Ray};
 use crate::train::shape::support_plane::{self, Support};
 use crate::train::statistics::middle;
 
@@ -34,6 +34,8 @@ const INSIDE: f32 = 0.7;
 const VOTERS: usize = 60;
 /// Voxels around the object that are cleared with it: its surface is as thick.
 const CLEARED: usize = 2;
+/// Voxels from the region within which all photos' shape is looked for.
+const NEAR: usize = 5;
 /// Voxels along an axis for the shape on which all photos agree.
 const N_AGREED: usize = 128;
 /// The shares of photos that are tried for it.
@@ -147,7 +149,7 @@ impl Region {
         let around = bounded(&self.voxels);
         let inside: Vec<usize> = around
             .into_par_iter()
-            .filter(|voxel| vote(views, masks, grid.center(*voxel)) > INSIDE)
+            .filter(|voxel| vote(views, masks, grid.center(*voxel), INSIDE) > INSIDE)
             .collect();
         let mut cleared = self.voxels.clone();
         for voxel in inside {
@@ -163,14 +165,23 @@ impl Region {
 
     /// The outlines in all views of the shape on which most of them agree: as many as make its outlines most like theirs.
     pub(super) fn agreed(&self, views: &[SeenView], masks: &[Mask]) -> Vec<Mask> {
-        let bounds = bounded(&self.voxels.grown(4));
+        let near = self.voxels.grown(NEAR);
+        let bounds = bounded(&near);
         let places = bounds.iter().map(|voxel| self.voxels.grid.center(*voxel));
-        let bounds = crate::geometry::Aabb::from_points(places);
+        let bounds = Aabb::from_points(places);
         let reach = 0.5 * bounds.extent().max_element();
         let grid = VoxelGrid::around(bounds.center(), reach, N_AGREED);
         let votes: Vec<f32> = (0..grid.len())
             .into_par_iter()
-            .map(|voxel| vote(views, masks, grid.center(voxel)))
+            .map(|voxel| {
+                let p = grid.center(voxel);
+                let is_near = near.contains_point(p);
+                if is_near {
+                    vote(views, masks, p, AGREEMENTS[0])
+                } else {
+                    0.0
+                }
+            })
             .collect();
         let drawn = |agreement: f32, stride: usize| -> Vec<Mask> {
             let voxels = (0..grid.len()).filter(|voxel| votes[*voxel] >= agreement);
@@ -219,14 +230,19 @@ fn pixel_of(view: &SeenView, p: Vec3) -> Option<usize> {
     is_inside.then(|| at.y as usize * view.camera.width as usize + at.x as usize)
 }
 
-/// Share of the views that show a place on the object, of those that have it in the picture.
-fn vote(views: &[SeenView], masks: &[Mask], p: Vec3) -> f32 {
+/// Share of the views that show a place on the object, of those that have it in the picture; 0 where it is sure to be below
+/// `least`.
+fn vote(views: &[SeenView], masks: &[Mask], p: Vec3, least: f32) -> f32 {
     let (mut n, mut n_object) = (0_u32, 0_u32);
     let stride = views.len().div_ceil(VOTERS);
+    let most_against = (1.0 - least) * views.len().div_ceil(stride) as f32;
     for (view, mask) in views.iter().zip(masks).step_by(stride) {
         if let Some(pixel) = pixel_of(view, p) {
             n += 1;
             n_object += u32::from(mask.is_object(pixel));
+            if (n - n_object) as f32 > most_against {
+                return 0.0;
+            }
         }
     }
     n_object as f32 / n.max(1) as f32
@@ -235,7 +251,7 @@ fn vote(views: &[SeenView], masks: &[Mask], p: Vec3) -> f32 {
 /// The voxels of the box around a set.
 fn bounded(set: &VoxelSet) -> Vec<usize> {
     let places = set.members.iter().map(|voxel| set.grid.center(*voxel));
-    let mut bounds = crate::geometry::Aabb::from_points(places);
+    let mut bounds = Aabb::from_points(places);
     bounds.min -= 0.5 * set.grid.cell;
     bounds.max += 0.5 * set.grid.cell;
     let voxels = (0..set.grid.len()).into_par_iter();
@@ -288,5 +304,102 @@ fn opened(shown: &[bool], width: u32, height: u32) -> Mask {
         width,
         height,
         coverage: coverage.map(|is| 255 * u8::from(is)).collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Camera;
+    use crate::render::test_scene::fog_where;
+
+    /// Two balls that stand on a floor, and whether a point is in one of them.
+    const BALLS: [Vec3; 2] = [Vec3::new(0.0, 0.0, -0.24), Vec3::new(0.4, 0.3, -0.28)];
+    const RADII: [f32; 2] = [0.16, 0.12];
+
+    fn is_in(ball: usize, p: Vec3) -> bool {
+        p.distance(BALLS[ball]) < RADII[ball]
+    }
+
+    fn views() -> Vec<SeenView> {
+        let environment = fog_where(|p| p.z < -0.4 || is_in(0, p) || is_in(1, p));
+        let camera = |i: usize| {
+            let (sin, cos) = (i as f32 * 0.9).sin_cos();
+            let eye = Vec3::new(0.8 * cos, 0.8 * sin, 0.1 + 0.08 * (i % 4) as f32);
+            Camera::look_at(eye, BALLS[0], Vec3::Z, 0.9, 96, 96)
+        };
+        let cameras = (0..14).map(camera);
+        cameras
+            .map(|camera| SeenView::new(&environment, &camera))
+            .collect()
+    }
+
+    /// Silhouettes in common with those of a ball.
+    fn likeness(views: &[SeenView], masks: &[Mask], ball: usize) -> f32 {
+        let true_mask = |view: &SeenView| {
+            let (width, height) = (view.camera.width, view.camera.height);
+            let meets = |i: u32| {
+                let ray = view
+                    .camera
+                    .ray((i % width) as f32 + 0.5, (i / width) as f32 + 0.5);
+                let along = (BALLS[ball] - ray.origin).dot(ray.direction);
+                is_in(ball, ray.origin + along * ray.direction)
+            };
+            let coverage = (0..width * height)
+                .map(|i| 255 * u8::from(meets(i)))
+                .collect();
+            Mask {
+                width,
+                height,
+                coverage,
+            }
+        };
+        let pairs = views.iter().zip(masks);
+        let sum: f32 = pairs
+            .map(|(view, mask)| agreement_of(&true_mask(view), mask))
+            .sum();
+        sum / views.len() as f32
+    }
+
+    #[test]
+    fn of_two_balls_the_one_is_found_that_was_looked_for() {
+        let views = views();
+        for ball in [0, 1] {
+            let at = (ball == 1).then_some(BALLS[1] + RADII[1] * Vec3::Z);
+            let selection = Selection { at, within: None };
+            let center = at.unwrap_or(BALLS[0]);
+            let region = Region::find(&views, center, &selection).expect("a ball");
+            let support = region.support.expect("a floor").plane;
+            assert!(support.normal.z > 0.99, "{support:?}");
+            let shown: Vec<Mask> = views.iter().map(|view| region.shown_in(view)).collect();
+            let likeness_shown = likeness(&views, &shown, ball);
+            assert!(likeness_shown > 0.6, "{likeness_shown}");
+            // Cells are as wide as a fifth of a ball; what all photos agree on is no worse.
+            let agreed = region.agreed(&views, &shown);
+            assert!(likeness(&views, &agreed, ball) > 0.95 * likeness_shown);
+            let cleared = region.cleared(&views, &shown);
+            assert!(cleared(BALLS[ball]), "the inside too");
+            assert!(!cleared(BALLS[1 - ball]) && !cleared(Vec3::new(0.0, 0.0, -0.5)));
+        }
+    }
+
+    #[test]
+    fn a_box_around_one_ball_leaves_the_other_out() {
+        let views = views();
+        let within = Some(Aabb {
+            min: BALLS[1] - 0.2,
+            max: BALLS[1] + 0.2,
+        });
+        let selection = Selection { at: None, within };
+        let region = Region::find(&views, BALLS[1], &selection).expect("a ball");
+        let shown: Vec<Mask> = views.iter().map(|view| region.shown_in(view)).collect();
+        assert!(likeness(&views, &shown, 1) > 0.6);
+    }
+
+    #[test]
+    fn where_nothing_stands_nothing_is_found() {
+        let selection = Selection::default();
+        let far = Vec3::new(0.0, -40.0, 3.0);
+        assert!(Region::find(&views(), far, &selection).is_none());
     }
 }
