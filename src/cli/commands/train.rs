@@ -9,8 +9,7 @@ use neif::data::MeshPlacement;
 use neif::neif::Storage;
 use neif::train::config::{Normals, PhotoFit, TrainConfig};
 use neif::train::masks::Selection;
-use neif::train::session::object::ObjectSearch;
-use neif::train::session::options::SessionOptions;
+use neif::train::session::options::{ObjectSearch, SessionOptions};
 use neif::train::session::plan::Budget;
 use neif::train::session::saved::run_folder::RunFolder;
 

@@ -10,23 +10,15 @@ use rayon::prelude::*;
 use super::outline::{Photo, nothing};
 use super::region::{Region, agreement_of};
 use super::seen::{SeenView, look};
+use super::selection::Selection;
 use crate::data::{DataError, Dataset, Mask, View, write_mask};
-use crate::geometry::{Aabb, Camera};
+use crate::geometry::Camera;
 use crate::neif::Environment;
 use crate::train::shape::stage_one::looked_at;
 use crate::train::shape::support_plane::Plane;
 
 /// Cuts of the photos: the first near the region, the others near the shape on which the photos agree.
 const ROUNDS: usize = 2;
-
-/// Which object is meant.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Selection {
-    /// A point on it, world; the middle of what the cameras look at where absent.
-    pub at: Option<Vec3>,
-    /// A box that it is within, world.
-    pub within: Option<Aabb>,
-}
 
 /// The object in the photos of a capture.
 #[derive(Clone, Debug)]

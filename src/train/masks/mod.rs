@@ -12,10 +12,12 @@ mod learn;
 mod outline;
 mod region;
 mod seen;
+mod selection;
 mod total_variation;
 mod voxels;
 mod window;
 
-pub use find::{FoundObject, MaskError, Selection, find_object, point_at};
+pub use find::{FoundObject, MaskError, find_object, point_at};
 pub use learn::learn_environment;
 pub use region::agreement_of;
+pub use selection::Selection;

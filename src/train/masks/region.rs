@@ -3,8 +3,8 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::find::Selection;
 use super::seen::SeenView;
+use super::selection::Selection;
 use super::voxels::{VoxelGrid, VoxelSet};
 use crate::data::Mask;
 use crate::geometry::{Aabb, Ray};

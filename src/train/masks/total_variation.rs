@@ -100,8 +100,12 @@ mod tests {
         for start in [0.0, 1.0] {
             let mut u = vec![start; SIDE * SIDE];
             segment(&mut u, SIDE, &edge, &cost, 300);
-            let right = share_right(&u, |i| radius(i) < 15.0);
-            assert!(right > 0.98, "{right}");
+            // Noise moves the outline by a pixel here and there.
+            let is_sure = |i: &usize| (radius(*i) - 15.0).abs() > 1.0;
+            let wrong = (0..u.len())
+                .filter(is_sure)
+                .filter(|i| (u[*i] > 0.5) != (radius(*i) < 15.0));
+            assert_eq!(wrong.count(), 0);
         }
     }
 

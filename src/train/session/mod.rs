@@ -9,7 +9,7 @@ pub mod events;
 pub mod handle;
 pub mod latest;
 mod meter;
-pub mod object;
+mod object;
 pub mod options;
 pub mod plan;
 mod run;

@@ -1,16 +1,13 @@
 //! The object of a capture without masks: found before training, where that is asked for.
 
-use std::sync::Arc;
-
 use super::events::TrainEvent;
-use super::options::SessionError;
+use super::options::{ObjectSearch, SessionError};
 use super::plan::Budget;
 use super::run::{Run, Worker};
 use super::saved::run_folder::RunFolder;
 use crate::data::{Dataset, Problem, Severity};
-use crate::neif::Environment;
 use crate::train::TrainError;
-use crate::train::masks::{FoundObject, MaskError, Selection, find_object, learn_environment};
+use crate::train::masks::{FoundObject, MaskError, find_object, learn_environment};
 
 /// What the person reads meanwhile.
 const LEARNING: &str = "Learning the place to find the object in it";
@@ -23,15 +20,6 @@ const MOST_STEPS: u64 = 4000;
 const FOLDER: &str = "masks";
 /// So many doubtful photos are named.
 const MOST_NAMED: usize = 5;
-
-/// The object to look for.
-#[derive(Clone, Debug, Default)]
-pub struct ObjectSearch {
-    /// Which one.
-    pub selection: Selection,
-    /// An environment that was trained on the photos with the object as a part of it; one is learned where absent.
-    pub environment: Option<Arc<Environment>>,
-}
 
 /// What came of looking for the object.
 pub(super) enum Search {

@@ -1,17 +1,18 @@
 //! What a session is asked to do, what it shares with its owner, and why it may end early.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use super::latest::Latest;
-use super::object::ObjectSearch;
 use super::plan::Budget;
 use super::saved::run_folder::{DatasetSource, FORMAT, RunConfig, RunFolder, RunFolderError};
 use crate::data::{CaptureChoices, DataError, Dataset, MeshPlacement};
-use crate::neif::Storage;
+use crate::neif::{Environment, Storage};
 use crate::scans::Scan;
 use crate::train::config::{PhotoFit, TrainConfig};
+use crate::train::masks::Selection;
 use crate::train::shape::stage_one::GrowthPicture;
 use crate::train::{Snapshot, TrainError};
 
@@ -133,6 +134,15 @@ impl SessionOptions {
             train: self.config.clone(),
         }
     }
+}
+
+/// The object to look for.
+#[derive(Clone, Debug, Default)]
+pub struct ObjectSearch {
+    /// Which one.
+    pub selection: Selection,
+    /// An environment that was trained on the photos with the object as a part of it; one is learned where absent.
+    pub environment: Option<Arc<Environment>>,
 }
 
 /// What the two sides share.

@@ -9,8 +9,7 @@ use crate::app::state::training_state::{Level, Phase, TrainingState};
 use crate::train::config::TrainConfig;
 use crate::train::masks::Selection;
 use crate::train::session::handle::Session;
-use crate::train::session::object::ObjectSearch;
-use crate::train::session::options::SessionOptions;
+use crate::train::session::options::{ObjectSearch, SessionOptions};
 use crate::train::session::plan::Budget;
 
 impl Work {
