@@ -11,7 +11,8 @@ use neif::scans::load_capture;
 use neif::train::TrainError;
 use neif::train::config::TrainConfig;
 use neif::train::masks::{
-    FoundObject, MaskError, Selection, agreement_of, find_object, learn_environment, point_at,
+    FoundObject, LearnedPlace, MaskError, Selection, agreement_of, find_object, learn_environment,
+    point_at,
 };
 use neif::train::session::plan::Budget;
 use serde_json::json;
@@ -82,8 +83,8 @@ pub(crate) fn run(args: &MasksArgs, started: Instant) -> Result<(), Failure> {
     let pixel = args.pixel.as_deref();
     let pixel = pixel.map(|text| pixel_of(text, &dataset)).transpose();
     let pixel = pixel.map_err(Failure::unusable)?;
-    let environment = if let Some(path) = &args.environment {
-        scenes::open_environment(path)?
+    let place = if let Some(path) = &args.environment {
+        LearnedPlace::as_given(scenes::open_environment(path)?)
     } else {
         let seconds = Budget::Seconds(args.budget.unwrap_or(DEFAULT_SECS));
         let budget = args.steps.map_or(seconds, Budget::Steps);
@@ -94,14 +95,14 @@ pub(crate) fn run(args: &MasksArgs, started: Instant) -> Result<(), Failure> {
             learned => learned.or_unusable()?,
         }
     };
-    let pointed = pixel.map(|(view, at)| point_at(&environment, &view.camera, at));
+    let pointed = pixel.map(|(view, at)| point_at(&place.environment, &view.camera, at));
     let selection = Selection {
         at: args.at.or(pointed),
         within: args.within,
     };
     let learned = Instant::now();
     let on_progress = |fraction| report("Finding the object", fraction);
-    let found = match find_object(&dataset, &environment, &selection, cancel, &on_progress) {
+    let found = match find_object(&dataset, &place, &selection, cancel, &on_progress) {
         Err(MaskError::Cancelled) => return Err(Failure::Interrupted),
         found => found.or_unusable()?,
     };

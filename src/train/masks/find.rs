@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
+use super::learn::LearnedPlace;
 use super::outline::{Photo, nothing};
 use super::region::{Region, agreement_of};
 use super::seen::{SeenView, look};
@@ -99,7 +100,7 @@ pub enum MaskError {
     Cancelled,
 }
 
-/// Finds the selected object in the photos of a capture, on the current thread pool. `environment` was trained on them with the
+/// Finds the selected object in the photos of a capture, on the current thread pool. `place` was learned from them with the
 /// object as a part of it. `on_progress` gets 0..1.
 ///
 /// The same input gives the same masks on any number of threads.
@@ -108,12 +109,13 @@ pub enum MaskError {
 /// When the environment is of another kind, when it shows nothing there, and when cancelled.
 pub fn find_object(
     dataset: &Dataset,
-    environment: &Environment,
+    place: &LearnedPlace,
     selection: &Selection,
     cancel: &AtomicBool,
     on_progress: &(dyn Fn(f32) + Sync),
 ) -> Result<FoundObject, MaskError> {
     let root = || dataset.root.clone();
+    let environment = place.environment.as_ref();
     if environment.hollowed(|_| false).is_none() {
         return Err(MaskError::NoSurfaces(environment.name().to_owned()));
     }
@@ -124,6 +126,7 @@ pub fn find_object(
     let center = center.or(looked_at);
     let center = center.ok_or_else(|| MaskError::NoPlace { dataset: root() })?;
     let views: Vec<&View> = dataset.views().collect();
+    let cameras = place.cameras_of(dataset);
     let done = AtomicUsize::new(0);
     let n_jobs = (ROUNDS + 2) * views.len();
     let job = || {
@@ -135,23 +138,23 @@ pub fn find_object(
         (!is_cancelled).then_some(()).ok_or(MaskError::Cancelled)
     };
 
-    let see = |view: &&View| {
+    let see = |camera: &Camera| {
         unless_cancelled()?;
         job();
-        Ok(SeenView::new(environment, &view.camera))
+        Ok(SeenView::new(environment, camera))
     };
-    let seen: Vec<SeenView> = views.par_iter().map(see).collect::<Result<_, _>>()?;
+    let seen: Vec<SeenView> = cameras.par_iter().map(see).collect::<Result<_, _>>()?;
     let region = Region::find(&seen, center, selection);
     let region = region.ok_or_else(|| MaskError::Nothing { dataset: root() })?;
     let mut priors: Vec<Mask> = seen.par_iter().map(|view| region.shown_in(view)).collect();
     let empty = environment.hollowed(region.cleared(&seen, &priors));
     let empty = empty.ok_or_else(|| MaskError::Nothing { dataset: root() })?;
-    let ready = |(view, prior): (&&View, &Mask)| {
+    let ready = |((view, camera), prior): ((&&View, &Camera), &Mask)| {
         unless_cancelled()?;
         job();
-        Ok(Photo::new(view, prior, &empty))
+        Ok(Photo::new((view, camera), prior, &empty))
     };
-    let photos = views.par_iter().zip(&priors).map(ready);
+    let photos = views.par_iter().zip(&cameras).zip(&priors).map(ready);
     let photos: Vec<Option<Photo>> = photos.collect::<Result<_, MaskError>>()?;
     let mut masks = Vec::new();
     for _ in 0..ROUNDS {

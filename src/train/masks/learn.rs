@@ -5,10 +5,42 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use crate::data::Dataset;
+use crate::geometry::Camera;
 use crate::neif::Environment;
 use crate::train::config::TrainConfig;
+use crate::train::photos::poses::Poses;
 use crate::train::session::plan::{Budget, Plan};
 use crate::train::{TrainError, new_trainer};
+
+/// An environment that was trained on photos with the object as a part of it.
+#[derive(Clone, Debug)]
+pub struct LearnedPlace {
+    /// The environment.
+    pub environment: Arc<Environment>,
+    /// The cameras of the training photos as they were corrected, where they were.
+    pub cameras: Option<Vec<Camera>>,
+}
+
+impl LearnedPlace {
+    /// With the cameras as the capture has them.
+    pub fn as_given(environment: Arc<Environment>) -> Self {
+        let cameras = None;
+        Self {
+            environment,
+            cameras,
+        }
+    }
+
+    /// The cameras of all views of a capture, in the order of [`Dataset::views`].
+    pub(super) fn cameras_of(&self, dataset: &Dataset) -> Vec<Camera> {
+        let mut cameras: Vec<Camera> = dataset.views().map(|view| view.camera).collect();
+        let corrected = self.cameras.iter().flatten();
+        for (camera, corrected) in cameras.iter_mut().zip(corrected) {
+            *camera = *corrected;
+        }
+        cameras
+    }
+}
 
 /// Trains an environment on the capture as it is without masks and mesh, on the current thread pool. `on_progress` gets 0..1.
 ///
@@ -20,7 +52,7 @@ pub fn learn_environment(
     budget: Budget,
     cancel: &AtomicBool,
     on_progress: &(dyn Fn(f32) + Sync),
-) -> Result<Arc<Environment>, TrainError> {
+) -> Result<LearnedPlace, TrainError> {
     let started = Instant::now();
     let has_object = dataset.mesh.is_some() || dataset.views().any(|view| view.mask.is_some());
     let stripped = has_object.then(|| without_object(dataset));
@@ -33,7 +65,10 @@ pub fn learn_environment(
         }
         let position = plan.position(started.elapsed().as_secs_f64(), trainer.steps());
         if plan.is_done(position) {
-            return Ok(trainer.snapshot().environment);
+            return Ok(LearnedPlace {
+                environment: trainer.snapshot().environment,
+                cameras: trainer.model().poses().map(Poses::cameras),
+            });
         }
         let fraction = plan.fraction(position);
         trainer.step(fraction);

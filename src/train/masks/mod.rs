@@ -18,6 +18,6 @@ mod voxels;
 mod window;
 
 pub use find::{FoundObject, MaskError, find_object, point_at};
-pub use learn::learn_environment;
+pub use learn::{LearnedPlace, learn_environment};
 pub use region::agreement_of;
 pub use selection::Selection;

@@ -9,6 +9,7 @@ use super::total_variation::segment;
 use super::window::Window;
 use crate::color::{linear_from_srgb, srgb_from_linear};
 use crate::data::{Mask, View};
+use crate::geometry::Camera;
 use crate::neif::Environment;
 use crate::train::pixels::mask_outline::MaskOutline;
 use crate::train::statistics::middle_or;
@@ -55,8 +56,12 @@ pub(super) struct Photo {
 
 impl Photo {
     /// Around the object of `prior`, a mask of any resolution, with what `empty`, the environment without the object, shows there;
-    /// `None` where the prior shows no outline.
-    pub(super) fn new(view: &View, prior: &Mask, empty: &Environment) -> Option<Self> {
+    /// `None` where the prior shows no outline. `camera` is the view's as it was corrected.
+    pub(super) fn new(
+        (view, camera): (&View, &Camera),
+        prior: &Mask,
+        empty: &Environment,
+    ) -> Option<Self> {
         let prior = Prior::new(view, prior)?;
         let window = prior.window(view);
         let coarse = window.coarser(MOST_RAYS);
@@ -66,7 +71,7 @@ impl Photo {
         let asked: Vec<usize> = (0..coarse.len()).filter(is_asked).collect();
         let places: Vec<Vec2> = asked.iter().map(|i| coarse.place(*i)).collect();
         let mut radiance = vec![[f32::NAN; 3]; coarse.len()];
-        for (i, look) in asked.iter().zip(look(empty, &view.camera, &places)) {
+        for (i, look) in asked.iter().zip(look(empty, camera, &places)) {
             radiance[*i] = look.radiance;
         }
         Some(Self {

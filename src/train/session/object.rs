@@ -7,7 +7,7 @@ use super::run::{Run, Worker};
 use super::saved::run_folder::RunFolder;
 use crate::data::{Dataset, Problem, Severity};
 use crate::train::TrainError;
-use crate::train::masks::{FoundObject, MaskError, find_object, learn_environment};
+use crate::train::masks::{FoundObject, LearnedPlace, MaskError, find_object, learn_environment};
 
 /// What the person reads meanwhile.
 const LEARNING: &str = "Learning the place to find the object in it";
@@ -16,6 +16,8 @@ const FINDING: &str = "Finding the object";
 const SHARE: f64 = 0.2;
 const MOST_SECS: f64 = 60.0;
 const MOST_STEPS: u64 = 4000;
+/// Steps without which nothing is found.
+const LEAST_STEPS: u64 = 400;
 /// The folder in a run's folder that the masks are kept in.
 const FOLDER: &str = "masks";
 /// So many doubtful photos are named.
@@ -51,25 +53,17 @@ impl Worker {
         let budget = match self.options.budget {
             Budget::Seconds(seconds) => Budget::Seconds((SHARE * seconds).min(MOST_SECS)),
             Budget::Steps(steps) => {
-                Budget::Steps(((SHARE * steps as f64) as u64).clamp(1, MOST_STEPS))
+                Budget::Steps(((SHARE * steps as f64) as u64).clamp(LEAST_STEPS, MOST_STEPS))
             }
         };
         let learn = || learn_environment(dataset, config, budget, stop, &report(LEARNING));
-        let given = search.environment.clone();
-        let environment = match given.map_or_else(|| self.pool.install(learn), Ok) {
-            Ok(environment) => environment,
+        let given = search.environment.clone().map(LearnedPlace::as_given);
+        let place = match given.map_or_else(|| self.pool.install(learn), Ok) {
+            Ok(place) => place,
             Err(TrainError::Cancelled) => return Search::Stopped,
             Err(error) => return self.without_object(&error.to_string()),
         };
-        let find = || {
-            find_object(
-                dataset,
-                &environment,
-                &search.selection,
-                stop,
-                &report(FINDING),
-            )
-        };
+        let find = || find_object(dataset, &place, &search.selection, stop, &report(FINDING));
         let found = match self.pool.install(find) {
             Ok(found) => found,
             Err(MaskError::Cancelled) => return Search::Stopped,
