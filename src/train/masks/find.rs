@@ -176,7 +176,7 @@ pub fn find_object(
         files: mask_files(dataset),
         agreement: pairs.map(|(a, b)| agreement_of(a, b)).collect(),
         masks,
-        support: region.support.map(|support| support.plane),
+        support: region.support(),
     })
 }
 

@@ -8,7 +8,7 @@ use super::selection::Selection;
 use super::voxels::{VoxelGrid, VoxelSet};
 use crate::data::Mask;
 use crate::geometry::{Aabb, Ray};
-use crate::train::shape::support_plane::{self, Support};
+use crate::train::shape::support_plane::{self, Plane, Support};
 use crate::train::statistics::middle;
 
 /// Largest reach of an object as a share of the cameras' distance, and of what a photo shows at that distance.
@@ -32,6 +32,11 @@ const SHOWN: f32 = 0.5;
 const INSIDE: f32 = 0.7;
 /// Photos that vote, at most, evenly chosen.
 const VOTERS: usize = 60;
+/// How near to a point on it, or to the middle of what the cameras look at, most of it is, in reaches.
+const POINTED: f32 = 0.1;
+const LOOKED_AT: f32 = 0.4;
+/// Height in margins down to which it is cleared.
+const CLEARED_FROM: f32 = 0.7;
 /// Voxels around the object that are cleared with it: its surface is as thick.
 const CLEARED: usize = 2;
 /// Voxels from the region within which all photos' shape is looked for.
@@ -41,103 +46,137 @@ const N_AGREED: usize = 128;
 /// The shares of photos that are tried for it.
 const AGREEMENTS: [f32; 6] = [0.6, 0.7, 0.8, 0.86, 0.91, 0.95];
 
-/// Where the object is.
-#[derive(Debug)]
-pub(super) struct Region {
-    voxels: VoxelSet,
-    pub(super) support: Option<Support>,
-    /// Height over the support from which on something stands out, scene units.
+/// What the object stands out from.
+#[derive(Clone, Copy, Debug)]
+struct Ground {
+    support: Option<Support>,
+    /// Height from which on something stands out, scene units.
     margin: f32,
 }
 
-impl Region {
-    /// The region around `center` that the views show; `None` where nothing is there.
-    pub(super) fn find(views: &[SeenView], center: Vec3, selection: &Selection) -> Option<Self> {
+impl Ground {
+    /// Below what is around `center`; `pixel` is the width of one there, scene units.
+    fn below(views: &[SeenView], center: Vec3, reach: f32, pixel: f32) -> Self {
         let eyes: Vec<Vec3> = views.iter().map(|view| view.camera.position()).collect();
-        let mut distances: Vec<f32> = eyes.iter().map(|eye| eye.distance(center)).collect();
-        let distance = middle(&mut distances);
-        let half_widths = views.iter().map(|view| {
-            let shorter = view.camera.width.min(view.camera.height);
-            0.5 * shorter as f32 * view.camera.pixel_angle()
-        });
-        let half_width = middle(&mut half_widths.collect::<Vec<_>>());
-        let reach = distance * REACH.min(REACH_OF_PHOTO * half_width);
-        let pixels = views
-            .iter()
-            .map(|view| view.camera.pixel_angle() * distance);
-        let pixel = middle(&mut pixels.collect::<Vec<_>>());
-
-        let points = || views.iter().flat_map(|view| view.points.iter().copied());
         let supports = SUPPORT_WITHIN.iter().filter_map(|share| {
             let near = |p: &Vec3| p.distance(center) < share * reach;
-            support_plane::find(&points().filter(near).collect::<Vec<_>>(), &eyes, reach)
+            support_plane::find(
+                &points(views).filter(near).collect::<Vec<_>>(),
+                &eyes,
+                reach,
+            )
         });
         let support = supports.max_by(|a, b| a.share.total_cmp(&b.share));
         let scatter = support.map_or(0.0, |support| support.scatter);
-        let margin = (STANDS_OUT * scatter).max(pixel);
-        let height = |p: Vec3| support.map_or(f32::INFINITY, |s| s.plane.height(p));
+        Self {
+            support,
+            margin: (STANDS_OUT * scatter).max(pixel),
+        }
+    }
 
-        let grid = VoxelGrid::around(center, GRID_REACH * reach, N_VOXELS);
+    /// Height of a point in margins; infinite where there is no ground.
+    fn margins(&self, p: Vec3) -> f32 {
+        let height = self
+            .support
+            .map_or(f32::INFINITY, |support| support.plane.height(p));
+        height / self.margin
+    }
+}
+
+/// The surfaces that the views see, on a grid.
+struct Surfaces {
+    grid: VoxelGrid,
+    /// Points of the views in each voxel that stand out from the ground.
+    counts: Vec<u32>,
+    /// Voxels with enough of them.
+    solid: VoxelSet,
+}
+
+impl Surfaces {
+    fn new(
+        views: &[SeenView],
+        (grid, ground): (VoxelGrid, &Ground),
+        pixel: f32,
+        within: Option<Aabb>,
+    ) -> Self {
         let mut counts = vec![0_u32; grid.len()];
-        for p in points().filter(|p| height(*p) > 0.5 * margin) {
+        for p in points(views).filter(|p| ground.margins(*p) > 0.5) {
             if let Some(voxel) = grid.index(p) {
                 counts[voxel] += 1;
             }
         }
         let least = (LEAST_POINTS * (grid.cell / pixel).powi(2)).max(2.0) as u32;
-        let is_there = |voxel: usize| {
-            let p = grid.center(voxel);
-            counts[voxel] >= least
-                && selection.within.is_none_or(|within| within.contains(p))
-                && is_shown(views, p)
+        let is_solid = |voxel: &usize| {
+            let p = grid.center(*voxel);
+            let is_allowed = within.is_none_or(|within| within.contains(p));
+            counts[*voxel] >= least && is_allowed && is_shown(views, p)
         };
-        let solid: Vec<usize> = (0..grid.len())
-            .into_par_iter()
-            .filter(|v| is_there(*v))
-            .collect();
-        let solid = VoxelSet::of(grid, solid);
-        let is_high = |voxel: usize| height(grid.center(voxel)) > APART * margin;
-        let high = solid.filtered(is_high).grown(1).filtered(is_high);
+        let voxels = (0..grid.len()).into_par_iter();
+        let solid: Vec<usize> = voxels.filter(is_solid).collect();
+        Self {
+            grid,
+            solid: VoxelSet::of(grid, solid),
+            counts,
+        }
+    }
+
+    /// How much of a set is about `spread` or less from `aim`.
+    fn near(&self, set: &VoxelSet, aim: Vec3, spread: f32) -> f32 {
+        let weight = |voxel: &usize| {
+            let off = self.grid.center(*voxel).distance(aim) / spread;
+            self.counts[*voxel] as f32 * (-off * off).exp()
+        };
+        set.members.iter().map(weight).sum()
+    }
+}
+
+/// Where the object is.
+#[derive(Debug)]
+pub(super) struct Region {
+    voxels: VoxelSet,
+    ground: Ground,
+}
+
+impl Region {
+    /// The region around `center` that the views show; `None` where nothing is there.
+    pub(super) fn find(views: &[SeenView], center: Vec3, selection: &Selection) -> Option<Self> {
+        let (reach, pixel) = sizes(views, center);
+        let ground = Ground::below(views, center, reach, pixel);
+        let grid = VoxelGrid::around(center, GRID_REACH * reach, N_VOXELS);
+        let surfaces = Surfaces::new(views, (grid, &ground), pixel, selection.within);
+        let is_high = |voxel: usize| ground.margins(grid.center(voxel)) > APART;
+        let high = surfaces.solid.filtered(is_high).grown(1).filtered(is_high);
         let aim = selection.at.unwrap_or(center);
-        let spread = if selection.at.is_some() { 0.1 } else { 0.4 } * reach;
-        // The larger, the nearer to where it was looked for.
-        let score = |part: &VoxelSet| -> f32 {
-            let weight = |voxel: &usize| {
-                let off = grid.center(*voxel).distance(aim) / spread;
-                counts[*voxel] as f32 * (-off * off).exp()
-            };
-            part.members.iter().map(weight).sum()
+        let spread = if selection.at.is_some() {
+            POINTED * reach
+        } else {
+            LOOKED_AT * reach
         };
-        let parts = high.parts();
-        let main = parts
-            .iter()
-            .max_by(|a, b| score(a).total_cmp(&score(b)))
-            .filter(|part| score(part) > 0.0)?;
-        let mut voxels = main.clone();
-        let foot = (APART * margin / grid.cell).ceil() as usize + 2;
-        let near_solid = solid.grown(1);
-        let low = main.grown(foot).filtered(|voxel| {
-            near_solid.contains(voxel) && !is_high(voxel) && height(grid.center(voxel)) > 0.0
+        let parts = high.parts().into_iter();
+        let scored = parts.map(|part| (surfaces.near(&part, aim, spread), part));
+        let best = scored.max_by(|a, b| a.0.total_cmp(&b.0));
+        let (_, mut voxels) = best.filter(|(score, _)| *score > 0.0)?;
+        // Down from there it is whatever is right below and beside.
+        let foot = (APART * ground.margin / grid.cell).ceil() as usize + 2;
+        let near_solid = surfaces.solid.grown(1);
+        let low = voxels.grown(foot).filtered(|voxel| {
+            let height = ground.margins(grid.center(voxel));
+            near_solid.contains(voxel) && height > 0.0 && height <= APART
         });
         for voxel in low.members {
             voxels.insert(voxel);
         }
-        Some(Self {
-            voxels,
-            support,
-            margin,
-        })
+        Some(Self { voxels, ground })
     }
 
-    fn height(&self, p: Vec3) -> f32 {
-        self.support
-            .map_or(f32::INFINITY, |support| support.plane.height(p))
+    /// What the object stands on.
+    pub(super) fn support(&self) -> Option<Plane> {
+        self.ground.support.map(|support| support.plane)
     }
 
     /// The pixels whose surface is the object's; single ones at its edge are left out.
     pub(super) fn shown_in(&self, view: &SeenView) -> Mask {
-        let is_object =
-            |p: &Vec3| self.voxels.contains_point(*p) && self.height(*p) > 0.5 * self.margin;
+        let is_object = |p: &Vec3| self.voxels.contains_point(*p) && self.ground.margins(*p) > 0.5;
         let shown: Vec<bool> = view.points.iter().map(is_object).collect();
         opened(&shown, view.camera.width, view.camera.height)
     }
@@ -156,11 +195,8 @@ impl Region {
             cleared.insert(voxel);
         }
         let cleared = cleared.grown(CLEARED);
-        let (support, margin) = (self.support, self.margin);
-        move |p| {
-            cleared.contains_point(p)
-                && support.is_none_or(|support| support.plane.height(p) > 0.7 * margin)
-        }
+        let ground = self.ground;
+        move |p| cleared.contains_point(p) && ground.margins(p) > CLEARED_FROM
     }
 
     /// The outlines in all views of the shape on which most of them agree: as many as make its outlines most like theirs.
@@ -202,6 +238,25 @@ impl Region {
         let best = scored.iter().max_by(|a, b| a.1.total_cmp(&b.1));
         drawn(best.map_or(AGREEMENTS[2], |best| best.0), 1)
     }
+}
+
+fn points(views: &[SeenView]) -> impl Iterator<Item = Vec3> {
+    views.iter().flat_map(|view| view.points.iter().copied())
+}
+
+/// How far from `center` an object can reach, and how wide a pixel is there, scene units.
+fn sizes(views: &[SeenView], center: Vec3) -> (f32, f32) {
+    let of_views = |value: &dyn Fn(&SeenView) -> f32| {
+        let mut values: Vec<f32> = views.iter().map(value).collect();
+        middle(&mut values)
+    };
+    let distance = of_views(&|view| view.camera.position().distance(center));
+    let half_width = of_views(&|view| {
+        let shorter = view.camera.width.min(view.camera.height);
+        0.5 * shorter as f32 * view.camera.pixel_angle()
+    });
+    let pixel = of_views(&|view| view.camera.pixel_angle() * distance);
+    (distance * REACH.min(REACH_OF_PHOTO * half_width), pixel)
 }
 
 /// Share of two masks' object pixels that they have in common, 0..1; 1 where both show none.
@@ -369,7 +424,7 @@ mod tests {
             let selection = Selection { at, within: None };
             let center = at.unwrap_or(BALLS[0]);
             let region = Region::find(&views, center, &selection).expect("a ball");
-            let support = region.support.expect("a floor").plane;
+            let support = region.support().expect("a floor");
             assert!(support.normal.z > 0.99, "{support:?}");
             let shown: Vec<Mask> = views.iter().map(|view| region.shown_in(view)).collect();
             let likeness_shown = likeness(&views, &shown, ball);

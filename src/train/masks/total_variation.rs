@@ -96,7 +96,7 @@ mod tests {
         let cost: Vec<f32> = (0..SIDE * SIDE)
             .map(|i| noise(i) + if radius(i) < 15.0 { -0.5 } else { 0.5 })
             .collect();
-        let edge = vec![1.0; SIDE * SIDE];
+        let edge = vec![3.0; SIDE * SIDE];
         for start in [0.0, 1.0] {
             let mut u = vec![start; SIDE * SIDE];
             segment(&mut u, SIDE, &edge, &cost, 300);
