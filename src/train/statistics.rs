@@ -44,6 +44,22 @@ pub(super) fn cauchy_weight(error: f32, scale: f32) -> f32 {
     1.0 / (1.0 + (error / scale).powi(2))
 }
 
+/// Of each value with those before and after it along an axis of `n` values, `stride` apart; at the ends the value itself stands for
+/// the one that is missing.
+pub(super) fn with_neighbours<T: Copy>(
+    values: &[T],
+    (n, stride): (usize, usize),
+    of: impl Fn(T, T, T) -> T,
+) -> Vec<T> {
+    let at_index = |i: usize| {
+        let at = i / stride % n;
+        let before = values[if at > 0 { i - stride } else { i }];
+        let after = values[if at + 1 < n { i + stride } else { i }];
+        of(before, values[i], after)
+    };
+    (0..values.len()).map(at_index).collect()
+}
+
 /// The standard deviation of the normal distribution that `values` are of, but for fewer than half of them; 0 of none.
 pub(super) fn scatter(mut values: Vec<f32>) -> f32 {
     if values.is_empty() {

@@ -1,5 +1,7 @@
 //! How likely a colour is on the object or beside it: histograms.
 
+use crate::train::statistics::with_neighbours;
+
 /// Bins of a channel.
 const BINS: usize = 16;
 /// Added to each bin: a colour that was never seen is not impossible.
@@ -26,8 +28,10 @@ impl Histogram {
         for color in colors {
             counts[bin(color)] += 1.0;
         }
+        let blurred =
+            |before: f32, count: f32, after: f32| BLUR[0] * count + BLUR[1] * (before + after);
         for stride in [1, BINS, BINS * BINS] {
-            counts = blurred(&counts, stride);
+            counts = with_neighbours(&counts, (BINS, stride), blurred);
         }
         let sum: f32 = counts.iter().map(|count| count + UNSEEN).sum();
         for count in &mut counts {
@@ -40,17 +44,6 @@ impl Histogram {
     pub(super) fn share(&self, color: [f32; 3]) -> f32 {
         self.shares[bin(color)]
     }
-}
-
-/// Blurred along the axis with this stride; the ends keep what would leave.
-fn blurred(counts: &[f32], stride: usize) -> Vec<f32> {
-    let of = |i: usize| {
-        let at = i / stride % BINS;
-        let before = counts[if at > 0 { i - stride } else { i }];
-        let after = counts[if at + 1 < BINS { i + stride } else { i }];
-        BLUR[0] * counts[i] + BLUR[1] * (before + after)
-    };
-    (0..counts.len()).map(of).collect()
 }
 
 #[cfg(test)]

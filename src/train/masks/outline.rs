@@ -12,7 +12,7 @@ use crate::data::{Mask, View};
 use crate::geometry::Camera;
 use crate::neif::Environment;
 use crate::train::pixels::mask_outline::MaskOutline;
-use crate::train::statistics::middle_or;
+use crate::train::statistics::{middle_or, with_neighbours};
 
 /// Samples of a photo that are cut, at most.
 const MOST_SAMPLES: usize = 150_000;
@@ -344,16 +344,11 @@ fn tidy(share: &mut [f32], width: usize, bands: &[f32]) {
 /// Colours blurred by 1, 2, 1 along both axes: about 0.7 samples.
 fn smoothed(colors: &[[f32; 3]], width: usize) -> Vec<[f32; 3]> {
     let height = colors.len() / width;
-    let along = |source: &[[f32; 3]], n: usize, stride: usize| -> Vec<[f32; 3]> {
-        let of = |i: usize| {
-            let at = i / stride % n;
-            let before = source[if at > 0 { i - stride } else { i }];
-            let after = source[if at + 1 < n { i + stride } else { i }];
-            std::array::from_fn(|c| 0.25 * (before[c] + 2.0 * source[i][c] + after[c]))
-        };
-        (0..source.len()).map(of).collect()
+    let blurred = |before: [f32; 3], color: [f32; 3], after: [f32; 3]| {
+        std::array::from_fn(|c| 0.25 * (before[c] + 2.0 * color[c] + after[c]))
     };
-    along(&along(colors, width, 1), height, width)
+    let across = with_neighbours(colors, (width, 1), blurred);
+    with_neighbours(&across, (height, width), blurred)
 }
 
 #[cfg(test)]

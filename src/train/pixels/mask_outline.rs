@@ -3,6 +3,7 @@
 use glam::Vec2;
 
 use crate::data::Mask;
+use crate::train::statistics::with_neighbours;
 
 /// A mask of values between nothing and all at fewer of its edge pixels than this share is taken as
 /// cut hard; its outline is a staircase that must be smoothed.
@@ -95,16 +96,9 @@ fn softened(mask: &Mask) -> Vec<f32> {
 
 /// Blurred by 1, 2, 1 along both axes.
 fn blurred_121(source: &[f32], width: usize, height: usize) -> Vec<f32> {
-    let along = |source: &[f32], n: usize, stride: usize| -> Vec<f32> {
-        let blurred = |i: usize| {
-            let at = i / stride % n;
-            let before = source[if at > 0 { i - stride } else { i }];
-            let after = source[if at + 1 < n { i + stride } else { i }];
-            0.25 * (before + 2.0 * source[i] + after)
-        };
-        (0..source.len()).map(blurred).collect()
-    };
-    along(&along(source, width, 1), height, width)
+    let blurred = |before: f32, value: f32, after: f32| 0.25 * (before + 2.0 * value + after);
+    let across = with_neighbours(source, (width, 1), blurred);
+    with_neighbours(&across, (height, width), blurred)
 }
 
 /// Marching squares at half coverage between the pixels' centres.
