@@ -4,7 +4,6 @@ use glam::{Vec2, Vec3};
 
 use super::app_state::AppState;
 use super::source::Source;
-use crate::geometry::Ray;
 use crate::render::Support;
 use crate::scans::Scan;
 
@@ -22,10 +21,6 @@ impl AppState {
     /// The point of the capture's environment that is seen at a pixel of a window of that size, world coordinates.
     pub fn environment_at(&self, at: Vec2, window: (u32, u32)) -> Option<Vec3> {
         let ray = self.window_camera(window).ray(at.x, at.y);
-        let ray = Ray {
-            origin: ray.origin,
-            direction: ray.direction,
-        };
         let snapshot = self.snapshot.as_ref()?;
         Some(Support::met_by(&snapshot.environment, &ray)?.point)
     }

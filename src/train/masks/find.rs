@@ -15,6 +15,7 @@ use super::selection::Selection;
 use crate::data::{DataError, Dataset, Mask, View, write_mask};
 use crate::geometry::Camera;
 use crate::neif::Environment;
+use crate::neif::light::environment::EnvironmentField;
 use crate::train::shape::stage_one::looked_at;
 use crate::train::shape::support_plane::Plane;
 
@@ -116,8 +117,9 @@ pub fn find_object(
 ) -> Result<FoundObject, MaskError> {
     let root = || dataset.root.clone();
     let environment = place.environment.as_ref();
-    if environment.hollowed(|_| false).is_none() {
-        return Err(MaskError::NoSurfaces(environment.name().to_owned()));
+    let no_surfaces = || MaskError::NoSurfaces(environment.name().to_owned());
+    if !matches!(environment.field(), EnvironmentField::Grid { .. }) {
+        return Err(no_surfaces());
     }
     let looked_at = looked_at(dataset).map(|(center, _)| center);
     let center = selection
@@ -148,7 +150,7 @@ pub fn find_object(
     let region = region.ok_or_else(|| MaskError::Nothing { dataset: root() })?;
     let mut priors: Vec<Mask> = seen.par_iter().map(|view| region.shown_in(view)).collect();
     let empty = environment.hollowed(region.cleared(&seen, &priors));
-    let empty = empty.ok_or_else(|| MaskError::Nothing { dataset: root() })?;
+    let empty = empty.ok_or_else(no_surfaces)?;
     let ready = |((view, camera), prior): ((&&View, &Camera), &Mask)| {
         unless_cancelled()?;
         job();
@@ -156,7 +158,7 @@ pub fn find_object(
     };
     let photos = views.par_iter().zip(&cameras).zip(&priors).map(ready);
     let photos: Vec<Option<Photo>> = photos.collect::<Result<_, MaskError>>()?;
-    let mut masks = Vec::new();
+    let (mut masks, mut small) = (Vec::new(), Vec::new());
     for _ in 0..ROUNDS {
         let cut = |((view, photo), prior): ((&&View, &Option<Photo>), &Mask)| {
             unless_cancelled()?;
@@ -166,11 +168,10 @@ pub fn find_object(
         };
         let photos = views.par_iter().zip(&photos).zip(&priors);
         masks = photos.map(cut).collect::<Result<Vec<Mask>, MaskError>>()?;
-        let shrunk: Vec<Mask> = masks.iter().zip(&seen).map(|(m, s)| shrunk(m, s)).collect();
-        priors = region.agreed(&seen, &shrunk);
+        small = masks.iter().zip(&seen).map(|(m, s)| shrunk(m, s)).collect();
+        priors = region.agreed(&seen, &small);
     }
-    let shrunk: Vec<Mask> = masks.iter().zip(&seen).map(|(m, s)| shrunk(m, s)).collect();
-    let pairs = shrunk.iter().zip(&priors);
+    let pairs = small.iter().zip(&priors);
     Ok(FoundObject {
         names: views.iter().map(|view| view.full_name()).collect(),
         files: mask_files(dataset),

@@ -274,15 +274,8 @@ pub fn agreement_of(a: &Mask, b: &Mask) -> f32 {
 
 /// Whether a place is in the picture of enough views.
 fn is_shown(views: &[SeenView], p: Vec3) -> bool {
-    let shown = views.iter().filter(|view| pixel_of(view, p).is_some());
+    let shown = views.iter().filter(|view| view.pixel(p).is_some());
     shown.count() as f32 >= SHOWN * views.len() as f32
-}
-
-fn pixel_of(view: &SeenView, p: Vec3) -> Option<usize> {
-    let at = view.camera.project(p)?;
-    let (width, height) = (view.camera.width as f32, view.camera.height as f32);
-    let is_inside = at.x >= 0.0 && at.y >= 0.0 && at.x < width && at.y < height;
-    is_inside.then(|| at.y as usize * view.camera.width as usize + at.x as usize)
 }
 
 /// Share of the views that show a place on the object, of those that have it in the picture; 0 where it is sure to be below
@@ -292,7 +285,7 @@ fn vote(views: &[SeenView], masks: &[Mask], p: Vec3, least: f32) -> f32 {
     let stride = views.len().div_ceil(VOTERS);
     let most_against = (1.0 - least) * views.len().div_ceil(stride) as f32;
     for (view, mask) in views.iter().zip(masks).step_by(stride) {
-        if let Some(pixel) = pixel_of(view, p) {
+        if let Some(pixel) = view.pixel(p) {
             n += 1;
             n_object += u32::from(mask.is_object(pixel));
             if (n - n_object) as f32 > most_against {

@@ -1,9 +1,9 @@
 //! What an environment shows of itself along the rays of a photo's pixels: light, and where it comes from.
 
-use glam::{Vec2, Vec3};
+use glam::{Affine3A, Vec2, Vec3};
 use rayon::prelude::*;
 
-use crate::geometry::Camera;
+use crate::geometry::{Camera, Projector, Ray};
 use crate::neif::Environment;
 use crate::neif::field::radiance_field::{FieldBatch, FieldRay};
 use crate::neif::light::environment::LightScratch;
@@ -41,7 +41,7 @@ fn look_at_block(environment: &Environment, camera: &Camera, places: &[Vec2]) ->
         FieldRay::of_pixel(origin, ray.direction.to_array(), 0.0, spread)
     }));
     environment.light(&mut batch, &mut LightScratch::default());
-    let look = |(i, ray): (usize, &crate::geometry::Ray)| Look {
+    let look = |(i, ray): (usize, &Ray)| Look {
         radiance: batch.radiance[i],
         point: ray.origin + ray.direction * (batch.middle_of_light(i) * frame.half_side),
     };
@@ -52,6 +52,7 @@ fn look_at_block(environment: &Environment, camera: &Camera, places: &[Vec2]) ->
 #[derive(Debug)]
 pub(super) struct SeenView {
     pub(super) camera: Camera,
+    projector: Projector,
     /// `[height * width]` world.
     pub(super) points: Vec<Vec3>,
 }
@@ -68,7 +69,14 @@ impl SeenView {
         let looks = look(environment, camera, &places);
         Self {
             camera: small,
+            projector: small.projector(Affine3A::IDENTITY),
             points: looks.iter().map(|look| look.point).collect(),
         }
+    }
+
+    /// The pixel that shows a point; `None` beside the picture.
+    pub(super) fn pixel(&self, p_world: Vec3) -> Option<usize> {
+        let at = self.projector.pixel(p_world)?;
+        Some(at.y as usize * self.camera.width as usize + at.x as usize)
     }
 }

@@ -4,7 +4,7 @@ use super::events::TrainEvent;
 use super::options::{ObjectSearch, SessionError};
 use super::plan::Budget;
 use super::run::{Run, Worker};
-use super::saved::run_folder::RunFolder;
+use super::saved::run_folder::{RunFolder, absolute};
 use crate::data::{Dataset, Problem, Severity};
 use crate::train::TrainError;
 use crate::train::masks::{FoundObject, LearnedPlace, MaskError, find_object, learn_environment};
@@ -96,8 +96,7 @@ impl Run<'_> {
         let Some(found) = &self.found else {
             return Ok(());
         };
-        let run = std::path::absolute(run.path()).unwrap_or_else(|_| run.path().to_owned());
-        let folder = run.join(FOLDER);
+        let folder = absolute(run.path()).join(FOLDER);
         found.save(&folder).map_err(SessionError::Masks)?;
         self.config.dataset.choices.masks = Some(folder);
         Ok(())

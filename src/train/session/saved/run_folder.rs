@@ -386,7 +386,7 @@ impl RunFolder {
 }
 
 /// The path from the root of the file system, without following links that may move.
-fn absolute(path: &Path) -> PathBuf {
+pub(in crate::train::session) fn absolute(path: &Path) -> PathBuf {
     std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
 }
 
