@@ -11,20 +11,12 @@ use super::*;
 
 /// An environment without an object, which is there at once.
 fn state() -> AppState {
-    let config = DistantConfig {
-        width: 16,
-        height: 8,
-        world_from_picture: Quat::IDENTITY,
-        has_floor: false,
-    };
-    let light = DistantLight::new(config, &[0.5; 16 * 8 * 3]).expect("a picture");
-    let sky = Environment::of_distant("sky".to_owned(), Vec3::Z, light);
     let mut state = AppState {
         source: Source::Environment(PathBuf::from("/sky.hdr")),
         snapshot: Some(Arc::new(Snapshot {
             step: 0,
             object: None,
-            environment: Arc::new(sky),
+            environment: Arc::new(white_sky()),
             exposures: None,
         })),
         ..AppState::default()
