@@ -153,8 +153,8 @@ fn options(args: &TrainArgs, started: Instant) -> Result<SessionOptions, Failure
     let mut options = if args.resume {
         if args.capture.is_given() {
             return Err(Failure::unusable(anyhow::anyhow!(
-                "--resume continues on the capture as it was read; --up, --max-megapixels, --test-every and \
-                 --split-lists need a new run"
+                "--resume continues on the capture as it was read; --up, --max-megapixels, --test-every, \
+                 --split-lists and --masks need a new run"
             )));
         }
         let resumed = SessionOptions::resume(&args.out, args.budget.given()).or_unusable()?;
