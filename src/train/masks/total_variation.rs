@@ -1,15 +1,23 @@
 //! The shortest outline that agrees with what each pixel says: segmentation by weighted total variation.
 
+use crate::neif::kernels::{Isa, dispatch, fma};
+
 /// Steps of the dual and the primal variable: their product times the gradient's squared norm, 8, is 1.
 const DUAL_STEP: f32 = 0.5;
 const PRIMAL_STEP: f32 = 0.25;
 
-/// Minimises `Σ edge |∇u| + Σ cost u` over `u` in `[0, 1]`, in place from the `u` given: where `cost` is negative `u` wants to be
-/// 1, and its outline runs where `edge` (not negative) is small. Nearly all values come out as 0 or 1, whatever it began with.
-///
-/// The primal-dual algorithm of Chambolle and Pock 2011 (section 6.3) for the convex form of Chan, Esedoglu and Nikolova 2006
-/// with the weights of Bresson et al. 2007. All slices are `[height][width]`.
-pub(super) fn segment(u: &mut [f32], width: usize, edge: &[f32], cost: &[f32], n_rounds: usize) {
+dispatch! {
+    /// Minimises `Σ edge |∇u| + Σ cost u` over `u` in `[0, 1]`, in place from the `u` given: where `cost` is negative `u` wants to
+    /// be 1, and its outline runs where `edge` (not negative) is small. Nearly all values come out as 0 or 1, whatever it began
+    /// with.
+    ///
+    /// The primal-dual algorithm of Chambolle and Pock 2011 (section 6.3) for the convex form of Chan, Esedoglu and Nikolova 2006
+    /// with the weights of Bresson et al. 2007. All slices are `[height][width]`.
+    pub(super) fn segment(u: &mut [f32], width: usize, edge: &[f32], cost: &[f32], n_rounds: usize) = segment_body
+}
+
+#[inline(always)]
+fn segment_body<I: Isa>(u: &mut [f32], width: usize, edge: &[f32], cost: &[f32], n_rounds: usize) {
     let n = u.len();
     let mut leading = u.to_vec();
     let (mut across, mut down) = (vec![0.0_f32; n], vec![0.0_f32; n]);
@@ -21,7 +29,7 @@ pub(super) fn segment(u: &mut [f32], width: usize, edge: &[f32], cost: &[f32], n
             let below = leading
                 .get(start + width..start + 2 * width)
                 .unwrap_or(here);
-            ascend(
+            ascend::<I>(
                 (&mut across[row.clone()], &mut down[row.clone()]),
                 (here, below),
                 &edge[row],
@@ -34,7 +42,7 @@ pub(super) fn segment(u: &mut [f32], width: usize, edge: &[f32], cost: &[f32], n
             } else {
                 &down[start - width..start]
             };
-            descend(
+            descend::<I>(
                 (&mut u[row.clone()], &mut leading[row.clone()]),
                 (&across[row.clone()], &down[row.clone()], above),
                 &cost[row],
@@ -44,32 +52,53 @@ pub(super) fn segment(u: &mut [f32], width: usize, edge: &[f32], cost: &[f32], n
 }
 
 /// A step of the dual variable in a row: towards the gradient, no longer than `edge`. It stays 0 across the picture's border.
-fn ascend((across, down): (&mut [f32], &mut [f32]), (here, below): (&[f32], &[f32]), edge: &[f32]) {
+#[inline(always)]
+fn ascend<I: Isa>(
+    (across, down): (&mut [f32], &mut [f32]),
+    (here, below): (&[f32], &[f32]),
+    edge: &[f32],
+) {
     let last = here.len() - 1;
-    for x in 0..here.len() {
-        let right = here[(x + 1).min(last)];
-        let px = across[x] + DUAL_STEP * (right - here[x]);
-        let py = down[x] + DUAL_STEP * (below[x] - here[x]);
-        let square = px * px + py * py;
-        let shrink = (edge[x] / square.max(1e-24).sqrt()).min(1.0);
-        across[x] = px * shrink;
-        down[x] = py * shrink;
+    let step = |across: &mut f32, down: &mut f32, [here, right, below]: [f32; 3], edge: f32| {
+        let px = fma::<I>(DUAL_STEP, right - here, *across);
+        let py = fma::<I>(DUAL_STEP, below - here, *down);
+        let square = fma::<I>(px, px, py * py);
+        let shrink = (edge / square.max(1e-24).sqrt()).min(1.0);
+        *across = px * shrink;
+        *down = py * shrink;
+    };
+    // Slices of one length, so that the loop has no checks in it.
+    let (left, right, under) = (&here[..last], &here[1..], &below[..last]);
+    let (a, d, e) = (&mut across[..last], &mut down[..last], &edge[..last]);
+    for x in 0..last {
+        step(&mut a[x], &mut d[x], [left[x], right[x], under[x]], e[x]);
     }
+    let at_end = [here[last], here[last], below[last]];
+    step(&mut across[last], &mut down[last], at_end, edge[last]);
 }
 
 /// A step of `u` in a row, and the extrapolation that leads it.
-fn descend(
+#[inline(always)]
+fn descend<I: Isa>(
     (u, leading): (&mut [f32], &mut [f32]),
     (across, down, above): (&[f32], &[f32], &[f32]),
     cost: &[f32],
 ) {
-    let mut before = 0.0;
-    for x in 0..u.len() {
-        let divergence = across[x] - before + down[x] - above[x];
-        before = across[x];
-        let next = (u[x] + PRIMAL_STEP * (divergence - cost[x])).clamp(0.0, 1.0);
-        leading[x] = 2.0 * next - u[x];
-        u[x] = next;
+    let step = |u: &mut f32, leading: &mut f32, divergence: f32, cost: f32| {
+        let next = fma::<I>(PRIMAL_STEP, divergence - cost, *u).clamp(0.0, 1.0);
+        *leading = 2.0 * next - *u;
+        *u = next;
+    };
+    let first = across[0] + down[0] - above[0];
+    step(&mut u[0], &mut leading[0], first, cost[0]);
+    let n = u.len() - 1;
+    let (u, leading, before) = (&mut u[1..], &mut leading[1..], &across[..n]);
+    let (across, down, above, cost) = (&across[1..], &down[1..], &above[1..], &cost[1..]);
+    let (down, above, cost, across) = (&down[..n], &above[..n], &cost[..n], &across[..n]);
+    let leading = &mut leading[..n];
+    for x in 0..n {
+        let divergence = across[x] - before[x] + down[x] - above[x];
+        step(&mut u[x], &mut leading[x], divergence, cost[x]);
     }
 }
 
