@@ -19,6 +19,8 @@ mod readme;
 mod splats;
 #[path = "cli/takeaway.rs"]
 mod takeaway;
+#[path = "cli/without_masks.rs"]
+mod without_masks;
 
 use std::{fs, sync::LazyLock};
 

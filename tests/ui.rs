@@ -13,6 +13,8 @@ mod history;
 mod inspect;
 #[path = "ui/lighting.rs"]
 mod lighting;
+#[path = "ui/object.rs"]
+mod object;
 #[path = "ui/photos.rs"]
 mod photos;
 #[path = "ui/pictures.rs"]

@@ -10,6 +10,7 @@ pub mod diagnostics;
 pub mod inspect;
 pub mod keys;
 pub mod lighting;
+pub mod object;
 pub mod panels;
 pub mod session;
 pub mod shell;

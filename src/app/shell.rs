@@ -2,6 +2,7 @@
 
 use egui::{CentralPanel, Frame, Margin, Panel, ScrollArea, Ui};
 
+use super::object::panel::object_panel_ui;
 use super::panels::frame::help::help_ui;
 use super::panels::frame::palette::palette_ui;
 use super::panels::frame::path_dialog::path_dialog_ui;
@@ -53,6 +54,10 @@ pub fn draw(
         .frame(bar)
         .show(ui, |ui| status_ui(ui, state, commands));
     side_panel(ui, state, Side::Left, commands, |ui, commands| {
+        if state.object.is_open {
+            object_panel_ui(ui, state, &pictures.object, commands);
+            return;
+        }
         let is_folded = state.preferences.folded.contains(&Section::Photos);
         let photos = if is_folded {
             FOLDED_HEIGHT

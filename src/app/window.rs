@@ -14,6 +14,7 @@ use super::inspect::driver::Wanted;
 use super::keys::shortcuts;
 use super::lighting::gallery_pictures::GalleryPictures;
 use super::lighting::preview_side::PreviewSide;
+use super::object::pictures::ObjectSide;
 use super::session::autosave::Autosave;
 use super::session::leaving::LeavingCommand;
 use super::session::preferences::{self, Preferences, PreferencesCommand};
@@ -59,6 +60,7 @@ pub(super) struct Window {
     textures: Textures,
     errors: ErrorMaps,
     slice: SliceView,
+    object: ObjectSide,
     viewport: (u32, u32),
     started: Instant,
     n_cores: usize,
@@ -99,6 +101,7 @@ impl Window {
             textures: Textures::default(),
             errors: ErrorMaps::new()?,
             slice: SliceView::default(),
+            object: ObjectSide::default(),
             viewport: (0, 0),
             started: Instant::now(),
             n_cores: std::thread::available_parallelism().map_or(1, usize::from),
@@ -267,7 +270,8 @@ impl Window {
         let Some(snapshot) = self.state.snapshot.clone() else {
             return;
         };
-        if self.viewport.0.min(self.viewport.1) < 16 {
+        // While the object is selected, the photo is in the preview's place.
+        if self.viewport.0.min(self.viewport.1) < 16 || self.state.object.is_open {
             return;
         }
         let training = &self.state.training;
@@ -351,6 +355,7 @@ impl Window {
             slice: self.slice.texture(),
             first: first.map(|(texture, size, words)| (texture.id(), *size, *words)),
             panorama: self.inspector.texture(),
+            object: self.object.pictures(state.object_view()),
         }
     }
 
@@ -389,6 +394,8 @@ impl eframe::App for Window {
         self.gallery.update(&ctx, &self.state);
         self.errors.update(&ctx, &mut self.state);
         self.slice.update(&ctx, &mut self.state);
+        self.object
+            .update(&ctx, &mut self.state, || self.work.cameras());
         self.set_title(&ctx);
         if has_commands {
             ctx.request_repaint();

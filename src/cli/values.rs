@@ -79,7 +79,10 @@ pub(crate) fn selection(text: &str) -> Result<Selection, String> {
         "auto" => None,
         _ => Some(vector(text)?),
     };
-    Ok(Selection { at, within: None })
+    Ok(Selection {
+        at,
+        ..Selection::default()
+    })
 }
 
 /// Reads `X,Y,Z,X,Y,Z`, two opposite corners of a box.

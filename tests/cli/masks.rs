@@ -5,13 +5,10 @@ use std::{fs, path::Path};
 use serde_json::Value;
 
 use crate::program::{interrupted_after, neif};
+use crate::without_masks::{demo, write_without_masks};
 
 /// The bundled capture, small.
 const SMALL: [&str; 2] = ["--max-megapixels", "1.5"];
-
-fn demo() -> String {
-    format!("{}/assets/demo", env!("CARGO_MANIFEST_DIR"))
-}
 
 fn masks(more: &[&str]) -> Vec<String> {
     let demo = demo();
@@ -21,27 +18,11 @@ fn masks(more: &[&str]) -> Vec<String> {
         .collect()
 }
 
-/// The bundled capture without anything that says where the object is.
-fn write_without_masks(folder: &Path) {
-    for split in ["train", "val", "test"] {
-        fs::create_dir_all(folder.join(split)).expect("a folder");
-        let list = format!("transforms_{split}.json");
-        let text = fs::read(Path::new(&demo()).join(&list)).expect("a list of photos");
-        let mut json: Value = serde_json::from_slice(&text).expect("JSON");
-        for frame in json["frames"].as_array_mut().expect("frames") {
-            frame.as_object_mut().expect("a frame").remove("mask_path");
-            let file = frame["file_path"].as_str().expect("a path").to_owned();
-            fs::copy(Path::new(&demo()).join(&file), folder.join(&file)).expect("a photo");
-        }
-        fs::write(folder.join(list), json.to_string()).expect("a list of photos");
-    }
-}
-
 #[test]
 fn the_object_is_found_without_masks_and_then_trained() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let at = |name: &str| folder.path().join(name).to_string_lossy().into_owned();
-    write_without_masks(&folder.path().join("scene"));
+    write_without_masks(&folder.path().join("scene"), 1);
     let settings = "object_pixels = 256\nbackground_pixels = 512\n";
     fs::write(folder.path().join("small.toml"), settings).expect("settings");
     let (scene, run, preset) = (at("scene"), at("run"), at("small.toml"));

@@ -1,10 +1,7 @@
 //! Training is paused, ended, prolonged and paced from the window.
 
 use super::*;
-use neif::app::inspect::InspectCommand;
 use neif::app::session::preferences::Quality;
-use neif::train::Snapshot;
-use neif::train::masks::Selection;
 
 #[test]
 fn training_is_paused_and_resumed_by_button_and_space() {
@@ -79,39 +76,4 @@ fn the_pace_of_training_is_chosen_in_the_training_panel() {
     assert_eq!(harness.state().state.pace, Pace::Responsive);
     let last = harness.state().effects.last();
     assert_eq!(last, Some(&Effect::UseThreads(Threads::OneFewer)));
-}
-
-#[test]
-fn an_object_without_masks_is_found_where_the_photos_look() {
-    let mut state = training_state();
-    state.snapshot = Some(Arc::new(Snapshot {
-        step: 1,
-        object: None,
-        environment: Arc::new(white_sky()),
-        exposures: None,
-    }));
-    let mut with_object = harness(state);
-    let button = "Find the object…";
-    assert!(with_object.query_by_label(button).is_none(), "it has one");
-    let state = &mut with_object.state_mut().state;
-    state
-        .training
-        .capture
-        .as_mut()
-        .expect("a capture")
-        .has_object = false;
-    let mut harness = with_object;
-    harness.run_steps(2);
-    click(&mut harness, button);
-    harness.get_by_label("Click on the object in the picture.");
-    // A far sky has nothing to click on.
-    let Shown { state, effects, .. } = harness.state_mut();
-    let (at, window) = (glam::Vec2::new(16.0, 12.0), (32, 24));
-    let pick = InspectCommand::PickAt { at, window };
-    apply(state, Command::Inspect(pick), effects);
-    assert!(state.training.asks_for_object && effects.is_empty());
-    harness.run_steps(2);
-    click(&mut harness, "What the photos look at");
-    let anywhere = Effect::FindObject(Selection::default());
-    assert_eq!(self::effects(&mut harness), [anywhere]);
 }

@@ -6,21 +6,18 @@ use glam::Vec2;
 use super::choose::{choose_environment, go_to_view, set_budget, stand_at_photo};
 use super::paths::apply_path;
 use super::{export, history, inspect, leaving, lighting, palette, preferences, saving, watch};
-use crate::app::inspect::InspectCommand;
 use crate::app::lighting::standing;
+use crate::app::object::{self, ObjectCommand, ObjectState};
 use crate::app::session::leaving::Goal;
 use crate::app::state::app_state::{AppState, Compare, Overlays};
 use crate::app::state::command::{Command, Effect, Train};
+use crate::app::state::history::HistoryCommand;
 use crate::app::state::look::Look;
 use crate::app::state::training_state::{Level, Phase};
 use crate::app::state::watch::Comparison;
 use crate::app::viewport::camera_control::CameraMove;
-use crate::train::masks::Selection;
 use crate::train::session::events::TrainCommand;
 use crate::train::session::plan::Budget;
-
-/// Said of a click that is to show the object.
-const NOTHING_THERE: &str = "There is nothing at that place: click on the object";
 
 /// Changes the state by a command; `effects` gets what remains to be done.
 pub fn apply(state: &mut AppState, command: Command, effects: &mut Vec<Effect>) {
@@ -69,14 +66,6 @@ fn dispatch(state: &mut AppState, command: Command, effects: &mut Vec<Effect>) {
         Command::ToggleHelp => state.overlays.is_help_open ^= true,
         Command::ToggleLog => state.preferences.is_log_open ^= true,
         Command::CloseOverlays => close_front(state),
-        Command::Inspect(InspectCommand::PickAt { at, window })
-            if state.training.asks_for_object =>
-        {
-            match state.environment_at(at, window) {
-                Some(point) => apply_train(state, Train::FindObject(Some(point)), effects),
-                None => state.messages.say(Level::Warning, NOTHING_THERE),
-            }
-        }
         Command::Inspect(command) => inspect::apply(state, command),
         Command::Dismiss(index) => state.messages.dismiss(index),
         Command::Watch(command) => watch::apply(state, command),
@@ -84,6 +73,14 @@ fn dispatch(state: &mut AppState, command: Command, effects: &mut Vec<Effect>) {
             if let Some(chosen) = palette::apply(state, command) {
                 apply(state, chosen, effects);
             }
+        }
+        Command::Object(command) => object::changes::apply(state, command, effects),
+        Command::History(command) if state.object.is_open => {
+            let command = match command {
+                HistoryCommand::Undo => ObjectCommand::Undo,
+                HistoryCommand::Redo => ObjectCommand::Redo,
+            };
+            object::changes::apply(state, command, effects);
         }
         Command::History(command) => history::apply(state, command, effects),
         Command::Session(command) => saving::apply(state, command, effects),
@@ -119,6 +116,11 @@ fn close_front(state: &mut AppState) {
         state.export.is_open = false;
     } else if state.preferences.is_log_open {
         state.preferences.is_log_open = false;
+    } else if state.object.is_open {
+        // What was drawn is not lost to a key.
+        if state.object.strokes.is_empty() {
+            state.object = ObjectState::default();
+        }
     } else {
         state.inspect.forget();
     }
@@ -144,11 +146,6 @@ fn apply_train(state: &mut AppState, train: Train, effects: &mut Vec<Effect>) {
                 state.training.phase = Phase::Training;
             }
         }
-        Train::AskForObject(on) => state.training.asks_for_object = on && state.lacks_object(),
-        Train::FindObject(at) if state.lacks_object() => {
-            state.training.asks_for_object = false;
-            effects.push(Effect::FindObject(Selection { at, within: None }));
-        }
         Train::Stop if state.training.is_unsaved() && phase.takes_commands() => {
             state.overlays.is_stop_asked = true;
         }
@@ -156,7 +153,7 @@ fn apply_train(state: &mut AppState, train: Train, effects: &mut Vec<Effect>) {
             state.overlays.is_stop_asked = false;
             effects.push(Effect::Train(TrainCommand::Stop));
         }
-        Train::PauseOrResume | Train::Step | Train::Extend(_) | Train::FindObject(_) => {}
+        Train::PauseOrResume | Train::Step | Train::Extend(_) => {}
     }
 }
 

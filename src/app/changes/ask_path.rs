@@ -13,6 +13,7 @@ pub(super) fn ask(state: &mut AppState, purpose: PathPurpose) {
         PathPurpose::Open | PathPurpose::AddEnvironment => PathBuf::new(),
         PathPurpose::Save => state.training.saved.clone().unwrap_or(folder),
         PathPurpose::Log => folder.with_extension("csv"),
+        PathPurpose::Masks => folder.join("masks"),
         PathPurpose::SaveSession => {
             let file = state.session.file.clone();
             file.unwrap_or_else(|| folder.with_added_extension(EXTENSION))

@@ -41,11 +41,17 @@ fn place(state: &AppState) -> Place {
 
 /// Whether there is a step back.
 pub fn can_undo(state: &AppState) -> bool {
+    if state.object.is_open {
+        return !state.object.strokes.is_empty();
+    }
     state.history.undoer.has_undo(&moment(state))
 }
 
 /// Whether there is a step forth again.
 pub fn can_redo(state: &AppState) -> bool {
+    if state.object.is_open {
+        return !state.object.undone.is_empty();
+    }
     state.history.undoer.has_redo(&moment(state))
 }
 

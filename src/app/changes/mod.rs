@@ -4,7 +4,7 @@
 
 pub mod apply;
 mod ask_path;
-mod choose;
+pub(super) mod choose;
 pub mod export;
 pub mod history;
 mod inspect;

@@ -56,6 +56,7 @@ fn use_path(state: &mut AppState, path: PathBuf, effects: &mut Vec<Effect>) {
             effects.push(Effect::Train(TrainCommand::Save(path)));
         }
         PathPurpose::AddEnvironment => effects.push(Effect::AddEnvironment(path)),
+        PathPurpose::Masks => effects.push(Effect::SaveMasks(path)),
         PathPurpose::Log => effects.push(Effect::WriteLog(path)),
         PathPurpose::SaveSession => {
             let has_extension = path.extension().is_some_and(|ending| ending == EXTENSION);

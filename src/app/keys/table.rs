@@ -8,6 +8,7 @@ use glam::Vec3;
 use super::binding::{Binding, entry, gesture};
 use crate::app::changes::history::{can_redo, can_undo};
 use crate::app::lighting::LightingCommand;
+use crate::app::object::ObjectCommand;
 use crate::app::session::leaving::LeavingCommand;
 use crate::app::session::preferences::{PreferencesCommand, Side, ThemeChoice};
 use crate::app::session::saving::SessionCommand;
@@ -41,11 +42,19 @@ pub static BINDINGS: LazyLock<Vec<Binding>> = LazyLock::new(|| {
         "Click",
         "Look into the point under the pointer, or edit a part",
     );
+    let add = gesture(
+        "Drag, while it is selected",
+        "Add to the object in the photo; the wheel changes the brush",
+    );
+    let remove = gesture(
+        "Right drag or Shift+drag, while it is selected",
+        "Remove from the object",
+    );
     let groups = [
         ("File", file()),
         ("Edit", edit()),
         ("Camera", camera()),
-        ("Object", vec![object]),
+        ("Object", vec![object, add, remove]),
         ("Environment", environment()),
         ("Photos", photos()),
         ("Layers", layers()),
@@ -282,11 +291,9 @@ fn training() -> Vec<Binding> {
         entry("", "Train one minute longer", train(Train::Extend(60.0))).when(takes_commands),
         entry("", "Train five minutes longer", train(Train::Extend(300.0))).when(takes_commands),
         entry("", "Stop training", train(Train::Stop)).when(is_running),
-        entry(
-            "",
-            "Find the object in photos without masks",
-            train(Train::AskForObject(true)),
-        )
+        entry("", "Select the object in photos without masks", |_| {
+            Command::Object(ObjectCommand::Select(true))
+        })
         .when(AppState::lacks_object),
     ]
 }

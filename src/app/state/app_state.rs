@@ -15,6 +15,7 @@ use super::training_state::{Level, Phase, TrainingState};
 use super::watch::{Comparison, WatchState};
 use crate::app::inspect::InspectState;
 use crate::app::lighting::LightingState;
+use crate::app::object::ObjectState;
 use crate::app::session::leaving::Leaving;
 use crate::app::session::preferences::Preferences;
 use crate::app::session::saving::SessionState;
@@ -79,6 +80,8 @@ pub enum PathPurpose {
     Save,
     /// Write the table of figures there.
     Log,
+    /// Write the masks of the object that was found there.
+    Masks,
     /// Save the session there.
     SaveSession,
     /// Light the object with what is there.
@@ -176,6 +179,8 @@ pub struct AppState {
     pub compare: Compare,
     /// The picked point.
     pub inspect: InspectState,
+    /// The object of photos without masks, while it is selected.
+    pub object: ObjectState,
     /// How training is watched.
     pub watch: WatchState,
     /// What was said.

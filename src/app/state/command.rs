@@ -13,6 +13,7 @@ use super::palette::PaletteCommand;
 use super::watch::WatchCommand;
 use crate::app::inspect::InspectCommand;
 use crate::app::lighting::LightingCommand;
+use crate::app::object::ObjectCommand;
 use crate::app::session::leaving::LeavingCommand;
 use crate::app::session::preferences::PreferencesCommand;
 use crate::app::session::saving::SessionCommand;
@@ -21,7 +22,6 @@ use crate::app::viewport::camera_control::CameraMove;
 use crate::app::work::pace::Pace;
 use crate::neif::{EnvironmentTransform, MaterialEdit};
 use crate::render::Layer;
-use crate::train::masks::Selection;
 use crate::train::session::events::TrainCommand;
 use crate::train::session::handle::Threads;
 
@@ -49,10 +49,6 @@ pub enum Train {
     StopForSure,
     /// Train this many seconds more.
     Extend(f64),
-    /// Ask for a click on the object of a capture without masks, or no longer.
-    AskForObject(bool),
-    /// Find the object that this point (world) is on in the photos, or that the cameras look at, and train with it.
-    FindObject(Option<Vec3>),
 }
 
 /// Everything that may happen.
@@ -137,6 +133,8 @@ pub enum Command {
     Dismiss(usize),
     /// Look into a point, or edit a part.
     Inspect(InspectCommand),
+    /// Select the object of photos without masks.
+    Object(ObjectCommand),
     /// Watch training.
     Watch(WatchCommand),
     /// Look for a command.
@@ -160,8 +158,10 @@ pub enum Effect {
     OpenDemo,
     /// Start training on the open capture, or continue the open run.
     StartTraining,
-    /// Find the object in the photos of the open capture, and train with it.
-    FindObject(Selection),
+    /// Train on the open capture anew, with the object that was found in its photos.
+    TrainObject,
+    /// Write the masks of the object that was found into this folder.
+    SaveMasks(PathBuf),
     /// Tell the session.
     Train(TrainCommand),
     /// Train on so many threads.

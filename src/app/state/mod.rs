@@ -8,7 +8,6 @@ pub mod export;
 pub mod history;
 pub mod look;
 pub mod messages;
-mod object;
 pub mod palette;
 pub mod sections;
 pub mod source;

@@ -113,8 +113,6 @@ pub struct TrainingState {
     pub progress: Progress,
     /// Facts of the capture.
     pub capture: Option<CaptureInfo>,
-    /// Whether the next click on the picture is to show the object.
-    pub asks_for_object: bool,
     /// Training loss: all of it, and its parts that object and background pixels cause.
     pub loss: [Curve; 3],
     /// PSNR on held-out pixels: on all of them, on those of the object, and of the background.

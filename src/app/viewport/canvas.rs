@@ -16,6 +16,7 @@ use super::screen::Screen;
 use crate::app::inspect::marker::{marker_ui, pick_ui};
 use crate::app::lighting::anchor::anchor;
 use crate::app::lighting::{LightingCommand, gizmo_ui, lines_ui, split_ui};
+use crate::app::object::view::object_view_ui;
 use crate::app::panels::widgets::{log_place, on_click, weak};
 use crate::app::state::app_state::{AppState, Compare, PathPurpose};
 use crate::app::state::command::Command;
@@ -40,6 +41,11 @@ pub fn viewport_ui(
         None => (None, whole),
     };
     let screen = Screen::new(ui.ctx(), rect, state);
+    if state.object.is_open {
+        object_view_ui(ui, rect, state, pictures, commands);
+        drop_ui(ui, whole);
+        return screen.window;
+    }
     match (pictures.preview, pictures.first) {
         (Some(preview), _) => {
             let id = ui.scope_id().with("viewport");

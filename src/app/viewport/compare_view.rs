@@ -68,7 +68,7 @@ pub(super) fn photo_ui(
 }
 
 /// Where the photo lies when the window shows all of it.
-fn photo_area(ui: &Ui, rect: Rect, state: &AppState) -> Rect {
+pub(in crate::app) fn photo_area(ui: &Ui, rect: Rect, state: &AppState) -> Rect {
     let per_point = ui.ctx().pixels_per_point();
     let size = (rect.size() * per_point).round().max(vec2(1.0, 1.0));
     let area = state

@@ -8,6 +8,8 @@ use egui::{
     WidgetInfo, pos2, vec2,
 };
 
+use crate::app::object::pictures::ObjectPictures;
+
 /// All of a texture.
 pub(in crate::app) const WHOLE: Rect = Rect {
     min: pos2(0.0, 0.0),
@@ -31,6 +33,8 @@ pub struct Pictures {
     pub first: Option<(TextureId, [usize; 2], &'static str)>,
     /// The environment as the picked point sees it.
     pub panorama: Option<TextureId>,
+    /// Those of the object while it is selected.
+    pub object: ObjectPictures,
     /// Small pictures of environments, with their files.
     pub thumbnails: Vec<(Arc<Path>, TextureId)>,
     /// The same of the environment that was opened or trained.

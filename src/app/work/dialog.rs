@@ -105,6 +105,7 @@ pub(super) fn ask(kind: Browse, purpose: PathPurpose) -> Option<PathBuf> {
             .add_filter("All files", &["*"])
             .pick_file(),
         (PathPurpose::Save, _) => dialog.set_title("Folder for the run").pick_folder(),
+        (PathPurpose::Masks, _) => dialog.set_title("Folder for the masks").pick_folder(),
         (PathPurpose::SaveSession, _) => dialog
             .set_title("File for the session")
             .add_filter("Sessions", &[EXTENSION])

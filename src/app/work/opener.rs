@@ -18,6 +18,7 @@ use crate::render::Scene;
 use crate::render::library::{Library, Record};
 use crate::scans::{Scan, load_capture};
 use crate::train::Snapshot;
+use crate::train::masks::FoundObject;
 use crate::train::session::events::TrainEvent;
 use crate::train::session::saved::run_folder::{ENVIRONMENT, RunFolder};
 
@@ -25,8 +26,6 @@ use crate::train::session::saved::run_folder::{ENVIRONMENT, RunFolder};
 const QUEUE: usize = 64;
 /// Niceness of reading: below the window, above the trainer.
 const NICE: i32 = 4;
-/// Longest side of a picture on screen; larger ones are thinned.
-const MAX_SIDE: usize = 2048;
 
 /// A photo as the screen needs it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -38,13 +37,16 @@ pub(in crate::app) struct ScreenPhoto {
 }
 
 impl ScreenPhoto {
+    /// Longest side of a picture on screen, pixels; larger ones are thinned.
+    pub(in crate::app) const MAX_SIDE: usize = 2048;
+
     /// The sRGB pixels of a picture, by their index in it, thinned to what a screen can show.
     pub(in crate::app) fn thinned(
         width: usize,
         height: usize,
         pixel: impl Fn(usize) -> [u8; 3],
     ) -> Self {
-        let stride = width.max(height).div_ceil(MAX_SIDE).max(1);
+        let stride = width.max(height).div_ceil(Self::MAX_SIDE).max(1);
         let size = [width.div_ceil(stride), height.div_ceil(stride)];
         let pixels = (0..size[0] * size[1]).map(|i| {
             let (x, y) = (i % size[0] * stride, i / size[0] * stride);
@@ -97,6 +99,8 @@ pub(super) enum Opened {
     FirstPhoto { path: PathBuf, photo: ScreenPhoto },
     /// The photo of a view of the open capture, by its index.
     ViewPhoto { view: usize, photo: ScreenPhoto },
+    /// The folder in which the masks of the object that was found are, or why not.
+    MasksSaved(Result<PathBuf, String>),
     /// How the environment of this index is as bright as the capture's own; none where there is no light to compare.
     Matched {
         environment: usize,
@@ -209,6 +213,15 @@ impl Opener {
                 let photo = screen_photo(&found.photo);
                 send(Opened::ViewPhoto { view, photo });
             }
+        });
+    }
+
+    /// Writes the masks of an object that was found into a folder.
+    pub(super) fn save_masks(&self, found: &Arc<FoundObject>, folder: PathBuf) {
+        let found = Arc::clone(found);
+        self.spawn(move |send| {
+            let saved = found.save(&folder).map_err(|error| with_causes(&error));
+            send(Opened::MasksSaved(saved.map(|()| folder)));
         });
     }
 

@@ -19,6 +19,7 @@ use crate::app::changes::apply::apply;
 use crate::app::changes::leaving;
 use crate::app::changes::saving::stand_at_wanted_view;
 use crate::app::inspect::InspectState;
+use crate::app::object::ObjectState;
 use crate::app::session::recent;
 use crate::app::state::app_state::{AppState, Compare, ViewState};
 use crate::app::state::command::{Command, Effect};
@@ -28,6 +29,7 @@ use crate::app::state::look::Look;
 use crate::app::state::source::{EnvironmentContent, Source};
 use crate::app::state::training_state::{Level, TrainingState};
 use crate::data::CaptureChoices;
+use crate::geometry::Camera;
 use crate::neif::Environment;
 use crate::render::Scene;
 use crate::train::Snapshot;
@@ -123,7 +125,12 @@ impl Work {
                 ),
             },
             Effect::StartTraining => self.start(state),
-            Effect::FindObject(selection) => self.find_object(state, selection),
+            Effect::TrainObject => self.train_object(state),
+            Effect::SaveMasks(folder) => {
+                if let Some(found) = &state.object.found {
+                    self.opener.save_masks(found, folder);
+                }
+            }
             Effect::Train(command) => self.send(state, command),
             Effect::UseThreads(threads) => {
                 self.importer.use_threads(threads);
@@ -179,6 +186,11 @@ impl Work {
         scene.swap_environment(Arc::clone(environment));
         let own = Arc::clone(&snapshot.environment);
         self.opener.match_exposure(scene, own, index);
+    }
+
+    /// The cameras of the training photos as training has corrected them, where it has.
+    pub(in crate::app) fn cameras(&self) -> Option<Arc<Vec<Camera>>> {
+        self.session.as_ref()?.cameras()
     }
 
     fn send(&self, state: &mut AppState, command: TrainCommand) {
@@ -240,6 +252,7 @@ impl Work {
         state.export.keys.clear();
         state.compare = Compare::default();
         state.inspect = InspectState::default();
+        state.object = ObjectState::default();
         state.watch.forget();
     }
 
@@ -356,7 +369,13 @@ impl Work {
                 return Some(News::FirstPicture(photo, FIRST_PHOTO));
             }
             Opened::ViewPhoto { view, photo } => return Some(News::ViewPhoto(view, photo)),
-            Opened::Failed(reason) => state.messages.say(Level::Error, reason),
+            Opened::MasksSaved(Ok(folder)) => {
+                let said = format!("The masks are in {}", folder.display());
+                state.messages.say(Level::Info, said);
+            }
+            Opened::MasksSaved(Err(reason)) | Opened::Failed(reason) => {
+                state.messages.say(Level::Error, reason);
+            }
             // Read for something that is no longer open.
             Opened::RunDataset { .. } | Opened::FirstPhoto { .. } | Opened::Matched { .. } => {}
         }

@@ -4,15 +4,15 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::Context as _;
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use neif::data::{CaptureChoices, Dataset, LoadOptions, Mask, View};
 use neif::geometry::Aabb;
 use neif::scans::load_capture;
 use neif::train::TrainError;
 use neif::train::config::TrainConfig;
 use neif::train::masks::{
-    FoundObject, LearnedPlace, MaskError, Selection, agreement_of, find_object, learn_environment,
-    point_at,
+    FoundObject, LearnedPlace, MaskError, Selection, Stroke, agreement_of, find_object,
+    learn_environment, point_at,
 };
 use neif::train::session::plan::Budget;
 use serde_json::json;
@@ -44,6 +44,18 @@ pub(crate) struct MasksArgs {
     /// A box that the object is within, scene units
     #[arg(long = "box", value_name = "X,Y,Z,X,Y,Z", value_parser = values::aabb, allow_hyphen_values = true)]
     within: Option<Aabb>,
+    /// Refine the masks that the capture has (or `--masks`) instead, and make those that it lacks
+    #[arg(long, conflicts_with_all = ["at", "pixel", "within"])]
+    refine_masks: bool,
+    /// A stroke over a part of the object that was missed: a photo's name and the places that the brush passes
+    #[arg(long, value_name = "PHOTO,X,Y[,X,Y...]")]
+    add: Vec<String>,
+    /// A stroke over what is not the object
+    #[arg(long, value_name = "PHOTO,X,Y[,X,Y...]")]
+    remove: Vec<String>,
+    /// Radius of the strokes' brush, pixels
+    #[arg(long, value_name = "PX", default_value_t = 4.0, value_parser = values::positive)]
+    brush: f32,
     /// An environment that was trained on these photos with the object in them, or a run: it is learned otherwise
     #[arg(long, value_name = "RUN|FILE", conflicts_with = "budget")]
     environment: Option<PathBuf>,
@@ -81,8 +93,11 @@ pub(crate) fn run(args: &MasksArgs, started: Instant) -> Result<(), Failure> {
         }
     };
     let pixel = args.pixel.as_deref();
-    let pixel = pixel.map(|text| pixel_of(text, &dataset)).transpose();
+    let pixel = pixel
+        .map(|text| pixels_of("--pixel", text, &dataset))
+        .transpose();
     let pixel = pixel.map_err(Failure::unusable)?;
+    let strokes = strokes(args, &dataset).map_err(Failure::unusable)?;
     let place = if let Some(path) = &args.environment {
         LearnedPlace::as_given(scenes::open_environment(path)?)
     } else {
@@ -95,14 +110,24 @@ pub(crate) fn run(args: &MasksArgs, started: Instant) -> Result<(), Failure> {
             learned => learned.or_unusable()?,
         }
     };
-    let pointed = pixel.map(|(view, at)| point_at(&place.environment, &view.camera, at));
+    let pointed = pixel.and_then(|(index, at)| {
+        let view = dataset.views().nth(index)?;
+        point_at(&place.environment, &view.camera, at[0])
+    });
     let selection = Selection {
         at: args.at.or(pointed),
         within: args.within,
+        is_masked: args.refine_masks,
     };
     let learned = Instant::now();
     let on_progress = |fraction| report("Finding the object", fraction);
-    let found = match find_object(&dataset, &place, &selection, cancel, &on_progress) {
+    let found = match find_object(
+        &dataset,
+        &place,
+        (&selection, &strokes),
+        cancel,
+        &on_progress,
+    ) {
         Err(MaskError::Cancelled) => return Err(Failure::Interrupted),
         found => found.or_unusable()?,
     };
@@ -114,26 +139,63 @@ pub(crate) fn run(args: &MasksArgs, started: Instant) -> Result<(), Failure> {
     report_on(args, &dataset, &found, (started, found_secs))
 }
 
-/// The photo and the place in it that `PHOTO,X,Y` names.
-fn pixel_of<'a>(text: &str, dataset: &'a Dataset) -> anyhow::Result<(&'a View, glam::Vec2)> {
-    let parts: Vec<&str> = text.rsplitn(3, ',').collect();
-    let [y, x, name] = parts[..] else {
-        anyhow::bail!("--pixel: expected PHOTO,X,Y as in r_000,160,120, found `{text}`");
+/// The strokes that are asked for.
+fn strokes(args: &MasksArgs, dataset: &Dataset) -> anyhow::Result<Vec<Stroke>> {
+    let of = |option: &'static str, texts: &[String], adds: bool| {
+        let stroke = |text: &String| {
+            let (view, places) = pixels_of(option, text, dataset)?;
+            Ok(Stroke {
+                view,
+                places,
+                radius: args.brush,
+                adds,
+            })
+        };
+        texts
+            .iter()
+            .map(stroke)
+            .collect::<anyhow::Result<Vec<Stroke>>>()
     };
-    let number = |text| values::finite(text).map_err(|e| anyhow::anyhow!("--pixel: `{text}`: {e}"));
-    let at = glam::Vec2::new(number(x)?, number(y)?);
-    let is_named =
-        |view: &&View| view.name == name || format!("{}/{}", view.split, view.name) == name;
-    let view = dataset.views().find(is_named);
-    let view = view.with_context(|| format!("--pixel: no photo is named `{name}`"))?;
-    let (width, height) = (view.camera.width as f32, view.camera.height as f32);
+    let mut strokes = of("--add", &args.add, true)?;
+    strokes.extend(of("--remove", &args.remove, false)?);
+    Ok(strokes)
+}
+
+/// The photo (its index) and the places in it that `PHOTO,X,Y,...` names.
+fn pixels_of(option: &str, text: &str, dataset: &Dataset) -> anyhow::Result<(usize, Vec<Vec2>)> {
+    // A photo's name may have commas in it.
+    let n_numbers = text
+        .rsplit(',')
+        .take_while(|part| values::finite(part).is_ok())
+        .count();
+    let parts: Vec<&str> = text.rsplitn(n_numbers / 2 * 2 + 1, ',').collect();
+    let [numbers @ .., name] = &parts[..] else {
+        anyhow::bail!("{option}: expected PHOTO,X,Y");
+    };
     anyhow::ensure!(
-        (0.0..width).contains(&at.x) && (0.0..height).contains(&at.y),
-        "--pixel: {},{} lies outside the photo `{name}` of {width} x {height}",
-        at.x,
-        at.y
+        !numbers.is_empty(),
+        "{option}: expected PHOTO,X,Y as in r_000,160,120, found `{text}`"
     );
-    Ok((view, at))
+    let number =
+        |text| values::finite(text).map_err(|e| anyhow::anyhow!("{option}: `{text}`: {e}"));
+    let is_named =
+        |view: &&View| view.name == *name || format!("{}/{}", view.split, view.name) == *name;
+    let mut views = dataset.views().enumerate();
+    let found = views.find(|(_, view)| is_named(view));
+    let (index, view) = found.with_context(|| format!("{option}: no photo is named `{name}`"))?;
+    let (width, height) = (view.camera.width as f32, view.camera.height as f32);
+    let mut places = Vec::new();
+    for pair in numbers.chunks(2).rev() {
+        let at = Vec2::new(number(pair[1])?, number(pair[0])?);
+        anyhow::ensure!(
+            (0.0..width).contains(&at.x) && (0.0..height).contains(&at.y),
+            "{option}: {},{} lies outside the photo `{name}` of {width} x {height}",
+            at.x,
+            at.y
+        );
+        places.push(at);
+    }
+    Ok((index, places))
 }
 
 /// Says how sure the masks are, and how like those that the capture has.

@@ -9,7 +9,7 @@ use neif::data::MeshPlacement;
 use neif::neif::Storage;
 use neif::train::config::{Normals, PhotoFit, TrainConfig};
 use neif::train::masks::Selection;
-use neif::train::session::options::{ObjectSearch, SessionOptions};
+use neif::train::session::options::{SessionOptions, WantedObject};
 use neif::train::session::plan::Budget;
 use neif::train::session::saved::run_folder::RunFolder;
 
@@ -168,10 +168,7 @@ fn options(args: &TrainArgs, started: Instant) -> Result<SessionOptions, Failure
             mesh: args.mesh.clone(),
             mesh_placement: args.placement.placement(),
             choices: args.capture.choices(),
-            object: args.object.map(|selection| ObjectSearch {
-                selection,
-                environment: None,
-            }),
+            object: args.object.map(WantedObject::Find),
             run: Some(args.out.clone()),
             ..SessionOptions::new(&args.dataset, config, args.budget.or_default())
         }

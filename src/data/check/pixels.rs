@@ -33,7 +33,7 @@ fn find_mask_faults(dataset: &Dataset, problems: &mut Vec<Problem>) {
         let advice = if dataset.mesh.is_some() {
             "the mesh's silhouette is used"
         } else {
-            "the environment alone is trained; `--object auto` of `neif train` and Find the object in the window cut out what \
+            "the environment alone is trained; `--object auto` of `neif train` and Select the object in the window cut out what \
              the cameras look at, `neif masks` writes its masks"
         };
         problems.push(Problem::new(Note, "no view has a mask", advice));

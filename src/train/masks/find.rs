@@ -1,105 +1,28 @@
 //! Finds the object in all photos.
 
-use std::collections::HashSet;
-use std::path::{Path, PathBuf};
+use std::collections::HashMap;
+use std::path::PathBuf;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
+use super::agreed::{AgreedShape, Corrected, Expected, Votes, agreement_of};
+use super::found::{FoundObject, MaskError, mask_files};
 use super::learn::LearnedPlace;
 use super::outline::{Photo, nothing};
-use super::region::{Region, agreement_of};
-use super::seen::{SeenView, look};
-use super::selection::Selection;
-use crate::data::{DataError, Dataset, Mask, View, write_mask};
+use super::region::Region;
+use super::seen::SeenView;
+use super::selection::{Selection, Stroke};
+use crate::data::{Dataset, Mask, View};
 use crate::geometry::Camera;
 use crate::neif::Environment;
 use crate::neif::light::environment::EnvironmentField;
 use crate::train::shape::stage_one::looked_at;
-use crate::train::shape::support_plane::Plane;
 
-/// Cuts of the photos: the first near the region, the others near the shape on which the photos agree.
-const ROUNDS: usize = 2;
-
-/// The object in the photos of a capture.
-#[derive(Clone, Debug)]
-pub struct FoundObject {
-    /// The views' names with those of their splits, in the order of [`Dataset::views`].
-    pub names: Vec<String>,
-    /// Where each view's mask is kept in a folder of masks.
-    pub files: Vec<PathBuf>,
-    /// A mask a view.
-    pub masks: Vec<Mask>,
-    /// Share of each mask's outline shape that it has in common with the shape on which all photos agree, 0..1: the lower, the
-    /// likelier it is wrong.
-    pub agreement: Vec<f32>,
-    /// What it stands on.
-    pub support: Option<Plane>,
-}
-
-/// Agreement below which a mask is likely wrong.
-const DOUBTFUL: f32 = 0.9;
-
-impl FoundObject {
-    /// Names of the views whose masks are likely wrong, the most doubtful first.
-    pub fn doubtful(&self) -> Vec<&str> {
-        let views = self.agreement.iter().zip(&self.names);
-        let mut doubtful: Vec<_> = views.filter(|(share, _)| **share < DOUBTFUL).collect();
-        doubtful.sort_by(|a, b| a.0.total_cmp(b.0));
-        doubtful
-            .into_iter()
-            .map(|(_, name)| name.as_str())
-            .collect()
-    }
-
-    /// Writes a mask a photo into a folder, which is made where it is missing.
-    ///
-    /// # Errors
-    /// When a file cannot be written.
-    pub fn save(&self, folder: &Path) -> Result<(), DataError> {
-        for (mask, file) in self.masks.iter().zip(&self.files) {
-            let path = folder.join(file);
-            let parent = path.parent().unwrap_or(folder);
-            std::fs::create_dir_all(parent).map_err(|e| DataError::io(parent, e))?;
-            write_mask(&path, mask)?;
-        }
-        Ok(())
-    }
-
-    /// Gives the views of the capture their masks.
-    pub fn assign(&self, dataset: &mut Dataset) {
-        let splits = [&mut dataset.train, &mut dataset.val, &mut dataset.test];
-        for (view, mask) in splits.into_iter().flatten().zip(&self.masks) {
-            view.mask = Some(mask.clone());
-        }
-    }
-}
-
-/// Why no object is found.
-#[derive(Debug, thiserror::Error)]
-pub enum MaskError {
-    /// The environment does not know where things are.
-    #[error(
-        "the object is found in an environment that was trained on the photos; this one is {0}"
-    )]
-    NoSurfaces(String),
-    /// Nobody said where it is.
-    #[error("{}: the cameras look at no one place: say where the object is", dataset.display())]
-    NoPlace {
-        /// The capture.
-        dataset: PathBuf,
-    },
-    /// There is nothing.
-    #[error("{}: nothing stands out from its surroundings where the object was looked for", dataset.display())]
-    Nothing {
-        /// The capture.
-        dataset: PathBuf,
-    },
-    /// The person asked to stop.
-    #[error("cancelled")]
-    Cancelled,
-}
+/// Share of the time that it takes to look at the place.
+const LOOKING: f32 = 0.4;
 
 /// Finds the selected object in the photos of a capture, on the current thread pool. `place` was learned from them with the
 /// object as a part of it. `on_progress` gets 0..1.
@@ -111,74 +34,313 @@ pub enum MaskError {
 pub fn find_object(
     dataset: &Dataset,
     place: &LearnedPlace,
-    selection: &Selection,
+    (selection, strokes): (&Selection, &[Stroke]),
     cancel: &AtomicBool,
     on_progress: &(dyn Fn(f32) + Sync),
 ) -> Result<FoundObject, MaskError> {
-    let root = || dataset.root.clone();
-    let environment = place.environment.as_ref();
-    let no_surfaces = || MaskError::NoSurfaces(environment.name().to_owned());
-    if !matches!(environment.field(), EnvironmentField::Grid { .. }) {
-        return Err(no_surfaces());
-    }
-    let looked_at = looked_at(dataset).map(|(center, _)| center);
-    let center = selection
-        .at
-        .or(selection.within.map(|within| within.center()));
-    let center = center.or(looked_at);
-    let center = center.ok_or_else(|| MaskError::NoPlace { dataset: root() })?;
-    let views: Vec<&View> = dataset.views().collect();
-    let cameras = place.cameras_of(dataset);
-    let done = AtomicUsize::new(0);
-    let n_jobs = (ROUNDS + 2) * views.len();
-    let job = || {
-        let done = done.fetch_add(1, Ordering::Relaxed) + 1;
-        on_progress(done as f32 / n_jobs as f32);
-    };
-    let unless_cancelled = || {
-        let is_cancelled = cancel.load(Ordering::Relaxed);
-        (!is_cancelled).then_some(()).ok_or(MaskError::Cancelled)
-    };
+    let look = |fraction| on_progress(LOOKING * fraction);
+    let find = |fraction| on_progress(LOOKING + (1.0 - LOOKING) * fraction);
+    let mut finder = ObjectFinder::new(dataset, place, cancel, &look)?;
+    finder.find(dataset, (selection, strokes), cancel, &find)
+}
 
-    let see = |camera: &Camera| {
-        unless_cancelled()?;
-        job();
-        Ok(SeenView::new(environment, camera))
-    };
-    let seen: Vec<SeenView> = cameras.par_iter().map(see).collect::<Result<_, _>>()?;
-    let region = Region::find(&seen, center, selection);
-    let region = region.ok_or_else(|| MaskError::Nothing { dataset: root() })?;
-    let mut priors: Vec<Mask> = seen.par_iter().map(|view| region.shown_in(view)).collect();
-    let empty = environment.hollowed(region.cleared(&seen, &priors));
-    let empty = empty.ok_or_else(no_surfaces)?;
-    let ready = |((view, camera), prior): ((&&View, &Camera), &Mask)| {
-        unless_cancelled()?;
-        job();
-        Ok(Photo::new((view, camera), prior, &empty))
-    };
-    let photos = views.par_iter().zip(&cameras).zip(&priors).map(ready);
-    let photos: Vec<Option<Photo>> = photos.collect::<Result<_, MaskError>>()?;
-    let (mut masks, mut small) = (Vec::new(), Vec::new());
-    for _ in 0..ROUNDS {
-        let cut = |((view, photo), prior): ((&&View, &Option<Photo>), &Mask)| {
-            unless_cancelled()?;
-            job();
-            let photo = photo.as_ref();
-            Ok(photo.map_or_else(|| nothing(view), |photo| photo.cut(view, prior)))
+/// The photos of a capture with what an environment shows of them: looked at once, and searched as often as a person points
+/// somewhere else or draws a stroke.
+#[derive(Debug)]
+pub struct ObjectFinder {
+    root: PathBuf,
+    environment: Arc<Environment>,
+    cameras: Vec<Camera>,
+    seen: Vec<SeenView>,
+    looked_at: Option<Vec3>,
+    aimed: Option<Aimed>,
+    /// What was aimed at before, which a stroke that is taken back brings back.
+    before: Option<Aimed>,
+}
+
+/// What is known of one object before strokes say more.
+#[derive(Debug)]
+struct Aimed {
+    selection: Selection,
+    region: Region,
+    /// What the place would be without it.
+    empty: Environment,
+    photos: Vec<Option<Photo>>,
+    /// More of those that have strokes beside what was cut.
+    widened: HashMap<usize, Photo>,
+    /// What each was expected to show at first, with the pixels of the views as they were seen.
+    priors: Vec<Mask>,
+    /// What the first cut says.
+    votes: Votes,
+    /// The shape on which the photos agree, with the corrections so far.
+    shape: AgreedShape,
+}
+
+impl ObjectFinder {
+    /// Looks at the place from where the photos were taken, on the current thread pool.
+    ///
+    /// # Errors
+    /// When the environment is of another kind, and when cancelled.
+    pub fn new(
+        dataset: &Dataset,
+        place: &LearnedPlace,
+        cancel: &AtomicBool,
+        on_progress: &(dyn Fn(f32) + Sync),
+    ) -> Result<Self, MaskError> {
+        let environment = Arc::clone(&place.environment);
+        if !matches!(environment.field(), EnvironmentField::Grid { .. }) {
+            return Err(MaskError::NoSurfaces(environment.name().to_owned()));
+        }
+        let cameras = place.cameras_of(dataset);
+        let jobs = Jobs::new(cameras.len(), cancel, on_progress);
+        let see = |camera: &Camera| {
+            jobs.next()?;
+            Ok(SeenView::new(&environment, camera))
         };
-        let photos = views.par_iter().zip(&photos).zip(&priors);
-        masks = photos.map(cut).collect::<Result<Vec<Mask>, MaskError>>()?;
-        small = masks.iter().zip(&seen).map(|(m, s)| shrunk(m, s)).collect();
-        priors = region.agreed(&seen, &small);
+        let seen: Vec<SeenView> = cameras.par_iter().map(see).collect::<Result<_, _>>()?;
+        Ok(Self {
+            root: dataset.root.clone(),
+            environment,
+            cameras,
+            seen,
+            looked_at: looked_at(dataset).map(|(center, _)| center),
+            aimed: None,
+            before: None,
+        })
     }
-    let pairs = small.iter().zip(&priors);
-    Ok(FoundObject {
-        names: views.iter().map(|view| view.full_name()).collect(),
-        files: mask_files(dataset),
-        agreement: pairs.map(|(a, b)| agreement_of(a, b)).collect(),
-        masks,
-        support: region.support(),
-    })
+
+    /// Finds the selected object as the strokes correct it, on the current thread pool. What an earlier call found out about the
+    /// same object is not found out again.
+    ///
+    /// # Errors
+    /// When there is nothing, and when cancelled.
+    pub fn find(
+        &mut self,
+        dataset: &Dataset,
+        (selection, strokes): (&Selection, &[Stroke]),
+        cancel: &AtomicBool,
+        on_progress: &(dyn Fn(f32) + Sync),
+    ) -> Result<FoundObject, MaskError> {
+        let views: Vec<&View> = dataset.views().collect();
+        let jobs = Jobs::new(3 * views.len(), cancel, on_progress);
+        let strokes: Vec<&Stroke> = strokes.iter().filter(|s| s.view < views.len()).collect();
+        self.aim(&views, selection, &strokes, &jobs)?;
+        let seen = &self.seen;
+        let aimed = self.aimed.as_mut();
+        let aimed = aimed.ok_or_else(|| MaskError::Nothing {
+            dataset: self.root.clone(),
+        })?;
+        let agreed = aimed.votes.shape(&[]);
+        let corrected = |i: usize| {
+            let own = strokes_of(i, &strokes);
+            let photo = aimed.photo(i, &own).filter(|_| !own.is_empty())?;
+            let mask = photo.cut(views[i], &agreed.expected(&seen[i]), &own);
+            Corrected::new(&seen[i], &shrunk(&mask, &seen[i]))
+        };
+        let corrected: Vec<Corrected<'_>> = (0..views.len())
+            .into_par_iter()
+            .filter_map(corrected)
+            .collect();
+        let shape = aimed.votes.shape(&corrected);
+        let expected: Vec<Expected> = seen.par_iter().map(|view| shape.expected(view)).collect();
+        let cut = |i: usize| {
+            jobs.next()?;
+            let strokes = strokes_of(i, &strokes);
+            Ok(aimed.photo(i, &strokes).map_or_else(
+                || nothing(views[i]),
+                |photo| photo.cut(views[i], &expected[i], &strokes),
+            ))
+        };
+        let masks = (0..views.len()).into_par_iter().map(cut);
+        let masks: Vec<Mask> = masks.collect::<Result<_, MaskError>>()?;
+        let agreement = |i: usize| agreement_of(&shrunk(&masks[i], &seen[i]), &expected[i].outline);
+        let found = FoundObject {
+            names: views.iter().map(|view| view.full_name()).collect(),
+            files: mask_files(dataset),
+            agreement: (0..views.len()).map(agreement).collect(),
+            shape: shape.clone(),
+            support: aimed.region.support(),
+            masks,
+        };
+        aimed.shape = shape;
+        Ok(found)
+    }
+
+    /// The mask of one photo as the strokes in it correct it, before they are heard in the others; `None` before anything was
+    /// found.
+    pub fn cut_one(&self, dataset: &Dataset, index: usize, strokes: &[Stroke]) -> Option<Mask> {
+        let view = dataset.views().nth(index)?;
+        let aimed = self.aimed.as_ref()?;
+        let expected = aimed.shape.expected(&self.seen[index]);
+        let strokes: Vec<&Stroke> = strokes.iter().filter(|s| s.view == index).collect();
+        let photo = aimed.photo(index, &strokes)?;
+        Some(photo.cut(view, &expected, &strokes))
+    }
+
+    /// Finds the part of space that the object takes up, and cuts the photos for the first time, unless that is known.
+    fn aim(
+        &mut self,
+        views: &[&View],
+        selection: &Selection,
+        strokes: &[&Stroke],
+        jobs: &Jobs<'_>,
+    ) -> Result<(), MaskError> {
+        let center = selection
+            .at
+            .or(selection.within.map(|within| within.center()));
+        let center = center.or(self.looked_at);
+        let center = center.ok_or_else(|| MaskError::NoPlace {
+            dataset: self.root.clone(),
+        })?;
+        let region = self.region(views, selection, (center, strokes));
+        let region = region.ok_or_else(|| MaskError::Nothing {
+            dataset: self.root.clone(),
+        })?;
+        let is_known = |aimed: &Aimed| aimed.selection == *selection && aimed.region == region;
+        if !self.aimed.as_ref().is_some_and(is_known) {
+            std::mem::swap(&mut self.aimed, &mut self.before);
+        }
+        if !self.aimed.as_ref().is_some_and(is_known) {
+            self.aimed = None;
+            self.aimed = Some(self.aimed_at(views, *selection, region, jobs)?);
+        }
+        self.widen(views, strokes);
+        Ok(())
+    }
+
+    /// The part of space around `center` that the object takes up.
+    fn region(
+        &self,
+        views: &[&View],
+        selection: &Selection,
+        (center, strokes): (Vec3, &[&Stroke]),
+    ) -> Option<Region> {
+        let seen = &self.seen;
+        if selection.is_masked {
+            let own = |(view, seen): (&&View, &SeenView)| Some(shrunk(view.mask.as_ref()?, seen));
+            let own: Vec<Option<Mask>> = views.iter().zip(seen).map(own).collect();
+            return Region::of_masks(seen, center, &own);
+        }
+        let added = strokes.iter().filter(|stroke| stroke.adds);
+        let points = added.map(|stroke| covered(stroke, views, seen));
+        Region::find(seen, center, selection, &points.collect::<Vec<_>>())
+    }
+
+    /// Cuts the photos for the first time.
+    fn aimed_at(
+        &self,
+        views: &[&View],
+        selection: Selection,
+        region: Region,
+        jobs: &Jobs<'_>,
+    ) -> Result<Aimed, MaskError> {
+        let seen = &self.seen;
+        // Of masks, what most of them show: single ones may be wrong altogether.
+        let prior = |view: &SeenView| {
+            if selection.is_masked {
+                region.outline_in(view)
+            } else {
+                region.shown_in(view)
+            }
+        };
+        let priors: Vec<Mask> = seen.par_iter().map(prior).collect();
+        let empty = self.environment.hollowed(region.cleared(seen, &priors));
+        let empty =
+            empty.ok_or_else(|| MaskError::NoSurfaces(self.environment.name().to_owned()))?;
+        let ready = |i: usize| {
+            jobs.next()?;
+            let view = (views[i], &self.cameras[i]);
+            Ok(Photo::new(view, &priors[i], &[], &empty))
+        };
+        let photos = (0..views.len()).into_par_iter().map(ready);
+        let photos: Vec<Option<Photo>> = photos.collect::<Result<_, MaskError>>()?;
+        let cut = |i: usize| {
+            jobs.next()?;
+            let (photo, prior) = (photos[i].as_ref(), priors[i].clone());
+            let mask = photo.map(|photo| photo.cut(views[i], &Expected::by(prior), &[]));
+            Ok(shrunk(&mask.unwrap_or_else(|| nothing(views[i])), &seen[i]))
+        };
+        let masks = (0..views.len()).into_par_iter().map(cut);
+        let masks = masks.collect::<Result<Vec<Mask>, MaskError>>()?;
+        let votes = Votes::new(&region.around(), seen, &masks);
+        Ok(Aimed {
+            selection,
+            region,
+            empty,
+            photos,
+            widened: HashMap::new(),
+            priors,
+            shape: votes.shape(&[]),
+            votes,
+        })
+    }
+
+    /// Looks at more of the photos that have strokes beside the part of them that was cut.
+    fn widen(&mut self, views: &[&View], strokes: &[&Stroke]) {
+        let Some(aimed) = &mut self.aimed else { return };
+        for (i, view) in views.iter().enumerate() {
+            let own = strokes_of(i, strokes);
+            let has_all = |photo: &Photo| own.iter().all(|s| photo.has_all_of(view, s));
+            if !own.is_empty() && !aimed.photo(i, &own).is_some_and(has_all) {
+                let view = (*view, &self.cameras[i]);
+                let photo = Photo::new(view, &aimed.priors[i], &own, &aimed.empty);
+                aimed.widened.extend(photo.map(|photo| (i, photo)));
+            }
+        }
+    }
+}
+
+impl Aimed {
+    /// A photo that can be cut as its strokes say.
+    fn photo(&self, index: usize, strokes: &[&Stroke]) -> Option<&Photo> {
+        let widened = self.widened.get(&index).filter(|_| !strokes.is_empty());
+        widened.or(self.photos[index].as_ref())
+    }
+}
+
+/// The strokes in one photo.
+fn strokes_of<'a>(view: usize, strokes: &[&'a Stroke]) -> Vec<&'a Stroke> {
+    let own = strokes.iter().filter(|stroke| stroke.view == view);
+    own.copied().collect()
+}
+
+/// The surface of the place that a stroke covers, world.
+fn covered(stroke: &Stroke, views: &[&View], seen: &[SeenView]) -> Vec<Vec3> {
+    let view = &seen[stroke.view];
+    let width = view.camera.width as usize;
+    let scale = views[stroke.view].camera.width as f32 / width as f32;
+    let place = |i: usize| scale * (Vec2::new((i % width) as f32, (i / width) as f32) + 0.5);
+    let points = view.points.iter().enumerate();
+    let points = points.filter(|(i, _)| stroke.covers(place(*i)));
+    points.map(|(_, point)| *point).collect()
+}
+
+/// Pieces of work, counted, until the person asks to stop.
+struct Jobs<'a> {
+    n: usize,
+    done: AtomicUsize,
+    cancel: &'a AtomicBool,
+    on_progress: &'a (dyn Fn(f32) + Sync),
+}
+
+impl<'a> Jobs<'a> {
+    fn new(n: usize, cancel: &'a AtomicBool, on_progress: &'a (dyn Fn(f32) + Sync)) -> Self {
+        Self {
+            n,
+            done: AtomicUsize::new(0),
+            cancel,
+            on_progress,
+        }
+    }
+
+    fn next(&self) -> Result<(), MaskError> {
+        if self.cancel.load(Ordering::Relaxed) {
+            return Err(MaskError::Cancelled);
+        }
+        let done = self.done.fetch_add(1, Ordering::Relaxed) + 1;
+        (self.on_progress)(done as f32 / self.n as f32);
+        Ok(())
+    }
 }
 
 /// A photo's mask with the pixels of the view as it was seen.
@@ -199,20 +361,131 @@ fn shrunk(mask: &Mask, seen: &SeenView) -> Mask {
     }
 }
 
-/// The surface point of the environment that a camera shows at a place of its picture (pixels), world.
-pub fn point_at(environment: &Environment, camera: &Camera, at_px: Vec2) -> Vec3 {
-    look(environment, camera, &[at_px])[0].point
-}
-
-/// Where the mask of each view is kept in a folder of masks, in the order of [`Dataset::views`]: named as its photo, in a folder
-/// named as the photo's where several have the same name.
-fn mask_files(dataset: &Dataset) -> Vec<PathBuf> {
-    let mut seen = HashSet::new();
-    let are_unique = dataset.views().all(|view| seen.insert(&view.name));
-    let file = |view: &View| {
-        let folder = view.file.parent().and_then(Path::file_name);
-        let folder = folder.filter(|_| !are_unique).unwrap_or_default();
-        Path::new(folder).join(format!("{}.png", view.name))
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::train::masks::test_capture::{
+        BALLS, RADII, cameras, dataset, likeness, place, true_mask,
     };
-    dataset.views().map(file).collect()
+
+    fn find(strokes: &[Stroke]) -> FoundObject {
+        let asked = (&Selection::default(), strokes);
+        find_object(
+            &dataset(),
+            &place(),
+            asked,
+            &AtomicBool::new(false),
+            &|_| (),
+        )
+        .expect("a ball")
+    }
+
+    fn likeness_to(found: &FoundObject, balls: &[usize]) -> f32 {
+        likeness(cameras().iter(), &found.masks, balls)
+    }
+
+    /// A dot on a ball, as wide as `share` of it, in the first photo.
+    fn dot(ball: usize, share: f32, adds: bool) -> Stroke {
+        let camera = cameras()[0];
+        let at = camera.project(BALLS[ball]).expect("in front of it");
+        let distance = camera.position().distance(BALLS[ball]);
+        Stroke {
+            view: 0,
+            places: vec![at],
+            radius: share * RADII[ball] / (distance * camera.pixel_angle()),
+            adds,
+        }
+    }
+
+    #[test]
+    fn a_stroke_on_another_object_adds_it_in_all_photos() {
+        let found = find(&[]);
+        let alone = likeness_to(&found, &[0]);
+        assert!(alone > 0.9, "{alone}");
+        assert!(likeness_to(&found, &[0, 1]) < 0.8);
+        let both = likeness_to(&find(&[dot(1, 0.5, true)]), &[0, 1]);
+        assert!(both > 0.85, "{both}");
+    }
+
+    #[test]
+    fn what_a_stroke_removes_is_gone_there_and_what_stands_behind_it_in_the_others_too() {
+        let stroke = dot(0, 0.5, false);
+        let (before, after) = (find(&[]), find(std::slice::from_ref(&stroke)));
+        let covered = |i: usize| {
+            let at = Vec2::new((i % 96) as f32, (i / 96) as f32) + 0.5;
+            stroke.covers(at)
+        };
+        let n_left = (0..96 * 96).filter(|i| covered(*i) && after.masks[0].is_object(*i));
+        assert_eq!(n_left.count(), 0, "true as it is drawn");
+        // The ball is a ring now, through which other photos see: those from the same side.
+        let n_object = |found: &FoundObject, view: usize| {
+            let mask = &found.masks[view];
+            (0..96 * 96).filter(|i| mask.is_object(*i)).count()
+        };
+        let n_smaller = (1..14).filter(|v| n_object(&after, *v) < n_object(&before, *v));
+        assert!(n_smaller.count() > 0);
+    }
+
+    #[test]
+    fn masks_that_are_shifted_are_refined_and_missing_ones_made() {
+        let mut dataset = dataset();
+        for (i, view) in dataset.train.iter_mut().enumerate().skip(1) {
+            let mut mask = true_mask(&view.camera, &[0, 1]);
+            // Two pixels to the left or to the right.
+            mask.coverage
+                .rotate_left(if i % 2 == 0 { 2 } else { 96 * 96 - 2 });
+            view.mask = Some(mask);
+        }
+        let given: Vec<Mask> = dataset
+            .views()
+            .skip(1)
+            .filter_map(|v| v.mask.clone())
+            .collect();
+        let before = likeness(cameras()[1..].iter(), &given, &[0, 1]);
+        let selection = Selection {
+            is_masked: true,
+            ..Selection::default()
+        };
+        let never = AtomicBool::new(false);
+        let found = find_object(&dataset, &place(), (&selection, &[]), &never, &|_| ());
+        let found = found.expect("the balls");
+        let after = likeness(cameras()[1..].iter(), &found.masks[1..], &[0, 1]);
+        assert!(after > 0.95 && after > before + 0.05, "{before} -> {after}");
+        let made = likeness(cameras()[..1].iter(), &found.masks[..1], &[0, 1]);
+        assert!(made > 0.9, "{made}");
+    }
+
+    #[test]
+    fn what_is_known_of_an_object_is_not_found_out_again_and_strokes_can_be_taken_back() {
+        let (dataset, never) = (dataset(), AtomicBool::new(false));
+        let mut finder = ObjectFinder::new(&dataset, &place(), &never, &|_| ()).expect("a grid");
+        assert!(
+            finder.cut_one(&dataset, 0, &[]).is_none(),
+            "nothing is found"
+        );
+        let asked = Selection::default();
+        let mut find = |strokes: &[Stroke]| {
+            let found = finder.find(&dataset, (&asked, strokes), &never, &|_| ());
+            found.expect("a ball").masks
+        };
+        let first = find(&[]);
+        let corner = Stroke {
+            view: 2,
+            places: vec![Vec2::splat(2.0)],
+            radius: 2.0,
+            adds: true,
+        };
+        let drawn = find(std::slice::from_ref(&corner));
+        assert!(drawn[2].is_object(0), "far beside what was cut before");
+        assert!(find(&[]) == first, "taken back");
+        let alone = finder.cut_one(&dataset, 2, &[corner]).expect("it is found");
+        assert!(alone.is_object(0));
+        let cancelled = AtomicBool::new(true);
+        let asked = Selection {
+            at: Some(BALLS[1]),
+            ..Selection::default()
+        };
+        let found = finder.find(&dataset, (&asked, &[]), &cancelled, &|_| ());
+        assert!(matches!(found, Err(MaskError::Cancelled)));
+    }
 }

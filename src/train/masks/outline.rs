@@ -3,8 +3,10 @@
 
 use glam::Vec2;
 
+use super::agreed::Expected;
 use super::colors::Histogram;
 use super::seen::look;
+use super::selection::Stroke;
 use super::total_variation::segment;
 use super::window::Window;
 use crate::color::{linear_from_srgb, srgb_from_linear};
@@ -35,6 +37,13 @@ const MOST_COLORS: f32 = 2.0;
 const UNKNOWN_DIFFERENCE: f32 = 1.5;
 /// The least error of a prediction.
 const LEAST_ERROR: f32 = 0.01;
+/// Half the width of a mask's soft edge, bands: as far as an outline that was cut is usually off. Training takes those pixels for
+/// neither the object's nor the background's.
+const SOFT: f32 = 0.5;
+/// Weight of what the strokes in other photos say of space, for each band from the shape's outline: more than all others together.
+const SAID: f32 = 4.0;
+/// What a stroke in the photo itself says: more than any outline costs.
+const STROKE: f32 = 20.0;
 /// Cost of a pixel of outline where there is no edge, and the share of it on the sharpest edge.
 const LENGTH: f32 = 6.0;
 const LENGTH_ON_EDGE: f32 = 0.12;
@@ -56,14 +65,15 @@ pub(super) struct Photo {
 
 impl Photo {
     /// Around the object of `prior`, a mask of any resolution, with what `empty`, the environment without the object, shows there;
-    /// `None` where the prior shows no outline. `camera` is the view's as it was corrected.
+    /// `None` where the prior shows no outline. `camera` is the view's as it was corrected; all strokes are in the window.
     pub(super) fn new(
         (view, camera): (&View, &Camera),
         prior: &Mask,
+        strokes: &[&Stroke],
         empty: &Environment,
     ) -> Option<Self> {
         let prior = Prior::new(view, prior)?;
-        let window = prior.window(view);
+        let window = prior.window(view, strokes);
         let coarse = window.coarser(MOST_RAYS);
         let bands = prior.bands(&coarse);
         // Far within the object nothing else could be there.
@@ -81,9 +91,17 @@ impl Photo {
         })
     }
 
-    /// Where the photo shows the object, near that of `prior`: a mask of the photo's size.
-    pub(super) fn cut(&self, view: &View, prior: &Mask) -> Mask {
-        let cut = Prior::new(view, prior).map(|prior| Cut::new(self, view, &prior));
+    /// Whether a stroke lies in the part that can be cut.
+    pub(super) fn has_all_of(&self, view: &View, stroke: &Stroke) -> bool {
+        let [min, max] = stroke.bounds();
+        let size = Vec2::new(view.camera.width as f32, view.camera.height as f32);
+        let [start, end] = self.window.corners();
+        start.cmple(min.max(Vec2::ZERO)).all() && end.cmpge(max.min(size)).all()
+    }
+
+    /// Where the photo shows the object, near where it is expected and as its strokes say: a mask of the photo's size.
+    pub(super) fn cut(&self, view: &View, expected: &Expected, strokes: &[&Stroke]) -> Mask {
+        let cut = Cut::new(self, view, expected, strokes);
         cut.map_or_else(|| nothing(view), |cut| cut.mask(view))
     }
 
@@ -141,8 +159,8 @@ impl<'a> Prior<'a> {
         })
     }
 
-    /// The part of the photo that shows the object and what is beside it.
-    fn window(&self, view: &View) -> Window {
+    /// The part of the photo that shows the object and what is beside it, and the strokes.
+    fn window(&self, view: &View, strokes: &[&Stroke]) -> Window {
         let (mut min, mut max) = (Vec2::INFINITY, Vec2::NEG_INFINITY);
         for i in (0..self.mask.coverage.len()).filter(|i| self.mask.is_object(*i)) {
             let i = i as u32;
@@ -151,10 +169,14 @@ impl<'a> Prior<'a> {
             max = max.max((at + 1.0) * self.scale);
         }
         let margin = BESIDE * self.band + 4.0;
+        (min, max) = (min - margin, max + margin);
+        for [start, end] in strokes.iter().map(|stroke| stroke.bounds()) {
+            (min, max) = (min.min(start), max.max(end));
+        }
         let size = Vec2::new(view.camera.width as f32, view.camera.height as f32);
         Window::over(
-            (min - margin).floor().max(Vec2::ZERO),
-            (max + margin).ceil().min(size),
+            min.floor().max(Vec2::ZERO),
+            max.ceil().min(size),
             MOST_SAMPLES,
         )
     }
@@ -178,22 +200,61 @@ struct Cut<'a> {
     costs: Vec<f32>,
     /// Costs of outline.
     edges: Vec<f32>,
+    /// Half the width of the mask's soft edge, photo pixels.
+    soft: f32,
+    /// Samples that a stroke covers, and whether they are the object's.
+    strokes: Vec<(usize, bool)>,
 }
 
 impl<'a> Cut<'a> {
-    fn new(photo: &'a Photo, view: &View, prior: &Prior<'_>) -> Self {
+    fn new(
+        photo: &'a Photo,
+        view: &View,
+        expected: &Expected,
+        strokes: &[&Stroke],
+    ) -> Option<Self> {
+        let prior = Prior::new(view, &expected.outline)?;
         let window = &photo.window;
         let bands = prior.bands(window);
         let colors = window.colors(&view.photo);
-        let costs = costs(&colors, &photo.predicted(&colors, &bands), &bands);
+        let mut costs = costs(&colors, &photo.predicted(&colors, &bands), &bands);
+        let says = |mask: &Option<Mask>, i: usize| {
+            let mask = mask.as_ref()?;
+            let at = (window.place(i) / prior.scale).as_uvec2();
+            let at = at.min(glam::UVec2::new(mask.width, mask.height) - 1);
+            Some(mask.is_object((at.y * mask.width + at.x) as usize))
+        };
+        for (i, (cost, band)) in costs.iter_mut().zip(&bands).enumerate() {
+            let is_removed = *band < 0.0 && says(&expected.removed, i) == Some(true);
+            let is_added = *band > 0.0 && says(&expected.added, i) == Some(true);
+            if is_removed || is_added {
+                *cost -= SAID * band.clamp(-MOST_BANDS, MOST_BANDS);
+            }
+        }
+        // A later stroke covers an earlier one.
+        let stroke_at = |i| {
+            let mut covering = strokes.iter().rev();
+            let stroke = covering.find(|stroke| stroke.covers(window.place(i)))?;
+            Some((i, stroke.adds))
+        };
+        let strokes: Vec<(usize, bool)> = if strokes.is_empty() {
+            Vec::new()
+        } else {
+            (0..window.len()).filter_map(stroke_at).collect()
+        };
+        for (i, adds) in &strokes {
+            costs[*i] = if *adds { -STROKE } else { STROKE };
+        }
         let edges = edges(&colors, window.width, &bands);
-        Self {
+        Some(Self {
             window,
             colors,
             bands,
             costs,
             edges,
-        }
+            soft: SOFT * prior.band,
+            strokes,
+        })
     }
 
     fn mask(&self, view: &View) -> Mask {
@@ -202,7 +263,10 @@ impl<'a> Cut<'a> {
             let costs = self.with_colors(&share);
             segment(&mut share, self.window.width, &self.edges, &costs, ROUNDS);
         }
-        tidy(&mut share, self.window.width, &self.bands);
+        tidy(&mut share, self.window.width, &self.bands, &self.strokes);
+        for (i, adds) in &self.strokes {
+            share[*i] = f32::from(*adds);
+        }
         self.drawn(view, &share)
     }
 
@@ -224,9 +288,7 @@ impl<'a> Cut<'a> {
     fn drawn(&self, view: &View, share: &[f32]) -> Mask {
         let (width, height) = (view.camera.width, view.camera.height);
         let share: Vec<[f32; 1]> = share.iter().map(|v| [*v]).collect();
-        let start = self.window.start;
-        let end = start
-            + self.window.step * Vec2::new(self.window.width as f32, self.window.height as f32);
+        let [start, end] = self.window.corners();
         let coverage = (0..width * height).map(|i| {
             let at = Vec2::new((i % width) as f32, (i / width) as f32) + 0.5;
             let is_near = at.cmpge(start).all() && at.cmple(end).all();
@@ -237,12 +299,25 @@ impl<'a> Cut<'a> {
             };
             (255.0 * share).round() as u8
         });
-        Mask {
+        let coverage = coverage.collect();
+        let mask = Mask {
             width,
             height,
-            coverage: coverage.collect(),
+            coverage,
+        };
+        softened(mask, self.soft)
+    }
+}
+
+/// With an edge of that half width, pixels, about the same outline.
+fn softened(mut mask: Mask, half_width: f32) -> Mask {
+    if let Some(outline) = MaskOutline::new(&mask, half_width + 1.0) {
+        for (coverage, distance) in mask.coverage.iter_mut().zip(&outline.distance) {
+            let share = (0.5 + 0.5 * distance / half_width).clamp(0.0, 1.0);
+            *coverage = (255.0 * share).round() as u8;
         }
     }
+    mask
 }
 
 /// Whether a place is safely beside the object and near it.
@@ -304,9 +379,14 @@ fn edges(colors: &[[f32; 3]], width: usize, bands: &[f32]) -> Vec<f32> {
 }
 
 /// Gives up pieces of the object that lie mostly beside the prior, and holes that lie mostly within it: lines of the background
-/// that the prediction has in the wrong place, and spots of the object that look like what is behind.
-fn tidy(share: &mut [f32], width: usize, bands: &[f32]) {
+/// that the prediction has in the wrong place, and spots of the object that look like what is behind. Those that a stroke is in
+/// stay.
+fn tidy(share: &mut [f32], width: usize, bands: &[f32], strokes: &[(usize, bool)]) {
     let n = share.len();
+    let mut is_drawn = vec![false; n];
+    for (i, _) in strokes {
+        is_drawn[*i] = true;
+    }
     let is_object = |v: f32| v > 0.5;
     let mut is_taken = vec![false; n];
     for first in 0..n {
@@ -333,7 +413,8 @@ fn tidy(share: &mut [f32], width: usize, bands: &[f32]) {
             }
         }
         let n_within = piece.iter().filter(|i| bands[**i] > 0.0).count();
-        if (2 * n_within > piece.len()) != kind {
+        let is_wanted = piece.iter().any(|i| is_drawn[*i]);
+        if (2 * n_within > piece.len()) != kind && !is_wanted {
             for i in piece {
                 share[i] = f32::from(!kind);
             }
@@ -370,9 +451,30 @@ mod tests {
         let mut share: Vec<f32> = (0..SIDE * SIDE).map(|i| f32::from(disc(i))).collect();
         share[20 * SIDE + 20] = 0.0;
         share[2 * SIDE + 3] = 1.0;
-        tidy(&mut share, SIDE, &bands);
+        tidy(&mut share, SIDE, &bands, &[]);
         let is_disc = (0..SIDE * SIDE).all(|i| (share[i] > 0.5) == disc(i));
         assert!(is_disc, "the piece itself stays where it is");
+    }
+
+    #[test]
+    fn a_soft_edge_keeps_the_outline() {
+        const SIDE: u32 = 40;
+        let is_in = |i: u32| (i % SIDE) as f32 + 0.5 < 20.0;
+        let hard = Mask {
+            width: SIDE,
+            height: SIDE,
+            coverage: (0..SIDE * SIDE).map(|i| 255 * u8::from(is_in(i))).collect(),
+        };
+        let soft = softened(hard.clone(), 3.0);
+        let n = hard.coverage.len();
+        assert!((0..n).all(|i| soft.is_object(i) == hard.is_object(i)));
+        let row = &soft.coverage[..SIDE as usize];
+        assert_eq!(
+            (row[16], row[23]),
+            (255, 0),
+            "half a width further nothing is unsure"
+        );
+        assert!(row[17..23].is_sorted_by(|a, b| a > b), "{row:?}");
     }
 
     #[test]

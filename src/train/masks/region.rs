@@ -3,11 +3,12 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::agreed::{outline_of, vote, voters};
 use super::seen::SeenView;
 use super::selection::Selection;
 use super::voxels::{VoxelGrid, VoxelSet};
 use crate::data::Mask;
-use crate::geometry::{Aabb, Ray};
+use crate::geometry::Aabb;
 use crate::train::shape::support_plane::{self, Plane, Support};
 use crate::train::statistics::middle;
 
@@ -30,8 +31,6 @@ const LEAST_POINTS: f32 = 1.0;
 const SHOWN: f32 = 0.5;
 /// Share of the photos that show a place on the object, from which on it is inside the object.
 const INSIDE: f32 = 0.7;
-/// Photos that vote, at most, evenly chosen.
-const VOTERS: usize = 60;
 /// How near to a point on it, or to the middle of what the cameras look at, most of it is, in reaches.
 const POINTED: f32 = 0.1;
 const LOOKED_AT: f32 = 0.4;
@@ -41,13 +40,9 @@ const CLEARED_FROM: f32 = 0.7;
 const CLEARED: usize = 2;
 /// Voxels from the region within which all photos' shape is looked for.
 const NEAR: usize = 5;
-/// Voxels along an axis for the shape on which all photos agree.
-const N_AGREED: usize = 128;
-/// The shares of photos that are tried for it.
-const AGREEMENTS: [f32; 6] = [0.6, 0.7, 0.8, 0.86, 0.91, 0.95];
 
 /// What the object stands out from.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 struct Ground {
     support: Option<Support>,
     /// Height from which on something stands out, scene units.
@@ -131,15 +126,21 @@ impl Surfaces {
 }
 
 /// Where the object is.
-#[derive(Debug)]
+#[derive(Debug, PartialEq)]
 pub(super) struct Region {
     voxels: VoxelSet,
     ground: Ground,
 }
 
 impl Region {
-    /// The region around `center` that the views show; `None` where nothing is there.
-    pub(super) fn find(views: &[SeenView], center: Vec3, selection: &Selection) -> Option<Self> {
+    /// The region around `center` that the views show, with the parts that have half of the points in one of `added`; `None` where
+    /// nothing is there.
+    pub(super) fn find(
+        views: &[SeenView],
+        center: Vec3,
+        selection: &Selection,
+        added: &[Vec<Vec3>],
+    ) -> Option<Self> {
         let (reach, pixel) = sizes(views, center);
         let ground = Ground::below(views, center, reach, pixel);
         let grid = VoxelGrid::around(center, GRID_REACH * reach, N_VOXELS);
@@ -152,10 +153,23 @@ impl Region {
         } else {
             LOOKED_AT * reach
         };
-        let parts = high.parts().into_iter();
-        let scored = parts.map(|part| (surfaces.near(&part, aim, spread), part));
+        let parts = high.parts();
+        let scored = parts
+            .iter()
+            .map(|part| (surfaces.near(part, aim, spread), part));
         let best = scored.max_by(|a, b| a.0.total_cmp(&b.0));
-        let (_, mut voxels) = best.filter(|(score, _)| *score > 0.0)?;
+        let (_, best) = best.filter(|(score, _)| *score > 0.0)?;
+        let mut voxels = best.clone();
+        for points in added {
+            let has = |part: &VoxelSet, p: &&Vec3| part.contains_point(**p);
+            let joined = parts.iter().find(|part| {
+                let part = part.grown(1);
+                2 * points.iter().filter(|p| has(&part, p)).count() > points.len()
+            });
+            for voxel in joined.into_iter().flat_map(|part| &part.members) {
+                voxels.insert(*voxel);
+            }
+        }
         // Down from there it is whatever is right below and beside.
         let foot = (APART * ground.margin / grid.cell).ceil() as usize + 2;
         let near_solid = surfaces.solid.grown(1);
@@ -167,6 +181,33 @@ impl Region {
             voxels.insert(voxel);
         }
         Some(Self { voxels, ground })
+    }
+
+    /// The region around `center` that most of `masks`, one a view where there is one, show; `None` where they show nothing there.
+    pub(super) fn of_masks(
+        views: &[SeenView],
+        center: Vec3,
+        masks: &[Option<Mask>],
+    ) -> Option<Self> {
+        let (reach, pixel) = sizes(views, center);
+        let ground = Ground::below(views, center, reach, pixel);
+        let grid = VoxelGrid::around(center, GRID_REACH * reach, N_VOXELS);
+        let voxels = (0..grid.len()).into_par_iter();
+        let masked = views.iter().zip(masks).filter(|(_, mask)| mask.is_some());
+        let masked: Vec<&SeenView> = masked.map(|(view, _)| view).collect();
+        let voters = voters(masked.into_iter(), masks.iter().flatten());
+        let is_inside = |voxel: &usize| {
+            let p = grid.center(*voxel);
+            is_shown(views, p) && vote(&voters, p, INSIDE) > INSIDE
+        };
+        let inside: Vec<usize> = voxels.filter(is_inside).collect();
+        let voxels = VoxelSet::of(grid, inside);
+        (!voxels.members.is_empty()).then_some(Self { voxels, ground })
+    }
+
+    /// The outline of the region in a view.
+    pub(super) fn outline_in(&self, view: &SeenView) -> Mask {
+        outline_of(&self.voxels, view)
     }
 
     /// What the object stands on.
@@ -185,10 +226,11 @@ impl Region {
     /// little around it, over the support.
     pub(super) fn cleared(&self, views: &[SeenView], masks: &[Mask]) -> impl Fn(Vec3) -> bool {
         let grid = self.voxels.grid;
+        let voters = voters(views.iter(), masks.iter());
         let around = bounded(&self.voxels);
         let inside: Vec<usize> = around
             .into_par_iter()
-            .filter(|voxel| vote(views, masks, grid.center(*voxel), INSIDE) > INSIDE)
+            .filter(|voxel| vote(&voters, grid.center(*voxel), INSIDE) > INSIDE)
             .collect();
         let mut cleared = self.voxels.clone();
         for voxel in inside {
@@ -199,44 +241,9 @@ impl Region {
         move |p| cleared.contains_point(p) && ground.margins(p) > CLEARED_FROM
     }
 
-    /// The outlines in all views of the shape on which most of them agree: as many as make its outlines most like theirs.
-    pub(super) fn agreed(&self, views: &[SeenView], masks: &[Mask]) -> Vec<Mask> {
-        let near = self.voxels.grown(NEAR);
-        let bounds = bounded(&near);
-        let places = bounds.iter().map(|voxel| self.voxels.grid.center(*voxel));
-        let bounds = Aabb::from_points(places);
-        let reach = 0.5 * bounds.extent().max_element();
-        let grid = VoxelGrid::around(bounds.center(), reach, N_AGREED);
-        let votes: Vec<f32> = (0..grid.len())
-            .into_par_iter()
-            .map(|voxel| {
-                let p = grid.center(voxel);
-                let is_near = near.contains_point(p);
-                if is_near {
-                    vote(views, masks, p, AGREEMENTS[0])
-                } else {
-                    0.0
-                }
-            })
-            .collect();
-        let drawn = |agreement: f32, stride: usize| -> Vec<Mask> {
-            let voxels = (0..grid.len()).filter(|voxel| votes[*voxel] >= agreement);
-            let shape = VoxelSet::of(grid, voxels);
-            let views: Vec<&SeenView> = views.iter().step_by(stride).collect();
-            views
-                .par_iter()
-                .map(|view| outline_of(&shape, view))
-                .collect()
-        };
-        let stride = views.len().div_ceil(12);
-        let likeness = |agreement: f32| -> f32 {
-            let pairs = drawn(agreement, stride);
-            let pairs = pairs.iter().zip(masks.iter().step_by(stride));
-            pairs.map(|(a, b)| agreement_of(a, b)).sum()
-        };
-        let scored = AGREEMENTS.map(|agreement| (agreement, likeness(agreement)));
-        let best = scored.iter().max_by(|a, b| a.1.total_cmp(&b.1));
-        drawn(best.map_or(AGREEMENTS[2], |best| best.0), 1)
+    /// Where the shape on which the photos agree is looked for.
+    pub(super) fn around(&self) -> VoxelSet {
+        self.voxels.grown(NEAR)
     }
 }
 
@@ -259,41 +266,10 @@ fn sizes(views: &[SeenView], center: Vec3) -> (f32, f32) {
     (distance * REACH.min(REACH_OF_PHOTO * half_width), pixel)
 }
 
-/// Share of two masks' object pixels that they have in common, 0..1; 1 where both show none.
-pub fn agreement_of(a: &Mask, b: &Mask) -> f32 {
-    let (mut both, mut either) = (0, 0);
-    for i in 0..a.coverage.len().min(b.coverage.len()) {
-        both += usize::from(a.is_object(i) && b.is_object(i));
-        either += usize::from(a.is_object(i) || b.is_object(i));
-    }
-    if either == 0 {
-        return 1.0;
-    }
-    both as f32 / either as f32
-}
-
 /// Whether a place is in the picture of enough views.
 fn is_shown(views: &[SeenView], p: Vec3) -> bool {
     let shown = views.iter().filter(|view| view.pixel(p).is_some());
     shown.count() as f32 >= SHOWN * views.len() as f32
-}
-
-/// Share of the views that show a place on the object, of those that have it in the picture; 0 where it is sure to be below
-/// `least`.
-fn vote(views: &[SeenView], masks: &[Mask], p: Vec3, least: f32) -> f32 {
-    let (mut n, mut n_object) = (0_u32, 0_u32);
-    let stride = views.len().div_ceil(VOTERS);
-    let most_against = (1.0 - least) * views.len().div_ceil(stride) as f32;
-    for (view, mask) in views.iter().zip(masks).step_by(stride) {
-        if let Some(pixel) = view.pixel(p) {
-            n += 1;
-            n_object += u32::from(mask.is_object(pixel));
-            if (n - n_object) as f32 > most_against {
-                return 0.0;
-            }
-        }
-    }
-    n_object as f32 / n.max(1) as f32
 }
 
 /// The voxels of the box around a set.
@@ -306,29 +282,6 @@ fn bounded(set: &VoxelSet) -> Vec<usize> {
     voxels
         .filter(|voxel| bounds.contains(set.grid.center(*voxel)))
         .collect()
-}
-
-/// The pixels whose rays meet a set.
-fn outline_of(shape: &VoxelSet, view: &SeenView) -> Mask {
-    let camera = &view.camera;
-    let bounds = shape.grid.bounds();
-    let step = 0.7 * shape.grid.cell;
-    let meets = |ray: &Ray| {
-        let Some((near, far)) = bounds.span(ray) else {
-            return false;
-        };
-        let n = ((far - near) / step) as usize + 1;
-        (0..n).any(|k| shape.contains_point(ray.origin + ray.direction * (near + k as f32 * step)))
-    };
-    let pixels = (0..camera.width * camera.height).map(|i| {
-        let (x, y) = (i % camera.width, i / camera.width);
-        meets(&camera.ray(x as f32 + 0.5, y as f32 + 0.5))
-    });
-    Mask {
-        width: camera.width,
-        height: camera.height,
-        coverage: pixels.map(|is| 255 * u8::from(is)).collect(),
-    }
 }
 
 /// Without pixels that are not part of a cross of five (a morphological opening).
@@ -358,55 +311,19 @@ fn opened(shown: &[bool], width: u32, height: u32) -> Mask {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Camera;
-    use crate::render::test_scene::fog_where;
-
-    /// Two balls that stand on a floor, and whether a point is in one of them.
-    const BALLS: [Vec3; 2] = [Vec3::new(0.0, 0.0, -0.24), Vec3::new(0.4, 0.3, -0.28)];
-    const RADII: [f32; 2] = [0.16, 0.12];
-
-    fn is_in(ball: usize, p: Vec3) -> bool {
-        p.distance(BALLS[ball]) < RADII[ball]
-    }
+    use crate::train::masks::agreed::Votes;
+    use crate::train::masks::test_capture::{BALLS, RADII, cameras, likeness, place};
 
     fn views() -> Vec<SeenView> {
-        let environment = fog_where(|p| p.z < -0.4 || is_in(0, p) || is_in(1, p));
-        let camera = |i: usize| {
-            let (sin, cos) = (i as f32 * 0.9).sin_cos();
-            let eye = Vec3::new(0.8 * cos, 0.8 * sin, 0.1 + 0.08 * (i % 4) as f32);
-            Camera::look_at(eye, BALLS[0], Vec3::Z, 0.9, 96, 96)
-        };
-        let cameras = (0..14).map(camera);
+        let environment = place().environment;
+        let cameras = cameras().into_iter();
         cameras
             .map(|camera| SeenView::new(&environment, &camera))
             .collect()
     }
 
-    /// Silhouettes in common with those of a ball.
-    fn likeness(views: &[SeenView], masks: &[Mask], ball: usize) -> f32 {
-        let true_mask = |view: &SeenView| {
-            let (width, height) = (view.camera.width, view.camera.height);
-            let meets = |i: u32| {
-                let ray = view
-                    .camera
-                    .ray((i % width) as f32 + 0.5, (i / width) as f32 + 0.5);
-                let along = (BALLS[ball] - ray.origin).dot(ray.direction);
-                is_in(ball, ray.origin + along * ray.direction)
-            };
-            let coverage = (0..width * height)
-                .map(|i| 255 * u8::from(meets(i)))
-                .collect();
-            Mask {
-                width,
-                height,
-                coverage,
-            }
-        };
-        let pairs = views.iter().zip(masks);
-        let sum: f32 = pairs
-            .map(|(view, mask)| agreement_of(&true_mask(view), mask))
-            .sum();
-        sum / views.len() as f32
+    fn likeness_to(views: &[SeenView], masks: &[Mask], ball: usize) -> f32 {
+        likeness(views.iter().map(|view| &view.camera), masks, &[ball])
     }
 
     #[test]
@@ -414,17 +331,22 @@ mod tests {
         let views = views();
         for ball in [0, 1] {
             let at = (ball == 1).then_some(BALLS[1] + RADII[1] * Vec3::Z);
-            let selection = Selection { at, within: None };
+            let selection = Selection {
+                at,
+                ..Selection::default()
+            };
             let center = at.unwrap_or(BALLS[0]);
-            let region = Region::find(&views, center, &selection).expect("a ball");
+            let region = Region::find(&views, center, &selection, &[]).expect("a ball");
             let support = region.support().expect("a floor");
             assert!(support.normal.z > 0.99, "{support:?}");
             let shown: Vec<Mask> = views.iter().map(|view| region.shown_in(view)).collect();
-            let likeness_shown = likeness(&views, &shown, ball);
+            let likeness_shown = likeness_to(&views, &shown, ball);
             assert!(likeness_shown > 0.6, "{likeness_shown}");
             // Cells are as wide as a fifth of a ball; what all photos agree on is no worse.
-            let agreed = region.agreed(&views, &shown);
-            assert!(likeness(&views, &agreed, ball) > 0.95 * likeness_shown);
+            let agreed = Votes::new(&region.around(), &views, &shown).shape(&[]);
+            let outline = |view: &SeenView| agreed.expected(view).outline;
+            let agreed: Vec<Mask> = views.iter().map(outline).collect();
+            assert!(likeness_to(&views, &agreed, ball) > 0.95 * likeness_shown);
             let cleared = region.cleared(&views, &shown);
             assert!(cleared(BALLS[ball]), "the inside too");
             assert!(!cleared(BALLS[1 - ball]) && !cleared(Vec3::new(0.0, 0.0, -0.5)));
@@ -438,16 +360,19 @@ mod tests {
             min: BALLS[1] - 0.2,
             max: BALLS[1] + 0.2,
         });
-        let selection = Selection { at: None, within };
-        let region = Region::find(&views, BALLS[1], &selection).expect("a ball");
+        let selection = Selection {
+            within,
+            ..Selection::default()
+        };
+        let region = Region::find(&views, BALLS[1], &selection, &[]).expect("a ball");
         let shown: Vec<Mask> = views.iter().map(|view| region.shown_in(view)).collect();
-        assert!(likeness(&views, &shown, 1) > 0.6);
+        assert!(likeness_to(&views, &shown, 1) > 0.6);
     }
 
     #[test]
     fn where_nothing_stands_nothing_is_found() {
         let selection = Selection::default();
         let far = Vec3::new(0.0, -40.0, 3.0);
-        assert!(Region::find(&views(), far, &selection).is_none());
+        assert!(Region::find(&views(), far, &selection, &[]).is_none());
     }
 }

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use crate::geometry::{Camera, Projector, Ray};
 use crate::neif::Environment;
 use crate::neif::field::radiance_field::{FieldBatch, FieldRay};
-use crate::neif::light::environment::LightScratch;
+use crate::neif::light::environment::{EnvironmentField, LightScratch};
 use crate::render::path::trace::PIXEL_STD;
 
 /// Pixels along the longer side of the photos that depths are looked up in.
@@ -29,6 +29,14 @@ pub(super) fn look(environment: &Environment, camera: &Camera, places: &[Vec2]) 
     blocks
         .flat_map_iter(|places| look_at_block(environment, camera, places))
         .collect()
+}
+
+/// The surface point of the environment that a camera shows at a place of its picture (pixels), world; `None` where it has no
+/// surfaces.
+pub fn point_at(environment: &Environment, camera: &Camera, at_px: Vec2) -> Option<Vec3> {
+    let has_surfaces = matches!(environment.field(), EnvironmentField::Grid { .. });
+    let look = has_surfaces.then(|| look(environment, camera, &[at_px]));
+    look.map(|look| look[0].point).filter(|p| p.is_finite())
 }
 
 fn look_at_block(environment: &Environment, camera: &Camera, places: &[Vec2]) -> Vec<Look> {
@@ -72,6 +80,17 @@ impl SeenView {
             projector: small.projector(Affine3A::IDENTITY),
             points: looks.iter().map(|look| look.point).collect(),
         }
+    }
+
+    /// Where a point is seen, pixels; `None` behind the camera.
+    pub(super) fn place(&self, p_world: Vec3) -> Option<Vec2> {
+        Some(self.projector.project(p_world)?.0)
+    }
+
+    /// Whether a place, in pixels, is in the picture.
+    pub(super) fn has(&self, at: Vec2) -> bool {
+        let size = Vec2::new(self.camera.width as f32, self.camera.height as f32);
+        at.cmpge(Vec2::ZERO).all() && at.cmplt(size).all()
     }
 
     /// The pixel that shows a point; `None` beside the picture.

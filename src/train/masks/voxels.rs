@@ -2,7 +2,11 @@
 
 use glam::Vec3;
 
-use crate::geometry::Aabb;
+use crate::geometry::{Aabb, ScalarGrid};
+use crate::train::statistics::with_neighbours;
+
+/// Blurs by 1, 2, 1 along each axis that make voxels a smooth surface: a normal of about 1.4 cells.
+const BLURS: usize = 4;
 
 /// Cubes of a larger cube.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -164,6 +168,26 @@ impl VoxelSet {
         sets.map(|part| Self::of(self.grid, part)).collect()
     }
 
+    /// Distances to its surface, scene units, negative inside; true near it alone, and smooth.
+    pub(super) fn distances(&self) -> ScalarGrid {
+        let n = self.grid.n;
+        let mut inside: Vec<f32> = self.has.iter().map(|has| f32::from(*has)).collect();
+        let blurred = |before: f32, value: f32, after: f32| 0.25 * (before + 2.0 * value + after);
+        for _ in 0..BLURS {
+            for stride in [1, n, n * n] {
+                inside = with_neighbours(&inside, (n, stride), blurred);
+            }
+        }
+        // A blurred step rises from 0 to 1 within about this many cells.
+        let scale = self.grid.cell * (2.0 * std::f32::consts::PI * 0.5 * BLURS as f32).sqrt();
+        ScalarGrid {
+            origin: self.grid.center(0),
+            cell: self.grid.cell,
+            size: [n; 3],
+            values: inside.iter().map(|share| scale * (0.5 - share)).collect(),
+        }
+    }
+
     pub(super) fn filtered(&self, keep: impl Fn(usize) -> bool) -> Self {
         let kept = self.members.iter().copied().filter(|voxel| keep(*voxel));
         Self::of(self.grid, kept)
@@ -203,5 +227,23 @@ mod tests {
             4,
             "a corner"
         );
+    }
+
+    #[test]
+    fn distances_to_a_ball_of_voxels_are_those_to_the_ball() {
+        let grid = VoxelGrid::around(Vec3::new(1.0, 2.0, 3.0), 2.0, 32);
+        let radius = |p: Vec3| p.distance(Vec3::new(1.0, 2.0, 3.0));
+        let ball = (0..grid.len()).filter(|voxel| radius(grid.center(*voxel)) < 1.2);
+        let distances = VoxelSet::of(grid, ball).distances();
+        for along in [Vec3::X, Vec3::new(-0.6, 0.8, 0.0), Vec3::splat(0.577)] {
+            for true_distance in [-0.1, 0.0, 0.1] {
+                let p = Vec3::new(1.0, 2.0, 3.0) + along * (1.2 + true_distance);
+                let distance = distances.sample(p);
+                assert!(
+                    (distance - true_distance).abs() < 0.06,
+                    "{along} {distance}"
+                );
+            }
+        }
     }
 }

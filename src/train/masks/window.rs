@@ -32,8 +32,14 @@ impl Window {
 
     /// The same rectangle with at most so many samples.
     pub(super) fn coarser(&self, most: usize) -> Self {
+        let [start, end] = self.corners();
+        Self::over(start, end, most)
+    }
+
+    /// The first corner and the one across, photo pixels.
+    pub(super) fn corners(&self) -> [Vec2; 2] {
         let size = self.step * Vec2::new(self.width as f32, self.height as f32);
-        Self::over(self.start, self.start + size, most)
+        [self.start, self.start + size]
     }
 
     pub(super) fn len(&self) -> usize {

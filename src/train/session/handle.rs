@@ -15,6 +15,7 @@ use super::events::{TrainCommand, TrainEvent};
 use super::options::{SessionError, SessionOptions, Shared};
 use super::run::Worker;
 use crate::data::Dataset;
+use crate::geometry::Camera;
 use crate::train::Snapshot;
 use crate::train::shape::stage_one::GrowthPicture;
 
@@ -106,6 +107,11 @@ impl Session {
     /// makes the mesh from masks and [`SessionOptions::shows_growth`].
     pub fn growth(&self) -> (Option<Arc<GrowthPicture>>, u64) {
         (self.shared.growth.get(), self.shared.growth.version())
+    }
+
+    /// The cameras of the training photos as they are corrected by now, where they are.
+    pub fn cameras(&self) -> Option<Arc<Vec<Camera>>> {
+        self.shared.cameras.get()
     }
 
     /// The capture, once it is loaded.

@@ -1,13 +1,15 @@
 //! The object of a capture without masks: found before training, where that is asked for.
 
+use std::sync::Arc;
+
 use super::events::TrainEvent;
-use super::options::{ObjectSearch, SessionError};
+use super::options::{SessionError, WantedObject};
 use super::plan::Budget;
 use super::run::{Run, Worker};
 use super::saved::run_folder::{RunFolder, absolute};
 use crate::data::{Dataset, Problem, Severity};
 use crate::train::TrainError;
-use crate::train::masks::{FoundObject, LearnedPlace, MaskError, find_object, learn_environment};
+use crate::train::masks::{FoundObject, MaskError, Selection, find_object, learn_environment};
 
 /// What the person reads meanwhile.
 const LEARNING: &str = "Learning the place to find the object in it";
@@ -28,46 +30,32 @@ pub(super) enum Search {
     /// It was not looked for, or not found: the capture is as it was.
     None,
     /// The capture's views have masks.
-    Found(FoundObject),
+    Found(Arc<FoundObject>),
     /// The person asked to stop.
     Stopped,
 }
 
 impl Worker {
     /// Whether the object is to be looked for in a capture.
-    pub(super) fn wants_object(&self) -> Option<&ObjectSearch> {
+    pub(super) fn wants_object(&self) -> Option<&WantedObject> {
         let wanted = self.options.object.as_ref();
         wanted.filter(|_| !self.options.environment_only)
     }
 
     /// Gives the views masks where there are none and the object is to be looked for.
     pub(super) fn find_object(&self, dataset: &mut Dataset) -> Search {
-        let Some(search) = self.wants_object() else {
+        let Some(wanted) = self.wants_object() else {
             return Search::None;
         };
         if dataset.mesh.is_some() || dataset.views().any(|view| view.mask.is_some()) {
             return Search::None;
         }
-        let report = |what| move |fraction| self.loading(what, fraction);
-        let (config, stop) = (&self.options.config, &self.shared.stop);
-        let budget = match self.options.budget {
-            Budget::Seconds(seconds) => Budget::Seconds((SHARE * seconds).min(MOST_SECS)),
-            Budget::Steps(steps) => {
-                Budget::Steps(((SHARE * steps as f64) as u64).clamp(LEAST_STEPS, MOST_STEPS))
-            }
-        };
-        let learn = || learn_environment(dataset, config, budget, stop, &report(LEARNING));
-        let given = search.environment.clone().map(LearnedPlace::as_given);
-        let place = match given.map_or_else(|| self.pool.install(learn), Ok) {
-            Ok(place) => place,
-            Err(TrainError::Cancelled) => return Search::Stopped,
-            Err(error) => return self.without_object(&error.to_string()),
-        };
-        let find = || find_object(dataset, &place, &search.selection, stop, &report(FINDING));
-        let found = match self.pool.install(find) {
-            Ok(found) => found,
-            Err(MaskError::Cancelled) => return Search::Stopped,
-            Err(error) => return self.without_object(&error.to_string()),
+        let found = match wanted {
+            WantedObject::Found(found) => Arc::clone(found),
+            WantedObject::Find(selection) => match self.search(dataset, selection) {
+                Ok(found) => Arc::new(found),
+                Err(ended) => return ended,
+            },
         };
         let doubtful = found.doubtful();
         let advice = match &doubtful[..doubtful.len().min(MOST_NAMED)] {
@@ -81,6 +69,28 @@ impl Worker {
             .push(Problem::new(Severity::Note, what, &advice));
         found.assign(dataset);
         Search::Found(found)
+    }
+
+    /// Learns the place and finds the object in it; an error is how it ended otherwise.
+    fn search(&self, dataset: &Dataset, selection: &Selection) -> Result<FoundObject, Search> {
+        let report = |what| move |fraction| self.loading(what, fraction);
+        let (config, stop) = (&self.options.config, &self.shared.stop);
+        let budget = match self.options.budget {
+            Budget::Seconds(seconds) => Budget::Seconds((SHARE * seconds).min(MOST_SECS)),
+            Budget::Steps(steps) => {
+                Budget::Steps(((SHARE * steps as f64) as u64).clamp(LEAST_STEPS, MOST_STEPS))
+            }
+        };
+        let learn = || learn_environment(dataset, config, budget, stop, &report(LEARNING));
+        let place = self.pool.install(learn).map_err(|error| match error {
+            TrainError::Cancelled => Search::Stopped,
+            error => self.without_object(&error.to_string()),
+        })?;
+        let find = || find_object(dataset, &place, (selection, &[]), stop, &report(FINDING));
+        self.pool.install(find).map_err(|error| match error {
+            MaskError::Cancelled => Search::Stopped,
+            error => self.without_object(&error.to_string()),
+        })
     }
 
     fn without_object(&self, why: &str) -> Search {

@@ -9,10 +9,11 @@ use super::latest::Latest;
 use super::plan::Budget;
 use super::saved::run_folder::{DatasetSource, FORMAT, RunConfig, RunFolder, RunFolderError};
 use crate::data::{CaptureChoices, DataError, Dataset, MeshPlacement};
-use crate::neif::{Environment, Storage};
+use crate::geometry::Camera;
+use crate::neif::Storage;
 use crate::scans::Scan;
 use crate::train::config::{PhotoFit, TrainConfig};
-use crate::train::masks::Selection;
+use crate::train::masks::{FoundObject, Selection};
 use crate::train::shape::stage_one::GrowthPicture;
 use crate::train::{Snapshot, TrainError};
 
@@ -51,7 +52,7 @@ pub struct SessionOptions {
     /// Train the environment only.
     pub environment_only: bool,
     /// The object to look for in a capture that has neither masks nor a mesh; its environment alone is trained otherwise.
-    pub object: Option<ObjectSearch>,
+    pub object: Option<WantedObject>,
     /// Precision of the grid values in the saved files.
     pub storage: Storage,
     /// When the budget began to count.
@@ -136,13 +137,13 @@ impl SessionOptions {
     }
 }
 
-/// The object to look for.
-#[derive(Clone, Debug, Default)]
-pub struct ObjectSearch {
-    /// Which one.
-    pub selection: Selection,
-    /// An environment that was trained on the photos with the object as a part of it; one is learned where absent.
-    pub environment: Option<Arc<Environment>>,
+/// The object of a capture whose photos have no masks.
+#[derive(Clone, Debug)]
+pub enum WantedObject {
+    /// Is to be found in an environment that is learned from the photos before.
+    Find(Selection),
+    /// Was found: masks of the views in the order of [`crate::data::Dataset::views`].
+    Found(Arc<FoundObject>),
 }
 
 /// What the two sides share.
@@ -154,6 +155,8 @@ pub(in crate::train) struct Shared {
     pub(super) spares_core: AtomicBool,
     /// The newest state of the fields.
     pub(in crate::train) snapshot: Latest<Snapshot>,
+    /// The cameras of the training photos, where they are corrected.
+    pub(in crate::train) cameras: Latest<Vec<Camera>>,
     /// The object's surface as it grew last.
     pub(in crate::train) growth: Latest<GrowthPicture>,
     /// The capture, once it is loaded.

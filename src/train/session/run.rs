@@ -129,7 +129,7 @@ pub(in crate::train) struct Run<'a> {
     /// Folders that belong to this run and so may be written again.
     pub(super) own_folders: Vec<PathBuf>,
     /// The object that was found in photos without masks.
-    pub(super) found: Option<FoundObject>,
+    pub(super) found: Option<Arc<FoundObject>>,
     pub(in crate::train) config: RunConfig,
     pub(in crate::train) plan: Plan,
     pub(super) clock: Clock,

@@ -203,6 +203,10 @@ impl Run<'_> {
     /// Puts the newest state of the fields where everybody can take it.
     pub(in crate::train) fn publish(&self) {
         let snapshot = Arc::new(self.trainer.snapshot());
+        if let Some(poses) = self.trainer.model().poses() {
+            let cameras = Arc::new(poses.cameras());
+            self.worker.shared.cameras.publish(cameras);
+        }
         self.worker.shared.snapshot.publish(snapshot);
         self.worker.events.wake();
     }

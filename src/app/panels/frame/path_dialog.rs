@@ -41,6 +41,10 @@ pub fn path_dialog_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>
                     "Export the figures",
                     "A file for loss, PSNR and speed over the run so far, as a table with commas (.csv).",
                 ),
+                PathPurpose::Masks => (
+                    "Export the masks",
+                    "A folder for a PNG a photo, named as the photo: white is the object. It is made if it does not exist.",
+                ),
                 PathPurpose::SaveSession => (
                     "Save the session",
                     "A small file that names what is open and holds all edits, camera and layout. What was trained and never saved goes into a folder beside it.",
@@ -65,7 +69,7 @@ fn path_ui(ui: &mut Ui, dialog: &PathDialog, commands: &mut Vec<Command>) {
         PathPurpose::Open => "Open path",
         PathPurpose::AddEnvironment => "Add path",
         PathPurpose::Save | PathPurpose::SaveSession => "Save",
-        PathPurpose::Log => "Export",
+        PathPurpose::Log | PathPurpose::Masks => "Export",
     };
     ui.horizontal(|ui| {
         let label = ui.label("Path");
@@ -76,6 +80,7 @@ fn path_ui(ui: &mut Ui, dialog: &PathDialog, commands: &mut Vec<Command>) {
                 PathPurpose::AddEnvironment => "/path/to/environment.hdr",
                 PathPurpose::Save => "/path/to/run",
                 PathPurpose::Log => "/path/to/figures.csv",
+                PathPurpose::Masks => "/path/to/masks",
                 PathPurpose::SaveSession => "/path/to/session",
             });
         let edit = ui.add(edit).labelled_by(label.id);
@@ -99,7 +104,7 @@ fn path_ui(ui: &mut Ui, dialog: &PathDialog, commands: &mut Vec<Command>) {
         ];
         let browse = match dialog.purpose {
             PathPurpose::Open | PathPurpose::AddEnvironment => &browse[..],
-            PathPurpose::Save => &browse[..1],
+            PathPurpose::Save | PathPurpose::Masks => &browse[..1],
             PathPurpose::SaveSession | PathPurpose::Log => &browse[1..],
         };
         for (text, kind) in browse {

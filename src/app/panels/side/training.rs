@@ -3,10 +3,11 @@
 use egui::{Button, Grid, Ui};
 use strum::VariantArray as _;
 
+use crate::app::object::ObjectCommand;
 use crate::app::panels::frame::status::chip;
 use crate::app::panels::section::section_heading;
 use crate::app::panels::widgets::{
-    choices_ui, count, duration, number_ui, on_click, training_secs, weak,
+    choices_ui, count, duration, log_place, number_ui, on_click, training_secs, weak,
 };
 use crate::app::session::preferences::{PreferencesCommand, Quality};
 use crate::app::state::app_state::{AppState, PathPurpose};
@@ -67,25 +68,16 @@ fn object_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
     if !state.lacks_object() {
         return;
     }
-    if !state.training.asks_for_object {
-        let find = ui.button("Find the object…");
-        let find = find.on_hover_text(
-            "In photos without masks: what stands where you click is cut out of all of them, and trained",
-        );
-        on_click(&find, Command::Train(Train::AskForObject(true)), commands);
-        return;
-    }
-    ui.label("Click on the object in the picture.");
-    ui.horizontal(|ui| {
-        let middle = ui.button("What the photos look at");
-        on_click(&middle, Command::Train(Train::FindObject(None)), commands);
-        let cancel = ui.button("Cancel");
-        on_click(
-            &cancel,
-            Command::Train(Train::AskForObject(false)),
-            commands,
-        );
-    });
+    let select = ui.button("Select the object…");
+    let select = select.on_hover_text(
+        "In photos without masks: what stands where you click is cut out of all of them, and trained",
+    );
+    log_place(ui, "Select the object…", select.rect);
+    on_click(
+        &select,
+        Command::Object(ObjectCommand::Select(true)),
+        commands,
+    );
 }
 
 fn controls_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {

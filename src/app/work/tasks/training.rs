@@ -1,15 +1,12 @@
 //! Begins training: on what is open, or anew with the object that is to be found in it.
 
-use std::sync::Arc;
-
 use super::{TRAINING_REPAINT, Work};
 use crate::app::state::app_state::AppState;
 use crate::app::state::source::Source;
 use crate::app::state::training_state::{Level, Phase, TrainingState};
 use crate::train::config::TrainConfig;
-use crate::train::masks::Selection;
 use crate::train::session::handle::Session;
-use crate::train::session::options::{ObjectSearch, SessionOptions};
+use crate::train::session::options::{SessionOptions, WantedObject};
 use crate::train::session::plan::Budget;
 
 impl Work {
@@ -18,21 +15,18 @@ impl Work {
         self.begin(state, None);
     }
 
-    /// Trains on the open capture anew, with the object that is found in its photos: by the environment as it is trained by now.
-    pub(super) fn find_object(&mut self, state: &mut AppState, selection: Selection) {
-        let snapshot = state.snapshot.as_ref();
-        let environment = snapshot.map(|snapshot| Arc::clone(&snapshot.environment));
-        // It takes the old one's place: two would share the processor.
-        self.session = None;
-        state.dataset = None;
-        let search = ObjectSearch {
-            selection,
-            environment,
-        };
-        self.begin(state, Some(search));
+    /// Trains on the open capture anew, with the object that was found in its photos.
+    pub(super) fn train_object(&mut self, state: &mut AppState) {
+        let object = std::mem::take(&mut state.object);
+        if let Some(found) = object.found {
+            // It takes the old one's place: two would share the processor.
+            self.session = None;
+            state.dataset = None;
+            self.begin(state, Some(WantedObject::Found(found)));
+        }
     }
 
-    fn begin(&mut self, state: &mut AppState, object: Option<ObjectSearch>) {
+    fn begin(&mut self, state: &mut AppState, object: Option<WantedObject>) {
         let budget = Budget::Seconds(state.watch.budget_secs);
         let options = match &state.source {
             Source::Demo(path) | Source::Capture(path) => {
