@@ -11,15 +11,21 @@ mod display;
 mod program;
 #[path = "cli/splats.rs"]
 mod splats;
+#[path = "cli/without_masks.rs"]
+mod without_masks;
 
 use std::path::Path;
 use std::process::{Command, Stdio};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use display::{Display, Place, Shot};
 use program::Program;
 
 /// Training before anything is edited, seconds.
 const TRAINED_SECS: f64 = 20.0;
+/// Training before the object is looked for in the place, and with the object, seconds.
+const PLACE_SECS: f64 = 15.0;
+const OBJECT_SECS: f64 = 5.0;
 /// Share of the viewport's pixels that an edit changes at least.
 const LEAST_CHANGE: f64 = 0.01;
 /// The same after an edit was taken back.
@@ -27,9 +33,10 @@ const MOST_LEFT: f64 = 0.005;
 
 #[test]
 fn a_person_trains_edits_undoes_takes_a_picture_and_leaves() {
+    let _alone = alone();
     let Some(display) = display() else { return };
     let home = tempfile::tempdir().expect("a folder");
-    let mut window = open(&display, home.path());
+    let mut window = open(&display, home.path(), &[]);
     window.wait(|line| elapsed_secs(line) >= Some(TRAINED_SECS));
     display.focus("neif");
 
@@ -107,6 +114,89 @@ fn a_person_trains_edits_undoes_takes_a_picture_and_leaves() {
     assert!(image::open(&picture).is_ok(), "{}", picture.display());
 }
 
+#[test]
+fn a_person_selects_the_object_of_photos_without_masks_mends_it_trains_and_edits() {
+    let _alone = alone();
+    let Some(display) = display() else { return };
+    let home = tempfile::tempdir().expect("a folder");
+    let capture = home.path().join("scene");
+    without_masks::write_without_masks(&capture, 3);
+    let capture = capture.to_str().expect("a path of plain letters");
+    let mut window = open(&display, home.path(), &["view", capture]);
+    let select = window.place("Select the object…");
+    window.wait(|line| elapsed_secs(line) >= Some(PLACE_SECS));
+    display.focus("neif");
+    understood(&window, "Object(Select(true))", || {
+        display.click(select.at(0.5, 0.5));
+    });
+
+    // The middle ball, in the middle of the photo.
+    let photo = window.place("object photo");
+    let found = |line: &str| line.contains("object found");
+    let mark = understood(&window, "Object(PointAt(", || {
+        display.click(photo.at(0.5, 0.5));
+    });
+    window.wait_after(mark, found);
+    let before = outline(&display, &window, photo);
+    assert!(before.n_colors() > 100, "there is no photo");
+
+    // What is below it is table; it is taken for the ball's, and taken back.
+    let mark = understood(&window, "Object(Lift)", || {
+        display.drag(None, photo.at(0.35, 0.9), photo.at(0.65, 0.9));
+    });
+    window.wait_after(mark, found);
+    let mended = outline(&display, &window, photo);
+    let change = mended.difference(&before);
+    assert!(
+        change > LEAST_CHANGE,
+        "the outline does not follow: {change}"
+    );
+    let mark = understood(&window, "History(Undo)", || display.key("ctrl+z"));
+    window.wait_after(mark, found);
+    let left = outline(&display, &window, photo).difference(&before);
+    assert!(left < MOST_LEFT, "the stroke is still there: {left}");
+
+    let train = window.place("Looks right: train");
+    let mark = understood(&window, "Object(Train)", || {
+        display.click(train.at(0.5, 0.5));
+    });
+    window.wait_after(mark, |line| line.contains("has_object: true"));
+    window.wait_after(mark, |line| elapsed_secs(line) >= Some(OBJECT_SECS));
+    let mark = understood(&window, "PauseOrResume", || display.key("space"));
+    settled(&window, mark);
+    let trained = drawn(&display, &window);
+    let slider = window.place("Offset");
+    let mark = understood(&window, "Edit(", || {
+        display.drag(None, slider.at(0.3, 0.5), slider.at(0.5, 0.5));
+    });
+    shows(&display, &window, mark, sharp, |shown| {
+        shown.difference(&trained) > LEAST_CHANGE
+    });
+
+    understood(&window, "Leaving(", || display.key("ctrl+q"));
+    let discard = window.place("Close without saving");
+    understood(&window, "Leaving(Discard)", || {
+        display.click(discard.at(0.5, 0.5));
+    });
+    window.ends_well();
+}
+
+/// One window at a time: two would share the processor.
+fn alone() -> MutexGuard<'static, ()> {
+    static ONE: Mutex<()> = Mutex::new(());
+    // A test that failed leaves nothing behind for the next.
+    ONE.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The photo with the object's outline, without the brush.
+fn outline(display: &Display, window: &Program, photo: Place) -> Shot {
+    // The picture follows the news by a frame or two.
+    for _ in 0..3 {
+        redraw(display, window);
+    }
+    display.shot(photo)
+}
+
 /// A display; none, with a line, where something that is needed is missing.
 fn display() -> Option<Display> {
     let must = std::env::var_os("NEIF_TEST_WINDOW").is_some();
@@ -123,14 +213,14 @@ fn display() -> Option<Display> {
     Some(Display::new())
 }
 
-/// Starts the program without arguments: it trains on the bundled demo.
-fn open(display: &Display, home: &Path) -> Program {
+/// Starts the program; without arguments it trains on the bundled demo.
+fn open(display: &Display, home: &Path, arguments: &[&str]) -> Program {
     let settings = home.join(".config/neif");
     std::fs::create_dir_all(&settings).expect("a folder");
     let (width, height) = display::SIZE;
     let text = format!("window = [{width}.0, {height}.0]\n");
     std::fs::write(settings.join("settings.toml"), text).expect("a file");
-    Program::start(display.name(), home)
+    Program::start(display.name(), home, arguments)
 }
 
 /// Acts, and waits until it was understood; returns what came before in the log.

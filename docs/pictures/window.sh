@@ -23,12 +23,17 @@ trap 'kill $window $server 2> /dev/null || true; rm -rf "$work" "$home"' EXIT
 until [[ -s $work/display ]]; do sleep 0.1; done
 export DISPLAY=:$(< "$work/display")
 
-# Opens the run and waits for its picture.
-open() {
+# Starts the window with what is named.
+start() {
     : > "$log"
     env -u WAYLAND_DISPLAY -u WAYLAND_SOCKET -u XDG_CONFIG_HOME -u XDG_CACHE_HOME -u XDG_DATA_HOME -u XDG_RUNTIME_DIR \
-        HOME="$home" NEIF_LOG=warn,neif=trace NO_COLOR=1 WINIT_X11_SCALE_FACTOR=1 "$neif" view "$run" 2> "$log" &
+        HOME="$home" NEIF_LOG=warn,neif=trace NO_COLOR=1 WINIT_X11_SCALE_FACTOR=1 "$neif" view "$1" 2> "$log" &
     window=$!
+}
+
+# Opens the run and waits for its picture.
+open() {
+    start "$run"
     settled 0
     xdotool search --name neif windowfocus
 }
@@ -134,3 +139,26 @@ xdotool key shift+F12
 sleep 2
 keep export
 close
+
+# An object without masks: the demo without what says where it is.
+capture=$work/capture
+cp -r "$here/../../assets/demo" "$capture"
+rm -r "$capture"/mesh.glb "$capture"/*_mask
+sed -i '/"mask_path"/d' "$capture"/transforms_*.json
+start "$capture"
+await 0 'elapsed_secs: 4[0-9]'
+xdotool search --name neif windowfocus
+locate 'Select the object…' 50 50
+click "$x" "$y"
+await 0 'place name="object photo"'
+locate 'object photo' 50 50
+click "$x" "$y"
+await 0 'object found'
+sleep 5
+keep object
+xdotool key ctrl+q
+await 0 'place name="Close without saving"'
+locate 'Close without saving' 50 50
+click "$x" "$y"
+wait "$window" || true
+window=

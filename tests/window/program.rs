@@ -33,9 +33,10 @@ pub(crate) struct Program {
 }
 
 impl Program {
-    /// Starts it without arguments.
-    pub(crate) fn start(display: &str, home: &Path) -> Self {
+    /// Starts it with these arguments.
+    pub(crate) fn start(display: &str, home: &Path, arguments: &[&str]) -> Self {
         let mut child = Command::new(env!("CARGO_BIN_EXE_neif"))
+            .args(arguments)
             .env("DISPLAY", display)
             .env("HOME", home)
             .env("NEIF_LOG", "warn,neif=trace")
