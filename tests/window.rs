@@ -126,9 +126,11 @@ fn a_person_selects_the_object_of_photos_without_masks_mends_it_trains_and_edits
     let select = window.place("Select the object…");
     window.wait(|line| elapsed_secs(line) >= Some(PLACE_SECS));
     display.focus("neif");
-    understood(&window, "Object(Select(true))", || {
+    let mark = understood(&window, "Object(Select(true))", || {
         display.click(select.at(0.5, 0.5));
     });
+    let rests = |line: &str| line.contains("object search rests");
+    window.wait_after(mark, rests);
 
     // The middle ball, in the middle of the photo.
     let photo = window.place("object photo");
@@ -137,6 +139,7 @@ fn a_person_selects_the_object_of_photos_without_masks_mends_it_trains_and_edits
         display.click(photo.at(0.5, 0.5));
     });
     window.wait_after(mark, found);
+    window.wait_after(mark, rests);
     let before = outline(&display, &window, photo);
     assert!(before.n_colors() > 100, "there is no photo");
 
@@ -145,6 +148,7 @@ fn a_person_selects_the_object_of_photos_without_masks_mends_it_trains_and_edits
         display.drag(None, photo.at(0.35, 0.9), photo.at(0.65, 0.9));
     });
     window.wait_after(mark, found);
+    window.wait_after(mark, rests);
     let mended = outline(&display, &window, photo);
     let change = mended.difference(&before);
     assert!(
@@ -153,6 +157,7 @@ fn a_person_selects_the_object_of_photos_without_masks_mends_it_trains_and_edits
     );
     let mark = understood(&window, "History(Undo)", || display.key("ctrl+z"));
     window.wait_after(mark, found);
+    window.wait_after(mark, rests);
     let left = outline(&display, &window, photo).difference(&before);
     assert!(left < MOST_LEFT, "the stroke is still there: {left}");
 

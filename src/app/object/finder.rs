@@ -46,7 +46,7 @@ pub(super) enum News {
     Failed(String),
     /// A photo with the object's outline.
     Outlined(usize, ScreenPhoto),
-    /// The same, small.
+    /// The same, small; before anything was found without the outline.
     Thumbnail(usize, ScreenPhoto),
     /// The object's shape over the photo at hand.
     Shape(usize, ScreenPhoto),
@@ -163,6 +163,10 @@ impl Worker {
                 return;
             }
         };
+        for (index, view) in self.dataset.views().enumerate() {
+            self.outbox
+                .send(News::Thumbnail(index, thumbnail(view, None)));
+        }
         self.outbox.send(News::Rest);
         while let Some((_, request)) = self.inbox.take() {
             if !self.answer(&mut finder, &request) {
@@ -218,14 +222,12 @@ impl Worker {
             return true;
         };
         if let Some((view, mask)) = self.dataset.views().zip(&found.masks).nth(index) {
+            let outlined = outlined(view, mask);
+            self.outbox.send(News::Outlined(index, outlined));
             let shape = found.picture(view);
             let [width, height] = shape.size;
             let shape = ScreenPhoto::thinned(width, height, |i| shape.pixels[i]);
-            let is_heard = self
-                .outbox
-                .send(News::Outlined(index, outlined(view, mask)))
-                && self.outbox.send(News::Shape(index, shape));
-            if !is_heard {
+            if !self.outbox.send(News::Shape(index, shape)) {
                 return false;
             }
         }
@@ -233,7 +235,7 @@ impl Worker {
         while !self.inbox.is_superseded()
             && let Some(index) = self.without_thumbnail.pop()
         {
-            let picture = thumbnail(views[index], &found.masks[index]);
+            let picture = thumbnail(views[index], Some(&found.masks[index]));
             if !self.outbox.send(News::Thumbnail(index, picture)) {
                 return false;
             }

@@ -12,15 +12,15 @@ const BESIDE: f32 = 0.4;
 
 /// The photo as the screen shows it, with the outline of `mask`, which has its size.
 pub(super) fn outlined(view: &View, mask: &Mask) -> ScreenPhoto {
-    drawn(view, mask, ScreenPhoto::MAX_SIDE)
+    drawn(view, Some(mask), ScreenPhoto::MAX_SIDE)
 }
 
-/// The same, small.
-pub(super) fn thumbnail(view: &View, mask: &Mask) -> ScreenPhoto {
+/// The same, small; without a mask as it is.
+pub(super) fn thumbnail(view: &View, mask: Option<&Mask>) -> ScreenPhoto {
     drawn(view, mask, SMALL)
 }
 
-fn drawn(view: &View, mask: &Mask, longest: usize) -> ScreenPhoto {
+fn drawn(view: &View, mask: Option<&Mask>, longest: usize) -> ScreenPhoto {
     let photo = &view.photo;
     let (width, height) = (photo.width() as usize, photo.height() as usize);
     let stride = width.max(height).div_ceil(longest).max(1);
@@ -34,7 +34,7 @@ fn drawn(view: &View, mask: &Mask, longest: usize) -> ScreenPhoto {
                 let i = y * width + x;
                 let srgb = photo.srgb(i);
                 color = std::array::from_fn(|c| color[c] + srgb[c].clamp(0.0, 1.0));
-                n_object += usize::from(mask.is_object(i));
+                n_object += usize::from(mask.is_none_or(|mask| mask.is_object(i)));
                 n += 1;
             }
         }

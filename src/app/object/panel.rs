@@ -86,7 +86,8 @@ fn again_ui(ui: &mut Ui, text: &str, commands: &mut Vec<Command>) {
 
 /// Before anything was found.
 fn pointing_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
-    if state.object.selection.is_some() {
+    let has_failed = matches!(state.object.search, Search::Failed(_));
+    if state.object.selection.is_some() && !has_failed {
         return;
     }
     ui.label("Click on it in the photo, or take what all photos look at:");

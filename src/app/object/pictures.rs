@@ -110,7 +110,10 @@ impl ObjectSide {
             let object = &mut state.object;
             match news {
                 News::Busy(what, fraction) => object.search = Search::Busy(what, fraction),
-                News::Rest => object.search = Search::Idle,
+                News::Rest => {
+                    tracing::debug!("object search rests");
+                    object.search = Search::Idle;
+                }
                 News::Failed(reason) => object.search = Search::Failed(reason),
                 News::Found(found, strokes) => {
                     tracing::debug!(
@@ -162,10 +165,9 @@ impl ObjectSide {
         }
     }
 
-    /// Drops the pictures of another object.
+    /// Drops the pictures of another object; the small ones are drawn over.
     fn forget(&mut self) {
         (self.asked, self.outlined, self.shape) = (None, None, None);
-        self.thumbnails.clear();
     }
 }
 

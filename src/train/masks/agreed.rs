@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::seen::SeenView;
 use super::voxels::{VoxelGrid, VoxelSet};
 use crate::data::{Mask, View};
-use crate::geometry::{Aabb, Ray};
+use crate::geometry::{Aabb, Camera, Ray};
 use crate::train::pixels::mask_outline::MaskOutline;
 use crate::train::shape::stage_one::GrowthPicture;
 
@@ -87,7 +87,7 @@ impl Votes {
             let judges: Vec<_> = views.iter().zip(masks).step_by(stride).collect();
             let each = judges
                 .par_iter()
-                .map(|(view, mask)| agreement_of(&outline_of(&shape, view), mask));
+                .map(|(view, mask)| agreement_of(&outline_of(&shape, &view.camera), mask));
             each.collect::<Vec<f32>>().iter().sum()
         };
         let scored = AGREEMENTS.map(|agreement| (agreement, likeness(agreement)));
@@ -136,8 +136,9 @@ impl Votes {
 impl AgreedShape {
     /// What it says of a view's pixels.
     pub(super) fn expected(&self, view: &SeenView) -> Expected {
-        let outline = outline_of(&self.shape, view);
-        let drawn = |set: &VoxelSet| (!set.members.is_empty()).then(|| outline_of(set, view));
+        let outline = self.outline(&view.camera);
+        let drawn =
+            |set: &VoxelSet| (!set.members.is_empty()).then(|| outline_of(set, &view.camera));
         let mut removed = drawn(&self.removed);
         if let Some(removed) = &mut removed {
             let pairs = removed.coverage.iter_mut().zip(&outline.coverage);
@@ -148,6 +149,11 @@ impl AgreedShape {
             added: drawn(&self.added),
             outline,
         }
+    }
+
+    /// What a camera sees of it.
+    pub(super) fn outline(&self, camera: &Camera) -> Mask {
+        outline_of(&self.shape, camera)
     }
 
     /// The shape over a photo.
@@ -245,8 +251,7 @@ pub(super) fn vote(voters: &[(&SeenView, &Mask)], p: Vec3, least: f32) -> f32 {
 }
 
 /// The pixels whose rays meet a set.
-pub(super) fn outline_of(shape: &VoxelSet, view: &SeenView) -> Mask {
-    let camera = &view.camera;
+pub(super) fn outline_of(shape: &VoxelSet, camera: &Camera) -> Mask {
     let bounds = shape.grid.bounds();
     let meets = |ray: &Ray| along(&bounds, ray, shape.grid.cell).any(|p| shape.contains_point(p));
     let pixels = (0..camera.width * camera.height).map(|i| {

@@ -3,6 +3,8 @@
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
+use rayon::prelude::*;
+
 use super::agreed::AgreedShape;
 use crate::data::{DataError, Dataset, Mask, View, write_mask};
 use crate::train::shape::stage_one::GrowthPicture;
@@ -58,6 +60,21 @@ impl FoundObject {
             write_mask(&path, mask)?;
         }
         Ok(())
+    }
+
+    /// With masks of all views of the capture, of whose first ones these are: the others', which were not looked at, are the
+    /// outlines of the shape.
+    pub fn of_all_views(&self, dataset: &Dataset) -> Self {
+        let mut all = self.clone();
+        let others: Vec<&View> = dataset.views().skip(self.masks.len()).collect();
+        let outlines = others
+            .par_iter()
+            .map(|view| self.shape.outline(&view.camera));
+        all.masks.extend(outlines.collect::<Vec<Mask>>());
+        all.names.extend(others.iter().map(|view| view.full_name()));
+        all.agreement.extend(others.iter().map(|_| 1.0));
+        all.files = mask_files(dataset);
+        all
     }
 
     /// Gives the views of the capture their masks.

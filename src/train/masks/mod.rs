@@ -11,6 +11,7 @@ mod agreed;
 mod colors;
 mod find;
 mod found;
+mod jobs;
 mod learn;
 mod outline;
 mod region;

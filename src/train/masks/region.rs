@@ -207,7 +207,7 @@ impl Region {
 
     /// The outline of the region in a view.
     pub(super) fn outline_in(&self, view: &SeenView) -> Mask {
-        outline_of(&self.voxels, view)
+        outline_of(&self.voxels, &view.camera)
     }
 
     /// What the object stands on.

@@ -51,7 +51,9 @@ impl Worker {
             return Search::None;
         }
         let found = match wanted {
-            WantedObject::Found(found) => Arc::clone(found),
+            WantedObject::Found(found) => {
+                Arc::new(self.pool.install(|| found.of_all_views(dataset)))
+            }
             WantedObject::Find(selection) => match self.search(dataset, selection) {
                 Ok(found) => Arc::new(found),
                 Err(ended) => return ended,

@@ -142,7 +142,7 @@ impl SessionOptions {
 pub enum WantedObject {
     /// Is to be found in an environment that is learned from the photos before.
     Find(Selection),
-    /// Was found: masks of the views in the order of [`crate::data::Dataset::views`].
+    /// Was found: masks of the first views in the order of [`crate::data::Dataset::views`].
     Found(Arc<FoundObject>),
 }
 
