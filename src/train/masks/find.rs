@@ -353,32 +353,17 @@ mod tests {
         .expect("a ball")
     }
 
-    fn likeness_to(found: &FoundObject, balls: &[usize]) -> f32 {
-        likeness(cameras().iter(), &found.masks, balls)
-    }
-
-    /// A dot on a ball, as wide as `share` of it, in the first photo.
-    fn dot(ball: usize, share: f32, adds: bool) -> Stroke {
+    /// A dot on the ball, as wide as `share` of it, in the first photo.
+    fn dot(share: f32, adds: bool) -> Stroke {
         let camera = cameras()[0];
-        let at = camera.project(BALLS[ball]).expect("in front of it");
-        let distance = camera.position().distance(BALLS[ball]);
+        let at = camera.project(BALLS[0]).expect("in front of it");
+        let distance = camera.position().distance(BALLS[0]);
         Stroke {
             view: 0,
             places: vec![at],
-            radius: share * RADII[ball] / (distance * camera.pixel_angle()),
+            radius: share * RADII[0] / (distance * camera.pixel_angle()),
             adds,
         }
-    }
-
-    #[test]
-    fn a_stroke_on_another_object_adds_it_in_all_photos() {
-        let found = find(&[]);
-        // The other ball is white in the place: where it stands beside this one, it is not what was predicted.
-        let (alone, both) = (likeness_to(&found, &[0]), likeness_to(&found, &[0, 1]));
-        assert!(alone > 0.7 && alone > both, "{alone} {both}");
-        let found = find(&[dot(1, 0.5, true)]);
-        let (alone, both) = (likeness_to(&found, &[0]), likeness_to(&found, &[0, 1]));
-        assert!(both > 0.85 && both > alone, "{alone} {both}");
     }
 
     #[test]
@@ -397,20 +382,22 @@ mod tests {
 
     #[test]
     fn what_a_stroke_removes_is_gone_there_and_what_stands_behind_it_in_the_others_too() {
-        let stroke = dot(0, 0.5, false);
+        let stroke = dot(0.5, false);
         let (before, after) = (find(&[]), find(std::slice::from_ref(&stroke)));
         let covered = |i: usize| {
             let at = Vec2::new((i % 96) as f32, (i / 96) as f32) + 0.5;
             stroke.covers(at)
         };
-        let n_left = (0..96 * 96).filter(|i| covered(*i) && after.masks[0].is_object(*i));
+        let own = &after.masks[stroke.view];
+        let n_left = (0..96 * 96).filter(|i| covered(*i) && own.is_object(*i));
         assert_eq!(n_left.count(), 0, "true as it is drawn");
         // The ball is a ring now, through which other photos see: those from the same side.
         let n_object = |found: &FoundObject, view: usize| {
             let mask = &found.masks[view];
             (0..96 * 96).filter(|i| mask.is_object(*i)).count()
         };
-        let n_smaller = (1..14).filter(|v| n_object(&after, *v) < n_object(&before, *v));
+        let others = (0..14).filter(|view| *view != stroke.view);
+        let n_smaller = others.filter(|v| n_object(&after, *v) < n_object(&before, *v));
         assert!(n_smaller.count() > 0);
     }
 

@@ -159,26 +159,30 @@ impl Region {
             .map(|part| (surfaces.near(part, aim, spread), part));
         let best = scored.max_by(|a, b| a.0.total_cmp(&b.0));
         let (_, best) = best.filter(|(score, _)| *score > 0.0)?;
-        let mut voxels = best.clone();
-        for points in added {
-            let has = |part: &VoxelSet, p: &&Vec3| part.contains_point(**p);
-            let joined = parts.iter().find(|part| {
-                let part = part.grown(1);
-                2 * points.iter().filter(|p| has(&part, p)).count() > points.len()
-            });
-            for voxel in joined.into_iter().flat_map(|part| &part.members) {
-                voxels.insert(*voxel);
-            }
-        }
         // Down from there it is whatever is right below and beside.
         let foot = (APART * ground.margin / grid.cell).ceil() as usize + 2;
         let near_solid = surfaces.solid.grown(1);
-        let low = voxels.grown(foot).filtered(|voxel| {
-            let height = ground.margins(grid.center(voxel));
-            near_solid.contains(voxel) && height > 0.0 && height <= APART
-        });
-        for voxel in low.members {
-            voxels.insert(voxel);
+        let whole = |part: &VoxelSet| {
+            let mut whole = part.clone();
+            for voxel in part.grown(foot).members {
+                let height = ground.margins(grid.center(voxel));
+                if near_solid.contains(voxel) && height > 0.0 && height <= APART {
+                    whole.insert(voxel);
+                }
+            }
+            whole
+        };
+        let mut voxels = whole(best);
+        for points in added {
+            let is_meant = |part: &VoxelSet| {
+                let around = part.grown(1);
+                let has = points.iter().filter(|p| around.contains_point(**p));
+                2 * has.count() > points.len()
+            };
+            let joined = parts.iter().map(whole).find(is_meant);
+            for voxel in joined.into_iter().flat_map(|part| part.members) {
+                voxels.insert(voxel);
+            }
         }
         Some(Self { voxels, ground })
     }
