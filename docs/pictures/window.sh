@@ -96,7 +96,7 @@ drag() {
 # Keeps what the window shows, without the pointer's traces.
 keep() {
     xdotool mousemove $((width * 3 / 4)) 16 sleep 1
-    import -window root png:- | convert png:- -strip -sampling-factor 4:2:0 -quality 60 "$here/window_$1.jpg"
+    import -window root png:- | convert png:- -strip -sampling-factor 4:2:0 -quality 40 "$here/window_$1.jpg"
 }
 
 # While training: the run goes on, from the list of commands.
