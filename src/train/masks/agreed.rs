@@ -1,13 +1,15 @@
 //! The shape on which the photos agree, and what a photo that a person has corrected says of it: a pixel beside the object has
 //! nothing of it along its ray, a pixel of the object has some of it.
 
+use std::sync::OnceLock;
+
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::seen::SeenView;
 use super::voxels::{VoxelGrid, VoxelSet};
 use crate::data::{Mask, View};
-use crate::geometry::{Aabb, Camera, Ray};
+use crate::geometry::{Aabb, Camera, Ray, ScalarGrid};
 use crate::train::pixels::mask_outline::MaskOutline;
 use crate::train::shape::stage_one::GrowthPicture;
 
@@ -39,6 +41,8 @@ pub(super) struct AgreedShape {
     /// Places that they took away, and places that they put in.
     removed: VoxelSet,
     added: VoxelSet,
+    /// Distances to its surface, once a picture of it was asked for.
+    surface: OnceLock<ScalarGrid>,
 }
 
 /// A photo whose mask a person has corrected: what it shows is certain, to a pixel.
@@ -129,6 +133,7 @@ impl Votes {
             shape,
             removed,
             added,
+            surface: OnceLock::new(),
         }
     }
 }
@@ -158,7 +163,8 @@ impl AgreedShape {
 
     /// The shape over a photo.
     pub(super) fn picture(&self, view: &View) -> GrowthPicture {
-        GrowthPicture::new(&self.shape.distances(), view)
+        let surface = self.surface.get_or_init(|| self.shape.distances());
+        GrowthPicture::new(surface, view)
     }
 }
 

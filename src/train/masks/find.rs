@@ -131,11 +131,12 @@ impl ObjectFinder {
         let aimed = aimed.ok_or_else(|| MaskError::Nothing {
             dataset: self.root.clone(),
         })?;
-        let agreed = aimed.votes.shape(&[]);
+        let agreed = (!strokes.is_empty()).then(|| aimed.votes.shape(&[]));
         let corrected = |i: usize| {
             let own = strokes_of(i, &strokes);
             let photo = aimed.photo(i, &own).filter(|_| !own.is_empty())?;
-            let mask = photo.cut(views[i], &agreed.expected(&seen[i]), &own);
+            let expected = agreed.as_ref()?.expected(&seen[i]);
+            let mask = photo.cut(views[i], &expected, &own);
             Corrected::new(&seen[i], &shrunk(&mask, &seen[i]))
         };
         let corrected: Vec<Corrected<'_>> = (0..views.len())

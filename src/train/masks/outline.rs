@@ -14,7 +14,7 @@ use crate::data::{Mask, View};
 use crate::geometry::Camera;
 use crate::neif::Environment;
 use crate::train::pixels::mask_outline::MaskOutline;
-use crate::train::statistics::{middle_or, with_neighbours};
+use crate::train::statistics::{mean_121, middle_or, with_neighbours};
 
 /// Samples of a photo that are cut, at most.
 const MOST_SAMPLES: usize = 150_000;
@@ -426,7 +426,7 @@ fn tidy(share: &mut [f32], width: usize, bands: &[f32], strokes: &[(usize, bool)
 fn smoothed(colors: &[[f32; 3]], width: usize) -> Vec<[f32; 3]> {
     let height = colors.len() / width;
     let blurred = |before: [f32; 3], color: [f32; 3], after: [f32; 3]| {
-        std::array::from_fn(|c| 0.25 * (before[c] + 2.0 * color[c] + after[c]))
+        std::array::from_fn(|c| mean_121(before[c], color[c], after[c]))
     };
     let across = with_neighbours(colors, (width, 1), blurred);
     with_neighbours(&across, (height, width), blurred)

@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 use crate::geometry::{Aabb, ScalarGrid};
-use crate::train::statistics::with_neighbours;
+use crate::train::statistics::{mean_121, with_neighbours};
 
 /// Blurs by 1, 2, 1 along each axis that make voxels a smooth surface: a normal of about 1.4 cells.
 const BLURS: usize = 4;
@@ -172,10 +172,9 @@ impl VoxelSet {
     pub(super) fn distances(&self) -> ScalarGrid {
         let n = self.grid.n;
         let mut inside: Vec<f32> = self.has.iter().map(|has| f32::from(*has)).collect();
-        let blurred = |before: f32, value: f32, after: f32| 0.25 * (before + 2.0 * value + after);
         for _ in 0..BLURS {
             for stride in [1, n, n * n] {
-                inside = with_neighbours(&inside, (n, stride), blurred);
+                inside = with_neighbours(&inside, (n, stride), mean_121);
             }
         }
         // A blurred step rises from 0 to 1 within about this many cells.

@@ -3,7 +3,7 @@
 use glam::Vec2;
 
 use crate::data::Mask;
-use crate::train::statistics::with_neighbours;
+use crate::train::statistics::{mean_121, with_neighbours};
 
 /// A mask of values between nothing and all at fewer of its edge pixels than this share is taken as
 /// cut hard; its outline is a staircase that must be smoothed.
@@ -96,9 +96,8 @@ fn softened(mask: &Mask) -> Vec<f32> {
 
 /// Blurred by 1, 2, 1 along both axes.
 fn blurred_121(source: &[f32], width: usize, height: usize) -> Vec<f32> {
-    let blurred = |before: f32, value: f32, after: f32| 0.25 * (before + 2.0 * value + after);
-    let across = with_neighbours(source, (width, 1), blurred);
-    with_neighbours(&across, (height, width), blurred)
+    let across = with_neighbours(source, (width, 1), mean_121);
+    with_neighbours(&across, (height, width), mean_121)
 }
 
 /// Marching squares at half coverage between the pixels' centres.
