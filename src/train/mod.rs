@@ -25,6 +25,7 @@ mod test_scene;
 
 pub use self::session::saved::snapshot::Snapshot;
 pub use self::step::model::{Model, Stage, StepStats};
+pub use self::step::tasks::TaskClock;
 pub use self::step::trainer::Trainer;
 pub use config::TrainConfig;
 pub use fast::Fast;

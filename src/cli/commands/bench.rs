@@ -10,6 +10,7 @@ mod lobes;
 mod plot;
 #[cfg(feature = "gui")]
 mod preview;
+mod scaling;
 mod skip;
 mod stability;
 mod table1;
@@ -40,6 +41,8 @@ pub(crate) enum BenchCommand {
     Error(error::ErrorArgs),
     /// Cones against many thin rays a pixel, roughness by roughness
     Lobes(lobes::LobesArgs),
+    /// Speed-up of training on 2 to 64 cores: predicted from the time of each task on one, and measured on those there are
+    Scaling(scaling::ScalingArgs),
     /// What each shortcut of training saves, and what it costs in error
     Skip(skip::SkipArgs),
     /// Whether absurd input and settings leave training finite, and how much worse
@@ -55,6 +58,7 @@ pub(crate) fn run(command: &BenchCommand) -> Result<(), Failure> {
         BenchCommand::Preview(args) => preview::run(args),
         BenchCommand::Error(args) => error::run(args),
         BenchCommand::Lobes(args) => lobes::run(args),
+        BenchCommand::Scaling(args) => scaling::run(args),
         BenchCommand::Skip(args) => skip::run(args),
         BenchCommand::Stability(args) => stability::run(args),
         BenchCommand::Table1(args) => table1::run(args),

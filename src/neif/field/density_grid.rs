@@ -1,6 +1,8 @@
 //! A running mean of the density on two coarse grids: one finer, over the inner box, and one over all contracted space; the
 //! floor under them, and what of all that photos showed.
 
+use std::ops::Range;
+
 use glam::{IVec3, Vec3};
 
 use super::cells::{INNER_CELLS, INNER_SIDE, OUTER_SIDE, cell_index};
@@ -127,15 +129,14 @@ impl DensityGrid {
 
     /// Mixes an observed density into the cell with `index` (see [`cell_index`]).
     pub fn observe(&mut self, index: u32, density: f32) {
-        let cell = &mut self.cells[index as usize];
-        if *cell == VOID {
-            return;
-        }
-        let mean = f32_from_bf16(*cell);
-        // The cap keeps one absurd observation from outlasting a run.
-        let mean = mean + RATE * (density.min(1e6) - mean);
-        // A mean that underflowed would read as void.
-        *cell = bf16_from_f32(mean.max(1e-30));
+        mix(&mut self.cells[index as usize], density);
+    }
+
+    /// The cells of both grids, to be refreshed side by side, and what photos showed.
+    pub fn parts(&mut self) -> ([DensityCells<'_>; 2], Option<&mut SeenGrid>) {
+        let (inner, outer) = self.cells.split_at_mut(INNER_CELLS as usize);
+        let of = |first, cells| DensityCells { first, cells };
+        ([of(0, inner), of(INNER_CELLS, outer)], self.seen.as_mut())
     }
 
     /// A point, in field coordinates, inside cell `index`, placed by three numbers in `[0, 1)`.
@@ -188,6 +189,36 @@ impl DensityGrid {
                 .collect(),
         )
     }
+}
+
+/// The cells of one of the grids.
+#[derive(Debug)]
+pub struct DensityCells<'a> {
+    first: u32,
+    cells: &'a mut [u16],
+}
+
+impl DensityCells<'_> {
+    /// Indices of the cells.
+    pub fn range(&self) -> Range<u32> {
+        self.first..self.first + self.cells.len() as u32
+    }
+
+    /// [`DensityGrid::observe`] for a cell of [`Self::range`].
+    pub fn observe(&mut self, index: u32, density: f32) {
+        mix(&mut self.cells[(index - self.first) as usize], density);
+    }
+}
+
+fn mix(cell: &mut u16, density: f32) {
+    if *cell == VOID {
+        return;
+    }
+    let mean = f32_from_bf16(*cell);
+    // The cap keeps one absurd observation from outlasting a run.
+    let mean = mean + RATE * (density.min(1e6) - mean);
+    // A mean that underflowed would read as void.
+    *cell = bf16_from_f32(mean.max(1e-30));
 }
 
 #[cfg(test)]

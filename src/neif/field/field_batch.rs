@@ -166,11 +166,11 @@ impl FieldBatch {
 
     /// Calls `observe(cell, density)` for every sample of a forward pass: keeps the density cache fresh for free. The
     /// floor is opaque whatever the density there.
-    pub fn observe_densities(&self, mut observe: impl FnMut(u32, f32)) {
+    pub fn observe_densities(&self, cells: &Range<u32>, mut observe: impl FnMut(u32, f32)) {
         let rows = self.density.output.chunks_exact(WIDTH);
         let samples = self.samples.cells.iter().zip(&self.samples.deltas);
         for ((&cell, &delta), row) in samples.zip(rows) {
-            if delta < OPAQUE_LENGTH {
+            if cells.contains(&cell) && delta < OPAQUE_LENGTH {
                 observe(cell, density(row[0]));
             }
         }

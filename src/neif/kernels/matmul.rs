@@ -60,9 +60,13 @@ fn linear_body<I: Isa>(x: &[f32], w: &[f32], bias: &[f32], epilogue: Epilogue<'_
         let init = first(&bias[j..]);
         let mut i = 0;
         while i < n {
+            if n >= ROWS {
+                // The last block goes back to rows that are done already: they cost less than rows one by one.
+                i = i.min(n - ROWS);
+            }
             let x = &x[i * k..];
             let at = i * m + j;
-            if i + ROWS > n {
+            if n < ROWS {
                 let end = j + columns * LANES;
                 for j in (j..end).step_by(LANES) {
                     let sums = linear_block::<I, 1>(x, w, m, j, first(&bias[j..]));

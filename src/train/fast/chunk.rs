@@ -5,10 +5,12 @@ use std::ops::Range;
 use glam::Vec3;
 
 use super::step_context::StepContext;
+use super::work::N_CHUNKS;
 use crate::geometry::orthonormal_basis;
 use crate::neif::EnvironmentTransform;
-use crate::neif::field::density_grid::DensityGrid;
+use crate::neif::field::density_grid::DensityCells;
 use crate::neif::field::radiance_field::{FieldBatch, FieldRay};
+use crate::neif::field::seen_grid::SeenGrid;
 use crate::neif::kernels::math::all_finite;
 use crate::neif::light::light_path::{self, LitVertex, PathVertex};
 use crate::neif::surface::material::MaterialBatch;
@@ -20,7 +22,7 @@ use crate::train::priors::unseen::{self, Triple};
 use crate::train::random::SlotRandom;
 use crate::train::shape::normal_offsets::OffsetBatch;
 use crate::train::shape::tilted_rays::{PixelError, TiltedRays};
-use crate::train::step::chunks::{N_CHUNKS, jitter_slot, share};
+use crate::train::step::chunks::{jitter_slot, share};
 use crate::train::step::loss::{
     PixelLoss, SMOOTHNESS_STEP, clipped_pull, keep_luma, pixel_loss, share_chroma,
 };
@@ -115,7 +117,7 @@ impl Chunk {
 
     /// The chunk's share of `n` slots.
     fn share(&self, n: usize) -> Range<usize> {
-        share(n, self.index)
+        share(n, self.index, N_CHUNKS)
     }
 
     /// Draws its share of so many object and background pixels, evaluates their surfaces and places the samples.
@@ -362,13 +364,14 @@ impl Chunk {
         }
     }
 
-    /// Refreshes the density cache and notes what the background pixels show, after [`Self::run`].
-    pub(in crate::train) fn observe(&self, density: &mut DensityGrid) {
+    /// Refreshes cells of the density cache, after [`Self::run`].
+    pub(super) fn observe(&self, cells: &mut DensityCells<'_>) {
         self.batch
-            .observe_densities(|cell, value| density.observe(cell, value));
-        let Some(seen) = &mut density.seen else {
-            return;
-        };
+            .observe_densities(&cells.range(), |cell, value| cells.observe(cell, value));
+    }
+
+    /// Notes what the background pixels show, after [`Self::run`].
+    pub(super) fn note_seen(&self, seen: &mut SeenGrid) {
         for (sample, ray) in self.backgrounds.iter().zip(self.first_background_ray..) {
             self.batch.reached(ray, |cell| seen.see(cell, sample.view));
         }

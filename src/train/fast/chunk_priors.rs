@@ -4,11 +4,11 @@ use glam::Vec3;
 
 use super::chunk::Chunk;
 use super::step_context::StepContext;
+use super::work::N_CHUNKS;
 use crate::train::priors::depth_evidence::{fading, misplacement};
 use crate::train::priors::distortion::distortion;
 use crate::train::priors::unseen_light::{trust_in_evenness, unevenness};
 use crate::train::priors::{agreement, unseen};
-use crate::train::step::chunks::N_CHUNKS;
 use crate::train::step::loss::SMOOTHNESS_STEP;
 
 /// Mean reflectance up to which a surface may be a dielectric.

@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use super::model::Fast;
+use super::work::N_CHUNKS;
 use crate::data::files::tensor_file::TensorFile;
 use crate::neif::field::contraction::{contract, unit_cube};
 use crate::neif::field::density_grid::DensityGrid;
@@ -10,14 +11,16 @@ use crate::neif::field::floor::Floor;
 use crate::neif::field::seen_grid::SeenGrid;
 use crate::train::TrainError;
 use crate::train::random::SlotRandom;
-use crate::train::step::chunks::N_CHUNKS;
 use crate::train::step::now::Now;
 use crate::train::step::part::Part;
+use crate::train::step::tasks::Job;
 
 /// Steps between two rounds of random looks into the cells.
 const PROBE_EVERY: u64 = 16;
 /// Cells looked into a round.
 const N_PROBES: usize = 8192;
+/// Those of a task.
+const PROBE_BLOCK: usize = N_PROBES / N_CHUNKS;
 /// Name of the cells in a checkpoint.
 const CELLS: &str = "density.cells";
 
@@ -27,24 +30,26 @@ impl Fast {
         if !now.step.is_multiple_of(PROBE_EVERY) {
             return false;
         }
-        let mut random = SlotRandom::new(now.config.seed, now.step, u64::MAX);
-        let (cells, points): (Vec<usize>, Vec<_>) = (0..N_PROBES)
-            .map(|_| {
-                let cell = random.index(self.density.cells().len());
+        let (field, n_cells) = (&self.field.value, self.density.cells().len());
+        let mut probed = vec![(0, 0.0); N_PROBES];
+        let blocks = probed.par_chunks_mut(PROBE_BLOCK).enumerate();
+        let probes = self.work.probes.par_iter_mut().zip(blocks);
+        now.tasks.each("probe", probes, |(probe, (index, block))| {
+            let slot = u64::MAX - index as u64;
+            let mut random = SlotRandom::new(now.config.seed, now.step, slot);
+            let mut points = Vec::with_capacity(block.len());
+            for (cell, _) in block.iter_mut() {
+                *cell = random.index(n_cells);
                 let u = [random.uniform(), random.uniform(), random.uniform()];
-                let place = unit_cube(contract(DensityGrid::point_in_cell(cell, u)).0);
-                (cell, (place, 0.0))
-            })
-            .unzip();
-        let field = &self.field.value;
-        let densities: Vec<Vec<f32>> = self
-            .work
-            .probes
-            .par_iter_mut()
-            .zip(points.par_chunks(N_PROBES / N_CHUNKS))
-            .map(|(probe, points)| field.densities(probe, points, &mut Vec::new()))
-            .collect();
-        for (cell, density) in cells.into_iter().zip(densities.into_iter().flatten()) {
+                let place = contract(DensityGrid::point_in_cell(*cell, u)).0;
+                points.push((unit_cube(place), 0.0));
+            }
+            let densities = field.densities(probe, &points, &mut Vec::new());
+            for ((_, density), value) in block.iter_mut().zip(densities) {
+                *density = value;
+            }
+        });
+        for (cell, density) in probed {
             self.density.observe(cell as u32, density);
         }
         true
@@ -53,7 +58,7 @@ impl Fast {
 
 impl Part for DensityGrid {
     /// It follows the samples, not a gradient.
-    fn update(&mut self, _now: &Now<'_>) {}
+    fn update<'a>(&'a mut self, _now: &Now<'_>, _jobs: &mut Vec<Job<'a>>) {}
 
     fn store(&self, file: &mut TensorFile) {
         file.insert_u16(CELLS, &[self.cells().len()], self.cells().to_vec());

@@ -40,6 +40,9 @@ use crate::train::step::now::Now;
 use crate::train::step::part::Part;
 use crate::train::step::trainer::Trainer;
 
+/// Chunks of which a task encodes a level.
+const ENCODED_TOGETHER: usize = 2;
+
 /// Parameters, moments and pixels of a run.
 #[derive(Debug)]
 pub struct Fast {
@@ -213,42 +216,49 @@ impl Fast {
         } else {
             backgrounds
         };
-        chunks
-            .par_iter_mut()
-            .for_each(|chunk| chunk.prepare(&context, objects, backgrounds));
+        now.tasks.each("prepare", chunks.par_iter_mut(), |chunk| {
+            chunk.prepare(&context, objects, backgrounds);
+        });
         self.work.chunks = chunks;
     }
 
     /// Encodes the step from the tables in bf16.
-    fn encode(&mut self) {
+    fn encode(&mut self, now: &Now<'_>) {
         let tables = std::mem::take(&mut self.field.rounded);
-        self.encode_by_level(|field, level, batch, out| {
+        self.encode_by_level(now, |field, level, batch, out| {
             field.encode_level_bf16(level, &tables, batch, out);
         });
         self.field.rounded = tables;
     }
 
-    /// Encodes level by level over the whole step: each level's table stays in its core's cache.
+    /// Encodes level by level over the whole step: a thread takes tasks of one level in a row, whose table stays in its core's
+    /// cache.
     pub(super) fn encode_by_level(
         &mut self,
+        now: &Now<'_>,
         encode_level: impl Fn(&RadianceField, usize, &FieldBatch, &mut [f32]) + Sync,
     ) {
         let (field, chunks) = (&self.field.value, &self.work.chunks);
         let n: usize = chunks.iter().map(|c| c.batch.n()).sum();
-        self.work
-            .encoded
-            .par_iter_mut()
-            .enumerate()
-            .rev()
-            .for_each(|(level, out)| {
-                out.resize(n * FEATURES, 0.0);
-                let mut rest = out.as_mut_slice();
-                for chunk in chunks {
-                    let (head, tail) = rest.split_at_mut(chunk.batch.n() * FEATURES);
-                    encode_level(field, level, &chunk.batch, head);
-                    rest = tail;
-                }
-            });
+        let mut tasks = Vec::new();
+        for (level, out) in self.work.encoded.iter_mut().enumerate().rev() {
+            out.resize(n * FEATURES, 0.0);
+            let mut rest = out.as_mut_slice();
+            for chunks in chunks.chunks(ENCODED_TOGETHER) {
+                let n: usize = chunks.iter().map(|c| c.batch.n()).sum();
+                let (head, tail) = rest.split_at_mut(n * FEATURES);
+                tasks.push((level, chunks, head));
+                rest = tail;
+            }
+        }
+        let encode = |(level, chunks, mut rest): (usize, &[Chunk], &mut [f32])| {
+            for chunk in chunks {
+                let (head, tail) = rest.split_at_mut(chunk.batch.n() * FEATURES);
+                encode_level(field, level, &chunk.batch, head);
+                rest = tail;
+            }
+        };
+        now.tasks.each("encode", tasks.into_par_iter(), encode);
     }
 
     pub(super) fn run_chunks(&mut self, now: &Now<'_>) {
@@ -263,20 +273,18 @@ impl Fast {
             .collect();
         let context = self.context(now);
         let encoded = &self.work.encoded;
-        chunks
-            .par_iter_mut()
-            .zip(starts)
-            .for_each(|(chunk, start)| {
-                let n = chunk.batch.n();
-                for (level, values) in encoded.iter().enumerate() {
-                    context.field.insert_level(
-                        level,
-                        &values[start * FEATURES..(start + n) * FEATURES],
-                        &mut chunk.batch,
-                    );
-                }
-                chunk.run(&context);
-            });
+        let with_start = chunks.par_iter_mut().zip(starts);
+        now.tasks.each("networks", with_start, |(chunk, start)| {
+            let n = chunk.batch.n();
+            for (level, values) in encoded.iter().enumerate() {
+                context.field.insert_level(
+                    level,
+                    &values[start * FEATURES..(start + n) * FEATURES],
+                    &mut chunk.batch,
+                );
+            }
+            chunk.run(&context);
+        });
         self.work.chunks = chunks;
     }
 
@@ -322,7 +330,7 @@ impl Model for Fast {
     fn run(&mut self, now: &Now<'_>, on_done: &mut dyn FnMut(Stage)) -> StepStats {
         self.prepare(now);
         on_done(Stage::Prepare);
-        self.encode();
+        self.encode(now);
         on_done(Stage::Encode);
         self.run_chunks(now);
         on_done(Stage::Networks);
@@ -331,7 +339,6 @@ impl Model for Fast {
 
     fn gather(&mut self, now: &Now<'_>) {
         self.gather_gradients(now);
-        self.gather_rows(now);
     }
 
     fn parts(&mut self) -> Vec<&mut dyn Part> {

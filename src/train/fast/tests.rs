@@ -26,7 +26,7 @@ fn loss_and_gradients(trainer: &mut Trainer<Fast>) -> (f64, Vec<f32>, Vec<f32>) 
     let density = model.density.clone();
     model.prepare(&now);
     // In single precision: the differences are smaller than the steps of bf16.
-    model.encode_by_level(RadianceField::encode_level);
+    model.encode_by_level(&now, RadianceField::encode_level);
     model.run_chunks(&now);
     model.gather_gradients(&now);
     model.density = density;

@@ -18,8 +18,10 @@ use crate::neif::surface::values::Surface;
 use crate::train::config::TrainConfig;
 use crate::train::pixels::store::PixelStore;
 use crate::train::random::SlotRandom;
-use crate::train::step::chunks::N_CHUNKS;
 use crate::train::step::loss::{SMOOTHNESS_STEP, pixel_loss};
+
+/// Chunks a step is cut into.
+pub(super) const N_CHUNKS: usize = 16;
 
 /// Every so many pixels one takes part in the smoothness term.
 const SMOOTHNESS_STRIDE: usize = 4;

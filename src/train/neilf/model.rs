@@ -7,7 +7,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::NeilfConfig;
-use super::chunk::{Chunk, StepContext};
+use super::chunk::{Chunk, N_CHUNKS, StepContext};
 use crate::data::Dataset;
 use crate::geometry::SurfaceTracer;
 use crate::neif::neilf::brdf::hemisphere;
@@ -18,7 +18,7 @@ use crate::train::config::TrainConfig;
 use crate::train::pixels::store::PixelStore;
 use crate::train::preparation::Prepared;
 use crate::train::random::SlotRandom;
-use crate::train::step::chunks::{N_CHUNKS, share};
+use crate::train::step::chunks::share;
 use crate::train::step::display::LearnedDisplay;
 use crate::train::step::learned::Learned;
 use crate::train::step::model::{Model, Stage, StepStats};
@@ -142,29 +142,31 @@ impl Model for Neilf {
         };
         let n = self.settings.pixels;
         let with_index = chunks.par_iter_mut().enumerate();
-        with_index.for_each(|(i, chunk)| chunk.run(&context, share(n, i)));
+        now.tasks.each("run", with_index, |(i, chunk)| {
+            chunk.run(&context, share(n, i, N_CHUNKS));
+        });
         self.chunks = chunks;
         self.stats()
     }
 
-    fn gather(&mut self, _now: &Now<'_>) {
+    fn gather(&mut self, now: &Now<'_>) {
         let (chunks, light, material) = (&self.chunks, &mut self.light, &mut self.material);
-        rayon::scope(|scope| {
-            light.gather(
-                scope,
-                chunks,
-                IncidentLight::levels,
-                |chunk: &Chunk| &chunk.d_light_network,
-                |field, level, chunk, table| field.scatter_level(level, &chunk.light, table),
-            );
-            material.gather(
-                scope,
-                chunks,
-                Material::levels,
-                |chunk: &Chunk| &chunk.d_material_network,
-                |field, level, chunk, table| field.scatter_level(level, &chunk.material, table),
-            );
-        });
+        let mut jobs = Vec::new();
+        light.gather(
+            &mut jobs,
+            chunks,
+            IncidentLight::levels,
+            |chunk: &Chunk| &chunk.d_light_network,
+            |field, level, chunk, table| field.scatter_level(level, &chunk.light, table),
+        );
+        material.gather(
+            &mut jobs,
+            chunks,
+            Material::levels,
+            |chunk: &Chunk| &chunk.d_material_network,
+            |field, level, chunk, table| field.scatter_level(level, &chunk.material, table),
+        );
+        now.tasks.all("gather", jobs);
         self.display.gradient = chunks.iter().map(|c| c.loss.d_gamma).sum::<f64>() as f32;
     }
 

@@ -19,8 +19,11 @@ use crate::neif::surface::values::Surface;
 use crate::train::config::TrainConfig;
 use crate::train::pixels::store::{BackgroundSample, PixelStore};
 use crate::train::random::SlotRandom;
-use crate::train::step::chunks::{N_CHUNKS, jitter_slot};
+use crate::train::step::chunks::jitter_slot;
 use crate::train::step::loss::{PixelLoss, SMOOTHNESS_STEP, pixel_loss};
+
+/// Chunks a step is cut into.
+pub(super) const N_CHUNKS: usize = 16;
 
 /// What all chunks of a step read.
 #[derive(Clone, Copy)]

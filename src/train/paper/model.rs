@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 use rayon::prelude::*;
 
 use super::PaperConfig;
-use super::chunk::{Chunk, StepContext};
+use super::chunk::{Chunk, N_CHUNKS, StepContext};
 use crate::data::Dataset;
 use crate::geometry::SurfaceTracer;
 use crate::neif::light::environment::{Environment, EnvironmentPlace};
@@ -18,7 +18,7 @@ use crate::train::placement::environment_place;
 use crate::train::preparation::Prepared;
 use crate::train::random::SlotRandom;
 use crate::train::scene_model::SceneModel;
-use crate::train::step::chunks::{N_CHUNKS, share, sum_in_order};
+use crate::train::step::chunks::{share, sum_in_order};
 use crate::train::step::display::LearnedDisplay;
 use crate::train::step::learned::Learned;
 use crate::train::step::model::{Model, Stage, StepStats};
@@ -128,19 +128,21 @@ impl Model for Paper {
             step: now.step,
         };
         let [objects, backgrounds] = self.pixel_counts(now.config);
-        chunks.par_iter_mut().enumerate().for_each(|(i, chunk)| {
-            chunk.run(&context, share(objects, i), share(backgrounds, i));
+        let with_index = chunks.par_iter_mut().enumerate();
+        now.tasks.each("run", with_index, |(i, chunk)| {
+            let of = |n| share(n, i, N_CHUNKS);
+            chunk.run(&context, of(objects), of(backgrounds));
         });
         self.chunks = chunks;
         self.stats(now.config)
     }
 
     /// Block by block, whichever thread takes which.
-    fn gather(&mut self, _now: &Now<'_>) {
+    fn gather(&mut self, now: &Now<'_>) {
         let chunks = &self.chunks;
         let sum = |gradient: &mut [f32], part: fn(&Chunk) -> &[f32]| {
             let blocks = gradient.par_chunks_mut(SUM_BLOCK).enumerate();
-            blocks.for_each(|(i, block)| {
+            now.tasks.each("gather", blocks, |(i, block)| {
                 let range = i * SUM_BLOCK..i * SUM_BLOCK + block.len();
                 sum_in_order(block, chunks.iter().map(|c| &part(c)[range.clone()]));
             });

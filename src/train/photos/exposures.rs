@@ -14,6 +14,7 @@ use crate::train::config::PhotoFit;
 use crate::train::step::loss::PixelLoss;
 use crate::train::step::now::Now;
 use crate::train::step::part::{Part, finite, insert};
+use crate::train::step::tasks::Job;
 
 /// Steps before exposures are found. Much later the field would have learned them itself, from where each photo was taken.
 const DELAY: u64 = 50;
@@ -161,7 +162,7 @@ const SUMS: &str = "exposures.sums";
 
 /// Not there where photos are taken as alike.
 impl Part for Option<Exposures> {
-    fn update(&mut self, now: &Now<'_>) {
+    fn update<'a>(&'a mut self, now: &Now<'_>, _jobs: &mut Vec<Job<'a>>) {
         if let Some(exposures) = self
             && exposures.are_sought(now.step)
             && now.step.is_multiple_of(EVERY)

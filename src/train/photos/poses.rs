@@ -19,6 +19,7 @@ use crate::train::config::PhotoFit;
 use crate::train::placement::given_cameras;
 use crate::train::step::now::Now;
 use crate::train::step::part::{Part, finite, insert};
+use crate::train::step::tasks::Job;
 
 /// Steps before poses are corrected: until then the environment has no features to go by.
 const DELAY: u64 = 300;
@@ -247,7 +248,7 @@ const CORRECTIONS: &str = "poses.corrections";
 const SUMS: &str = "poses.sums";
 
 impl Part for Poses {
-    fn update(&mut self, now: &Now<'_>) {
+    fn update<'a>(&'a mut self, now: &Now<'_>, _jobs: &mut Vec<Job<'a>>) {
         if self.are_sought(now.step) && now.step.is_multiple_of(EVERY) {
             self.correct();
             self.have_changed = true;

@@ -21,6 +21,7 @@ use crate::train::config::{Normals, TrainConfig};
 use crate::train::statistics::middle_or;
 use crate::train::step::now::Now;
 use crate::train::step::part::{Part, finite, insert};
+use crate::train::step::tasks::Job;
 
 /// Steps before normals are learned: until then the environment has no features to go by.
 pub(in crate::train) const DELAY: u64 = 100;
@@ -207,7 +208,7 @@ pub(in crate::train) fn stored_box(file: &TensorFile) -> Option<Aabb> {
 }
 
 impl Part for Refinement {
-    fn update(&mut self, now: &Now<'_>) {
+    fn update<'a>(&'a mut self, now: &Now<'_>, _jobs: &mut Vec<Job<'a>>) {
         if now.step > DELAY {
             self.offsets.update(rate(now.progress), self.n_pixels);
         }

@@ -1,7 +1,6 @@
 //! Adam (Kingma and Ba, arXiv:1412.6980) over flat parameter vectors.
 
-use rayon::prelude::*;
-
+use super::tasks::Job;
 use crate::neif::kernels::math::bf16_from_f32;
 use crate::neif::kernels::{Isa, dispatch};
 
@@ -12,8 +11,8 @@ const EPSILON: f32 = 1e-15;
 /// Parameters of a cache line: a line without any gradient is left as it is, moments included. Most of a grid's values are
 /// touched by few steps, and the update is as fast as memory (instant-ngp skips them too, Sec. 4 of arXiv:2201.05989).
 const LINE: usize = 16;
-/// Parameters a task takes.
-pub(super) const BLOCK: usize = 1 << 15;
+/// Parameters a job takes.
+const BLOCK: usize = 1 << 15;
 
 /// First and second moments of a parameter vector.
 #[derive(Clone, Debug, PartialEq)]
@@ -42,60 +41,82 @@ impl Adam {
         rates: Rates,
         step: u64,
     ) {
-        self.update_rounded(params, gradient, &mut [], rates, step);
+        let mut jobs = Vec::new();
+        let followed = Followed {
+            params,
+            gradient,
+            tail_bf16: &mut [],
+            averaged: &mut [],
+        };
+        self.jobs(followed, rates, step, 0.0, &mut jobs);
+        for job in jobs {
+            job();
+        }
     }
 
-    /// [`Self::update`] that also writes the tail in bf16 to `tail_bf16`, unless that is empty.
-    pub(super) fn update_rounded(
-        &mut self,
-        params: &mut [f32],
-        gradient: &mut [f32],
-        tail_bf16: &mut [u16],
+    /// The jobs of such a step. Each also writes its part of the tail in bf16, and lets the running means follow by
+    /// `mean_share` of the way, where there are any.
+    pub(super) fn jobs<'a>(
+        &'a mut self,
+        of: Followed<'a>,
         rates: Rates,
         step: u64,
+        mean_share: f32,
+        jobs: &mut Vec<Job<'a>>,
     ) {
+        let n = of.params.len();
+        let (n_bf16, n_averaged) = (of.tail_bf16.len(), of.averaged.len());
         assert!(
-            params.len() == self.first.len() && gradient.len() == params.len(),
+            n == self.first.len()
+                && n == of.gradient.len()
+                && (n_bf16 == 0 || n_bf16 == n - rates.n_head)
+                && (n_averaged == 0 || n_averaged == n),
             "adam: lengths differ"
         );
         let bias1 = 1.0 - f64::from(BETA1).powf(step as f64);
         let bias2 = 1.0 - f64::from(BETA2).powf(step as f64);
         let unbias = (bias2.sqrt() / bias1) as f32;
         let epsilon = EPSILON * bias2.sqrt() as f32;
-        let (head, tail) = params.split_at_mut(rates.n_head);
-        let n_tail = tail.len();
+        let (p_head, p_tail) = of.params.split_at_mut(rates.n_head);
         let (m_head, m_tail) = self.first.split_at_mut(rates.n_head);
         let (v_head, v_tail) = self.second.split_at_mut(rates.n_head);
-        let (g_head, g_tail) = gradient.split_at_mut(rates.n_head);
-        let rate_epsilon = [rates.head * unbias, epsilon];
-        head.par_chunks_mut(BLOCK)
-            .zip(m_head.par_chunks_mut(BLOCK))
-            .zip(
-                v_head
-                    .par_chunks_mut(BLOCK)
-                    .zip(g_head.par_chunks_mut(BLOCK)),
-            )
-            .for_each(|((p, m), (v, g))| adam_block(p, m, v, g, rate_epsilon));
-        let rate_epsilon = [rates.tail * unbias, epsilon];
-        let blocks = tail
-            .par_chunks_mut(BLOCK)
-            .zip(m_tail.par_chunks_mut(BLOCK))
-            .zip(
-                v_tail
-                    .par_chunks_mut(BLOCK)
-                    .zip(g_tail.par_chunks_mut(BLOCK)),
-            );
-        if tail_bf16.is_empty() {
-            blocks.for_each(|((p, m), (v, g))| adam_block(p, m, v, g, rate_epsilon));
-            return;
+        let (g_head, g_tail) = of.gradient.split_at_mut(rates.n_head);
+        let (a_head, a_tail) = of.averaged.split_at_mut(rates.n_head.min(n_averaged));
+        let head = ([p_head, m_head, v_head, g_head], &mut [][..], a_head);
+        let tail = ([p_tail, m_tail, v_tail, g_tail], of.tail_bf16, a_tail);
+        for (rate, (vectors, copy, means)) in [(rates.head, head), (rates.tail, tail)] {
+            let rate_epsilon = [rate * unbias, epsilon];
+            let [p, m, v, g] = vectors.map(|values| values.chunks_mut(BLOCK));
+            let (mut copies, mut means) = (copy.chunks_mut(BLOCK), means.chunks_mut(BLOCK));
+            for ((p, m), (v, g)) in p.zip(m).zip(v.zip(g)) {
+                let copy = copies.next().unwrap_or_default();
+                let means = means.next().unwrap_or_default();
+                jobs.push(Box::new(move || {
+                    adam_block(p, m, v, g, rate_epsilon);
+                    store_bf16(p, copy);
+                    if mean_share > 0.0 {
+                        average(p, mean_share, means);
+                    }
+                }));
+            }
         }
-        assert_eq!(tail_bf16.len(), n_tail, "adam: a copy of another length");
-        blocks
-            .zip(tail_bf16.par_chunks_mut(BLOCK))
-            .for_each(|(((p, m), (v, g)), copy)| {
-                adam_block(p, m, v, g, rate_epsilon);
-                store_bf16(p, copy);
-            });
+    }
+}
+
+/// Vectors of a parameter each.
+#[derive(Debug)]
+pub(super) struct Followed<'a> {
+    pub(super) params: &'a mut [f32],
+    pub(super) gradient: &'a mut [f32],
+    /// Copy of the tail, or empty.
+    pub(super) tail_bf16: &'a mut [u16],
+    /// Running means, or empty.
+    pub(super) averaged: &'a mut [f32],
+}
+
+fn average(params: &[f32], share: f32, means: &mut [f32]) {
+    for (mean, param) in means.iter_mut().zip(params) {
+        *mean += share * (param - *mean);
     }
 }
 
@@ -179,7 +200,21 @@ mod tests {
         for step in 1..=20_u64 {
             let gradient: Vec<f32> = (0..3).map(|i| ((step * 3 + i) as f32).sin()).collect();
             let mut copy = [0; 2];
-            adam.update_rounded(&mut params, &mut gradient.clone(), &mut copy, rates, step);
+            let mut means = params.clone();
+            let before = params.clone();
+            let followed = Followed {
+                params: &mut params,
+                gradient: &mut gradient.clone(),
+                tail_bf16: &mut copy,
+                averaged: &mut means,
+            };
+            let mut jobs = Vec::new();
+            adam.jobs(followed, rates, step, 0.25, &mut jobs);
+            for job in jobs {
+                job();
+            }
+            let quarter = before[2] + 0.25 * (params[2] - before[2]);
+            assert!((means[2] - quarter).abs() < 1e-6, "the running mean");
             assert_eq!(copy[1], bf16_from_f32(params[2]), "the tail's copy");
             for i in 0..3 {
                 let g = f64::from(gradient[i]);

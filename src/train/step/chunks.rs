@@ -3,12 +3,9 @@
 
 use std::ops::Range;
 
-/// Chunks a step is cut into.
-pub(in crate::train) const N_CHUNKS: usize = 16;
-
-/// The share of the `index`-th chunk in `n` slots.
-pub(in crate::train) fn share(n: usize, index: usize) -> Range<usize> {
-    n * index / N_CHUNKS..n * (index + 1) / N_CHUNKS
+/// The share of the `index`-th of `n_chunks` chunks in `n` slots.
+pub(in crate::train) fn share(n: usize, index: usize, n_chunks: usize) -> Range<usize> {
+    n * index / n_chunks..n * (index + 1) / n_chunks
 }
 
 /// First slot of the random numbers with which the `index`-th chunk places samples: beyond those of the pixels, and a million

@@ -3,6 +3,7 @@
 use super::adam::Adam;
 use super::now::Now;
 use super::part::{Part, finite, insert};
+use super::tasks::Job;
 use crate::data::files::tensor_file::TensorFile;
 use crate::neif::light::display::Display;
 use crate::train::TrainError;
@@ -40,7 +41,7 @@ impl LearnedDisplay {
 }
 
 impl Part for LearnedDisplay {
-    fn update(&mut self, now: &Now<'_>) {
+    fn update<'a>(&'a mut self, now: &Now<'_>, _jobs: &mut Vec<Job<'a>>) {
         if !self.is_learned {
             return;
         }

@@ -2,17 +2,15 @@
 
 use std::fmt;
 
-use rayon::Scope;
-use rayon::prelude::*;
-
-use super::adam::{Adam, BLOCK, store_bf16};
+use super::adam::{Adam, Followed, store_bf16};
 use super::chunks::sum_in_order;
 use super::now::Now;
 use super::part::{Part, finite, insert};
+use super::tasks::Job;
 use crate::data::files::tensor_file::TensorFile;
 use crate::neif::field::radiance_field::RadianceField;
 use crate::neif::neilf::IncidentLight;
-use crate::neif::networks::hash_grid::{FEATURES, Level};
+use crate::neif::networks::hash_grid::Level;
 use crate::neif::paper::{PaperField, PaperMaterial};
 use crate::neif::surface::material::Material;
 use crate::train::TrainError;
@@ -22,6 +20,9 @@ use crate::train::TrainError;
 const AVERAGED_EVERY: u64 = 8;
 /// Share of all updates that the means go back.
 const WINDOW: f32 = 0.03;
+
+/// Parameters of networks that a job sums over the chunks.
+const SUM_BLOCK: usize = 1 << 11;
 
 /// A field as the optimiser sees it: one vector, first the networks' parameters, then the grids'.
 pub(in crate::train) trait Network: fmt::Debug {
@@ -120,28 +121,20 @@ impl<N: Network> Learned<N> {
         settled
     }
 
-    /// Lets the means follow: exponentially, over the last [`WINDOW`] of all updates, so that they are as sharp early in a run as
-    /// late (after Polyak and Juditsky 1992).
-    fn average(&mut self, updates: u64) {
+    /// By how much of the way the means follow now: exponentially, over the last [`WINDOW`] of all updates, so that they are as
+    /// sharp early in a run as late (after Polyak and Juditsky 1992).
+    fn mean_share(updates: u64) -> f32 {
         let share = (AVERAGED_EVERY as f32 / (WINDOW * updates as f32)).min(1.0);
         let is_due = share == 1.0 || updates.is_multiple_of(AVERAGED_EVERY);
-        if self.averaged.is_empty() || !is_due {
-            return;
-        }
-        let means = self.averaged.par_chunks_mut(BLOCK);
-        let params = self.value.params().par_chunks(BLOCK);
-        means.zip(params).for_each(|(means, params)| {
-            for (mean, param) in means.iter_mut().zip(params) {
-                *mean += share * (param - *mean);
-            }
-        });
+        if is_due { share } else { 0.0 }
     }
 
-    /// Adds all chunks' gradients in order: of the networks, as `of_networks` has them, by one task, and of each of the grid's
-    /// `levels` by one task, as `scatter` adds a chunk's to that level's `[n_entries][4]`.
+    /// The jobs that add all chunks' gradients in order: of the networks, as `of_networks` has them, and of each of the grid's
+    /// `levels` one, as `scatter` adds a chunk's to that level's `[n_entries][4]`. Jobs for parts of a level would go through all
+    /// samples each, and two take twice as long as one.
     pub(in crate::train) fn gather<'s, C: Sync>(
         &'s mut self,
-        scope: &Scope<'s>,
+        jobs: &mut Vec<Job<'s>>,
         chunks: &'s [C],
         levels: fn(&N) -> &[Level],
         of_networks: fn(&C) -> &[f32],
@@ -151,16 +144,29 @@ impl<N: Network> Learned<N> {
     {
         let field = &self.value;
         let (networks, mut grids) = self.gradient.split_at_mut(field.n_head());
+        let mut tables = Vec::new();
         for (level, shape) in levels(field).iter().enumerate() {
-            let (table, rest) = grids.split_at_mut(shape.n_entries * FEATURES);
+            let (table, rest) = grids.split_at_mut(shape.n_values());
             grids = rest;
-            scope.spawn(move |_| {
+            tables.push((level, table));
+        }
+        // The finest levels take longest.
+        for (level, table) in tables.into_iter().rev() {
+            jobs.push(Box::new(move || {
                 for chunk in chunks {
                     scatter(field, level, chunk, table);
                 }
-            });
+            }));
         }
-        scope.spawn(move |_| sum_in_order(networks, chunks.iter().map(of_networks)));
+        for (i, block) in networks.chunks_mut(SUM_BLOCK).enumerate() {
+            jobs.push(Box::new(move || {
+                let range = i * SUM_BLOCK..i * SUM_BLOCK + block.len();
+                let parts = chunks
+                    .iter()
+                    .map(|chunk| &of_networks(chunk)[range.clone()]);
+                sum_in_order(block, parts);
+            }));
+        }
     }
 
     /// All that follows from the parameters, after they were set from outside.
@@ -185,17 +191,21 @@ impl<N: Network> Learned<N> {
 }
 
 impl<N: Network> Part for Learned<N> {
-    fn update(&mut self, now: &Now<'_>) {
+    fn update<'a>(&'a mut self, now: &Now<'_>, jobs: &mut Vec<Job<'a>>) {
         let rates = now.rates(self.value.n_head());
-        self.adam.update_rounded(
-            self.value.params_mut(),
-            &mut self.gradient,
-            &mut self.rounded,
-            rates,
-            now.updates,
-        );
+        let followed = Followed {
+            params: self.value.params_mut(),
+            gradient: &mut self.gradient,
+            tail_bf16: &mut self.rounded,
+            averaged: &mut self.averaged,
+        };
+        let mean_share = Self::mean_share(now.updates);
+        self.adam
+            .jobs(followed, rates, now.updates, mean_share, jobs);
+    }
+
+    fn follow(&mut self) {
         self.value.write_transposed(&mut self.transposed);
-        self.average(now.updates);
     }
 
     fn store(&self, file: &mut TensorFile) {

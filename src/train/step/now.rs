@@ -1,6 +1,7 @@
 //! Where in its run a step is, and how fast it learns there.
 
 use super::adam::Rates;
+use super::tasks::Tasks;
 use crate::train::config::TrainConfig;
 
 /// Where in its run a step is.
@@ -13,6 +14,8 @@ pub struct Now<'a> {
     pub(in crate::train) updates: u64,
     /// Share of the plan, 0 to 1.
     pub(in crate::train) progress: f32,
+    /// How its loops are run.
+    pub(in crate::train) tasks: Tasks<'a>,
 }
 
 impl Now<'_> {

@@ -1,14 +1,18 @@
 //! Something learned: the interface of all that a model's parameters consist of.
 
 use super::now::Now;
+use super::tasks::Job;
 use crate::data::files::tensor_file::TensorFile;
 use crate::train::TrainError;
 
 /// Something learned. It owns its parameters, what was gathered of the step for them, its optimiser's state and its share of
 /// a checkpoint; a model lists its parts ([`super::model::Model::parts`]).
 pub trait Part {
-    /// Follows what was gathered.
-    fn update(&mut self, now: &Now<'_>);
+    /// Follows what was gathered: at once, or by jobs where that takes long.
+    fn update<'a>(&'a mut self, now: &Now<'_>, jobs: &mut Vec<Job<'a>>);
+
+    /// Follows the updated parameters, when the jobs are done.
+    fn follow(&mut self) {}
 
     /// Adds its arrays to a checkpoint.
     fn store(&self, file: &mut TensorFile);

@@ -2,6 +2,7 @@
 
 use super::model::{Model, Stage, StepStats};
 use super::now::Now;
+use super::tasks::{TaskClock, Tasks};
 use crate::data::files::tensor_file::TensorFile;
 use crate::train::TrainError;
 use crate::train::config::TrainConfig;
@@ -40,11 +41,16 @@ impl<M> Trainer<M> {
 impl<M: Model + ?Sized> Trainer<M> {
     /// The model, to be asked or changed at this point of its run.
     pub(in crate::train) fn now(&mut self, progress: f32) -> (Now<'_>, &mut M) {
+        self.now_with(progress, Tasks::default())
+    }
+
+    fn now_with<'a>(&'a mut self, progress: f32, tasks: Tasks<'a>) -> (Now<'a>, &'a mut M) {
         let now = Now {
             config: &self.config,
             step: self.counts.step,
             updates: self.counts.updates,
             progress,
+            tasks,
         };
         (now, &mut self.model)
     }
@@ -56,7 +62,22 @@ impl<M: Model + ?Sized> Trainer<M> {
 
     /// [`Self::step`], reporting after each stage that it is done: for benchmarks, since the trainer has no clock.
     pub fn step_by_stage(&mut self, progress: f32, on_done: &mut dyn FnMut(Stage)) -> StepStats {
-        let (now, model) = self.now(progress);
+        self.step_with(progress, Tasks::default(), on_done)
+    }
+
+    /// [`Self::step`] with a clock for each of its tasks.
+    pub fn step_by_task(&mut self, progress: f32, clock: &dyn TaskClock) -> StepStats {
+        let tasks = Tasks { clock: Some(clock) };
+        self.step_with(progress, tasks, &mut |_| ())
+    }
+
+    fn step_with(
+        &mut self,
+        progress: f32,
+        tasks: Tasks<'_>,
+        on_done: &mut dyn FnMut(Stage),
+    ) -> StepStats {
+        let (now, model) = self.now_with(progress, tasks);
         let stats = model.run(&now, on_done);
         self.counts.step += 1;
         if stats.skipped {
@@ -64,11 +85,17 @@ impl<M: Model + ?Sized> Trainer<M> {
             return stats;
         }
         self.counts.updates += 1;
-        let (now, model) = self.now(progress);
+        let (now, model) = self.now_with(progress, tasks);
         model.gather(&now);
         on_done(Stage::Gather);
-        for part in model.parts() {
-            part.update(&now);
+        let mut parts = model.parts();
+        let mut jobs = Vec::new();
+        for part in &mut parts {
+            part.update(&now, &mut jobs);
+        }
+        now.tasks.all("update", jobs);
+        for part in &mut parts {
+            part.follow();
         }
         model.follow();
         on_done(Stage::Update);

@@ -54,10 +54,20 @@ struct Kernel {
 const ROUNDS: u64 = 10;
 
 /// Time of the steps by stage, and speed round by round.
-struct StepTimes {
-    threads: usize,
-    rays_per_sec: Vec<f64>,
+pub(super) struct StepTimes {
+    pub(super) threads: usize,
+    pub(super) rays_per_sec: Vec<f64>,
     stage_secs: Vec<(Stage, f64)>,
+}
+
+impl StepTimes {
+    /// How many times as fast as `one`, of each pair of rounds, in order.
+    pub(super) fn gains_over(&self, one: &Self) -> Vec<f64> {
+        let pairs = self.rays_per_sec.iter().zip(&one.rays_per_sec);
+        let mut gains: Vec<f64> = pairs.map(|(many, one)| many / one).collect();
+        gains.sort_by(f64::total_cmp);
+        gains
+    }
 }
 
 pub(super) fn run(args: &TrainBenchArgs) -> Result<(), Failure> {
@@ -118,9 +128,7 @@ pub(super) fn run(args: &TrainBenchArgs) -> Result<(), Failure> {
         }
     }
     if let [one, many] = times.as_slice() {
-        let pairs = many.rays_per_sec.iter().zip(&one.rays_per_sec);
-        let mut gains: Vec<f64> = pairs.map(|(many, one)| many / one).collect();
-        gains.sort_by(f64::total_cmp);
+        let gains = many.gains_over(one);
         output::line(&format!(
             "\n{} threads are {:.2} x as fast as one (median of {ROUNDS} pairs, {:.2} to {:.2})",
             many.threads,
@@ -133,10 +141,10 @@ pub(super) fn run(args: &TrainBenchArgs) -> Result<(), Failure> {
 }
 
 /// Where in the plan steps are timed: in its middle, where the batch has its mean size.
-const STEADY: f32 = 0.5;
+pub(super) const STEADY: f32 = 0.5;
 
 /// Times `steps` steps with each number of threads, in turns, after as many untimed ones.
-fn time_in_turns(
+pub(super) fn time_in_turns(
     config: &TrainConfig,
     dataset: &Dataset,
     counts: &[usize],
