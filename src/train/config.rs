@@ -198,7 +198,7 @@ impl Default for TrainConfig {
                     n_levels: 8,
                     coarsest: 16,
                     finest: 768,
-                    log2_table_size: 15,
+                    log2_table_size: 16,
                     least_weight: LEAST_WEIGHT,
                 },
                 n_hidden: 64,

@@ -8,7 +8,7 @@ use crate::neif::light::environment::PAPER_UNIFORM_SHARE;
 use crate::neif::networks::hash_grid::GridConfig;
 
 impl TrainConfig {
-    /// For many sharp photos and more than two minutes: an environment of finer cells in tables eight times as large. They lie
+    /// For many sharp photos and more than two minutes: an environment of finer cells in tables four times as large. They lie
     /// outside the cores' caches, so that a step takes twice as long, and each value is met by fewer rays.
     fn quality() -> Self {
         let fast = Self::default();
