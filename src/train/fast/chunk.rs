@@ -5,7 +5,6 @@ use std::ops::Range;
 use glam::Vec3;
 
 use super::step_context::StepContext;
-use super::work::N_CHUNKS;
 use crate::geometry::orthonormal_basis;
 use crate::neif::EnvironmentTransform;
 use crate::neif::field::density_grid::DensityCells;
@@ -26,6 +25,9 @@ use crate::train::step::chunks::{jitter_slot, share};
 use crate::train::step::loss::{
     PixelLoss, SMOOTHNESS_STEP, clipped_pull, keep_luma, pixel_loss, share_chroma,
 };
+
+/// Chunks a step is cut into: twice as many as a large desktop has cores, each long enough for the networks' kernels.
+pub(super) const N_CHUNKS: usize = 32;
 
 /// Every so many object pixels one takes part in the smoothness term.
 const SMOOTHNESS_STRIDE: usize = 4;

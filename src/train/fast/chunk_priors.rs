@@ -2,9 +2,8 @@
 
 use glam::Vec3;
 
-use super::chunk::Chunk;
+use super::chunk::{Chunk, N_CHUNKS};
 use super::step_context::StepContext;
-use super::work::N_CHUNKS;
 use crate::train::priors::depth_evidence::{fading, misplacement};
 use crate::train::priors::distortion::distortion;
 use crate::train::priors::unseen_light::{trust_in_evenness, unevenness};

@@ -2,8 +2,8 @@
 
 use rayon::prelude::*;
 
+use super::chunk::N_CHUNKS;
 use super::model::Fast;
-use super::work::N_CHUNKS;
 use crate::data::files::tensor_file::TensorFile;
 use crate::neif::field::contraction::{contract, unit_cube};
 use crate::neif::field::density_grid::DensityGrid;

@@ -1,11 +1,8 @@
 //! Memory of a step, reused by the next.
 
 use super::batch_size::BatchSize;
-use super::chunk::Chunk;
+use super::chunk::{Chunk, N_CHUNKS};
 use crate::neif::field::radiance_field::{FieldBatch, RadianceField};
-
-/// Chunks a step is cut into: as many as the largest desktops have cores, each still long enough for the networks' kernels.
-pub(super) const N_CHUNKS: usize = 32;
 
 /// Memory of a step, reused by the next.
 #[derive(Debug)]
