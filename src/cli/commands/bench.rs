@@ -93,6 +93,14 @@ impl Common {
         Display::new(self.json)
     }
 
+    /// Worker threads, counted.
+    fn n_threads(&self) -> usize {
+        match self.threads {
+            0 => std::thread::available_parallelism().map_or(1, usize::from),
+            threads => threads,
+        }
+    }
+
     /// The settings of a preset, or the default ones, with the seed that was asked for.
     fn config(&self, preset: Option<&str>) -> Result<TrainConfig, Failure> {
         config(preset, Some(self.seed))

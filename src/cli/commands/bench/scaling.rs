@@ -18,9 +18,9 @@ use serde::Serialize;
 use serde_json::json;
 
 use super::Common;
-use super::train::{STEADY, time_in_turns};
+use super::train::{STEADY, time_in_turns, warmed_up};
 use super::trial::{on_threads, quantile, rounded, thread_cpu_nanos};
-use crate::cli::failure::{Failure, OrUnusable as _};
+use crate::cli::failure::Failure;
 use crate::cli::{interrupt, output};
 
 /// Workers that are imagined.
@@ -155,10 +155,7 @@ fn span(tasks: &[u64], workers: usize) -> u64 {
 pub(super) fn run(args: &ScalingArgs) -> Result<(), Failure> {
     let dataset = args.common.load(args.dataset.as_ref(), Splits::TRAIN_VAL)?;
     let config = args.common.config(None)?;
-    let cores = match args.common.threads {
-        0 => std::thread::available_parallelism().map_or(1, usize::from),
-        threads => threads,
-    };
+    let cores = args.common.n_threads();
     let mut replays = replays(args, &config, &dataset)?;
     let barrier = barrier_nanos(cores)?;
     let grids = [config.field.grid, config.material.grid];
@@ -260,15 +257,7 @@ fn replays(
     config: &TrainConfig,
     dataset: &Dataset,
 ) -> Result<Vec<Replay>, Failure> {
-    let mut trainer = on_threads(args.common.threads, || {
-        let cancel = interrupt::install()?;
-        let mut trainer = Fast::trainer(config, dataset, cancel, &|_| ()).or_unusable()?;
-        for _ in 0..args.warm_up {
-            interrupt::check()?;
-            trainer.step(STEADY);
-        }
-        Ok::<_, Failure>(trainer)
-    })?;
+    let mut trainer = warmed_up(config, dataset, args.common.threads, args.warm_up)?;
     let of = |workers| Replay {
         workers,
         ..Replay::default()

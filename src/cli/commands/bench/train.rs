@@ -75,10 +75,7 @@ pub(super) fn run(args: &TrainBenchArgs) -> Result<(), Failure> {
     let config = args.common.config(None)?;
     let (peak_gflops, peak_gbytes) = (peak::gflops(), peak::read_gbytes_per_sec());
     let kernels = kernels(&config);
-    let mut counts = vec![1, args.common.threads];
-    if args.common.threads == 0 {
-        counts[1] = std::thread::available_parallelism().map_or(1, usize::from);
-    }
+    let mut counts = vec![1, args.common.n_threads()];
     counts.dedup();
     let times = time_in_turns(&config, &dataset, &counts, args.steps)?;
     if args.common.json {
@@ -143,6 +140,24 @@ pub(super) fn run(args: &TrainBenchArgs) -> Result<(), Failure> {
 /// Where in the plan steps are timed: in its middle, where the batch has its mean size.
 pub(super) const STEADY: f32 = 0.5;
 
+/// A trainer after so many untimed steps.
+pub(super) fn warmed_up(
+    config: &TrainConfig,
+    dataset: &Dataset,
+    threads: usize,
+    steps: u64,
+) -> Result<Trainer<Fast>, Failure> {
+    on_threads(threads, || {
+        let cancel = interrupt::install()?;
+        let mut trainer = Fast::trainer(config, dataset, cancel, &|_| ()).or_unusable()?;
+        for _ in 0..steps {
+            interrupt::check()?;
+            trainer.step(STEADY);
+        }
+        Ok(trainer)
+    })
+}
+
 /// Times `steps` steps with each number of threads, in turns, after as many untimed ones.
 pub(super) fn time_in_turns(
     config: &TrainConfig,
@@ -152,14 +167,7 @@ pub(super) fn time_in_turns(
 ) -> Result<Vec<StepTimes>, Failure> {
     let mut all = Vec::new();
     for &threads in counts {
-        let trainer = on_threads(threads, || {
-            let cancel = interrupt::install()?;
-            let mut trainer = Fast::trainer(config, dataset, cancel, &|_| ()).or_unusable()?;
-            for _ in 0..steps {
-                trainer.step(STEADY);
-            }
-            Ok::<_, Failure>(trainer)
-        })?;
+        let trainer = warmed_up(config, dataset, threads, steps)?;
         let times = StepTimes {
             threads,
             rays_per_sec: Vec::new(),
