@@ -1,6 +1,7 @@
 //! A virtual display, its mouse and keys, and what it shows.
 
 use std::io::{BufRead as _, BufReader};
+use std::ops::Range;
 use std::process::{Child, Command, Stdio};
 use std::thread::sleep;
 use std::time::Duration;
@@ -12,7 +13,7 @@ const TICK: Duration = Duration::from_millis(30);
 /// Largest difference of a channel of two pixels that count as equal.
 const TOLERANCE: u8 = 12;
 
-/// A rectangle on the display, pixels.
+/// A rectangle on the display, pixels; `x` and `y` are its middle.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Place {
     pub(crate) x: f64,
@@ -28,6 +29,18 @@ impl Place {
             self.x + (across - 0.5) * self.width,
             self.y + (down - 0.5) * self.height,
         )
+    }
+
+    /// A part of it, both ranges 0 to 1 from its left top.
+    pub(crate) fn part(&self, across: Range<f64>, down: Range<f64>) -> Self {
+        let middle = |range: &Range<f64>| 0.5 * (range.start + range.end);
+        let (x, y) = self.at(middle(&across), middle(&down));
+        Self {
+            x,
+            y,
+            width: (across.end - across.start) * self.width,
+            height: (down.end - down.start) * self.height,
+        }
     }
 }
 
