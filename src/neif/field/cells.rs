@@ -17,9 +17,15 @@ pub(super) const INNER_CELLS: u32 = (INNER_SIDE * INNER_SIDE * INNER_SIDE) as u3
 pub fn cell_index(x: [f32; 3]) -> u32 {
     let m = x[0].abs().max(x[1].abs()).max(x[2].abs());
     // Both, and then a choice: vectorises.
-    let inner = cell_of(x.map(|v| v * 0.5 + 0.5), INNER_SIDE);
+    let inner = inner_cell_index(x);
     let outer = INNER_CELLS + cell_of(unit_cube(contract_point(x)), OUTER_SIDE);
     if m < 1.0 { inner } else { outer }
+}
+
+/// The inner cell that holds a point in field coordinates, or is nearest to it.
+#[inline(always)]
+pub fn inner_cell_index(x: [f32; 3]) -> u32 {
+    cell_of(x.map(|v| v * 0.5 + 0.5), INNER_SIDE)
 }
 
 /// The cell of a grid with `side` cells an axis that holds a point of the unit cube; points outside go to the rim.

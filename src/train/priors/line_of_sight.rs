@@ -4,7 +4,7 @@
 //! one of them from close by can hang between the cameras and the object: unseen until the environment is moved. A cell
 //! of the density cache all of whose corners lie before the object in one photo is empty.
 
-use glam::{Affine3A, UVec2, Vec3};
+use glam::{Affine3A, UVec2, UVec3, Vec3};
 use rayon::prelude::*;
 
 use super::some_views;
@@ -16,10 +16,9 @@ use crate::neif::field::density_grid::DensityGrid;
 
 /// Most photos that are asked.
 const MOST_PHOTOS: usize = 64;
-/// Layers of cells that one task looks at.
-const LAYERS: usize = 8;
-/// Corners along an axis.
-const CORNERS: usize = INNER_SIDE + 1;
+/// Cells along an axis of the blocks that are looked at together, and their corners.
+const BLOCK: usize = 8;
+const CORNERS: usize = BLOCK + 1;
 
 /// Declares empty for good what lies between the object and a camera that sees it.
 pub(in crate::train) fn clear_lines_of_sight(
@@ -32,8 +31,12 @@ pub(in crate::train) fn clear_lines_of_sight(
     let cell = DensityGrid::inner_cell() * frame.half_side;
     let sight = |view: &&View| Sight::of(view, tracer, cell);
     let sights: Vec<Sight> = views.par_iter().map(sight).collect();
-    let slabs = (0..INNER_SIDE / LAYERS).into_par_iter();
-    let cells = slabs.flat_map_iter(|slab| clear_cells(&sights, frame, slab * LAYERS));
+    let side = INNER_SIDE / BLOCK;
+    let blocks = (0..side * side * side).into_par_iter();
+    let cells = blocks.flat_map_iter(|i| {
+        let first = place(i, side) * BLOCK as u32;
+        clear_cells(&sights, frame, first)
+    });
     density.hollow_cells(cells.collect::<Vec<usize>>());
 }
 
@@ -94,6 +97,19 @@ impl Sight {
         }
     }
 
+    /// Whether a ball may reach into the cone around the object's box.
+    fn may_see(&self, middle: Vec3, radius: f32) -> bool {
+        if self.cos_squared < 0.0 {
+            return true;
+        }
+        let toward = middle - self.eye;
+        let along = toward.dot(self.axis);
+        let across = (toward.length_squared() - along * along).max(0.0).sqrt();
+        let sin = (1.0 - self.cos_squared).sqrt();
+        // Its distance from the cone's side, where that is nearest; behind the tip it is further.
+        across * self.cos_squared.sqrt() - along * sin <= radius
+    }
+
     /// Whether the photo sees the object through this point.
     fn is_clear(&self, p_world: Vec3) -> bool {
         // Most points are beside the object: that is determined without projecting them.
@@ -114,20 +130,25 @@ impl Sight {
     }
 }
 
-/// Cells of some layers, from the `first` on, that are clear in a photo.
-fn clear_cells(sights: &[Sight], frame: &FieldFrame, first: usize) -> Vec<usize> {
-    let corner = |i: usize| i as f32 * DensityGrid::inner_cell() - 1.0;
-    let mut is_clear = vec![false; LAYERS * INNER_SIDE * INNER_SIDE];
-    let mut corners = vec![false; (LAYERS + 1) * CORNERS * CORNERS];
-    for sight in sights {
+/// Cells of a block, from the one at `first` on, that are clear in a photo.
+fn clear_cells(sights: &[Sight], frame: &FieldFrame, first: UVec3) -> Vec<usize> {
+    let corner = |at: UVec3| {
+        let p_field = (first + at).as_vec3() * DensityGrid::inner_cell() - 1.0;
+        frame.world_from_field(p_field)
+    };
+    let [lowest, highest] = [0, BLOCK as u32].map(|i| corner(UVec3::splat(i)));
+    let (middle, radius) = (0.5 * (lowest + highest), 0.5 * lowest.distance(highest));
+    let mut is_clear = [false; BLOCK * BLOCK * BLOCK];
+    let mut corners = [false; CORNERS * CORNERS * CORNERS];
+    for sight in sights.iter().filter(|sight| sight.may_see(middle, radius)) {
+        if is_clear == [true; BLOCK * BLOCK * BLOCK] {
+            break;
+        }
         for (i, clear) in corners.iter_mut().enumerate() {
-            let (x, y, z) = (i % CORNERS, i / CORNERS % CORNERS, i / CORNERS / CORNERS);
-            let p_field = Vec3::new(corner(x), corner(y), corner(first + z));
-            *clear = sight.is_clear(frame.world_from_field(p_field));
+            *clear = sight.is_clear(corner(place(i, CORNERS)));
         }
         for (i, clear) in is_clear.iter_mut().enumerate() {
-            let (x, row) = (i % INNER_SIDE, i / INNER_SIDE);
-            let (y, z) = (row % INNER_SIDE, row / INNER_SIDE);
+            let [x, y, z] = place(i, BLOCK).to_array().map(|v| v as usize);
             let lowest = (z * CORNERS + y) * CORNERS + x;
             *clear |= [0, CORNERS * CORNERS].into_iter().all(|z| {
                 let at = lowest + z;
@@ -135,9 +156,18 @@ fn clear_cells(sights: &[Sight], frame: &FieldFrame, first: usize) -> Vec<usize>
             });
         }
     }
-    let start = first * INNER_SIDE * INNER_SIDE;
-    let cells = (start..).zip(is_clear);
-    cells.filter_map(|(i, clear)| clear.then_some(i)).collect()
+    let cell = |i: usize| {
+        let [x, y, z] = (first + place(i, BLOCK)).to_array().map(|v| v as usize);
+        (z * INNER_SIDE + y) * INNER_SIDE + x
+    };
+    let clear = is_clear.iter().enumerate().filter(|(_, clear)| **clear);
+    clear.map(|(i, _)| cell(i)).collect()
+}
+
+/// Where the `i`-th of a cube with `side` an axis lies.
+fn place(i: usize, side: usize) -> UVec3 {
+    let [x, y, z] = [i % side, i / side % side, i / side / side].map(|v| v as u32);
+    UVec3::new(x, y, z)
 }
 
 #[cfg(test)]

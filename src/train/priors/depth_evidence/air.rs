@@ -4,7 +4,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{PhotoDepths, SeenDepths};
-use crate::neif::field::cells::{INNER_SIDE, cell_index};
+use crate::neif::field::cells::{INNER_SIDE, inner_cell_index};
 use crate::neif::field::contraction::FieldFrame;
 use crate::neif::field::density_grid::DensityGrid;
 
@@ -50,19 +50,16 @@ fn seen(photo: &PhotoDepths, frame: &FieldFrame) -> Vec<Seen> {
     let mut cells = vec![Seen::Nothing; N_CELLS];
     let cell = DensityGrid::inner_cell();
     let eye = frame.field_from_world(photo.camera.position());
-    // Beyond the box, seen from anywhere in it or near, there are no inner cells.
-    let farthest = eye.length() + 3.0_f32.sqrt();
     let sights = (0..photo.nearness.len()).filter_map(|pixel| photo.point(pixel));
     let sights: Vec<Vec3> = sights.map(|p| frame.field_from_world(p) - eye).collect();
     let mut mark = |sight: &Vec3, from: f32, to: f32, seen: Seen| {
         let step = STEP * cell;
         let direction = sight.normalize_or_zero();
-        let steps = (from.max(0.0) / step) as usize..(to.min(farthest).max(0.0) / step) as usize;
-        for k in steps {
+        let [enters, leaves] = in_box(eye, direction);
+        let [first, last] = [from.max(enters), to.min(leaves)].map(|at| (at / step) as usize);
+        for k in first..last {
             let p = eye + (k as f32 + 0.5) * step * direction;
-            if p.abs().max_element() < 1.0 {
-                cells[cell_index(p.to_array()) as usize] = seen;
-            }
+            cells[inner_cell_index(p.to_array()) as usize] = seen;
         }
     };
     let before = |sight: &Vec3| sight.length() * (1.0 - MARGIN) - CELLS_BEFORE * cell;
@@ -74,6 +71,13 @@ fn seen(photo: &PhotoDepths, frame: &FieldFrame) -> Vec<Seen> {
         mark(sight, before(sight), sight.length() + cell, Seen::Surface);
     }
     cells
+}
+
+/// Distances at which a ray enters and leaves the box of the inner cells, `[-1, 1]` each axis; the same where it misses it.
+fn in_box(origin: Vec3, direction: Vec3) -> [f32; 2] {
+    let [a, b] = [-1.0, 1.0].map(|side| (side - origin) / direction);
+    let (near, far) = (a.min(b).max_element().max(0.0), a.max(b).min_element());
+    [near, far.max(near)]
 }
 
 /// What a photo says of a cell.

@@ -18,9 +18,10 @@ const LEAST_PAIRS: usize = 3;
 /// The logarithm of each photo's gain a colour, of mean 0; `None` where some photo cannot be compared with enough others.
 pub(super) fn log_gains(photos: &[SmallPhoto], depths: &[PhotoDepths]) -> Option<Vec<Vec3>> {
     let n = photos.len();
+    let points: Vec<Vec<(usize, Vec3)>> = depths.iter().map(points_of).collect();
     let pairs = pairs_of(n, |[a, b]| {
         let ratios =
-            |a: usize, b: usize| log_ratios([&photos[a], &photos[b]], [&depths[a], &depths[b]]);
+            |a: usize, b: usize| log_ratios((&photos[a], &points[a]), (&photos[b], &depths[b]));
         let back = ratios(b, a).into_iter().map(|ratio| -ratio);
         ratios(a, b).into_iter().chain(back).collect()
     });
@@ -32,16 +33,26 @@ pub(super) fn log_gains(photos: &[SmallPhoto], depths: &[PhotoDepths]) -> Option
     are_all_constrained.then(|| relative_log_gains(n, &pairs))
 }
 
-/// The logarithms of the first photo's colours over the second's, at points that both show.
-fn log_ratios(photos: [&SmallPhoto; 2], depths: [&PhotoDepths; 2]) -> Vec<Vec3> {
-    let nearness = &depths[0].nearness;
-    let known = (0..nearness.len()).filter(|pixel| !nearness[*pixel].is_nan());
-    let stride = known.clone().count().div_ceil(MOST_POINTS).max(1);
-    let ratio = |pixel: usize| {
-        let there = depths[0].seen_by(pixel, depths[1])?;
-        Some(log_color(photos[0].colors[pixel])? - log_color(photos[1].colors[there])?)
+/// Points that a photo shows, world, with their pixels.
+fn points_of(depths: &PhotoDepths) -> Vec<(usize, Vec3)> {
+    let n_pixels = depths.nearness.len();
+    let known = (0..n_pixels).filter_map(|pixel| Some((pixel, depths.point(pixel)?)));
+    let known: Vec<_> = known.collect();
+    let stride = known.len().div_ceil(MOST_POINTS).max(1);
+    known.into_iter().step_by(stride).collect()
+}
+
+/// The logarithms of a photo's colours over another's, at those of its points that both show.
+fn log_ratios(
+    (photo, points): (&SmallPhoto, &[(usize, Vec3)]),
+    (other, depths): (&SmallPhoto, &PhotoDepths),
+) -> Vec<Vec3> {
+    let other_looks = depths.looks();
+    let ratio = |(pixel, point): &(usize, Vec3)| {
+        let there = other_looks.pixel_of(*point)?;
+        Some(log_color(photo.colors[*pixel])? - log_color(other.colors[there])?)
     };
-    known.step_by(stride).filter_map(ratio).collect()
+    points.iter().filter_map(ratio).collect()
 }
 
 /// The logarithm of a linear colour; `None` where it is noise or clipped.

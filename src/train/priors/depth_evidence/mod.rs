@@ -16,7 +16,7 @@ mod tests;
 
 use std::collections::HashMap;
 
-use glam::{Vec2, Vec3};
+use glam::{Affine3A, Vec2, Vec3};
 use rayon::prelude::*;
 
 pub(in crate::train) use self::air::clear_air;
@@ -160,12 +160,27 @@ impl PhotoDepths {
 
     /// What the sweep found, where enough of the photos numbered `neighbours` found the same.
     fn confirmed(&self, photos: &[Self], neighbours: &[usize]) -> Vec<f32> {
+        let others: Vec<Onlooker<'_>> = neighbours.iter().map(|i| photos[*i].looks()).collect();
         let kept = |(pixel, nearness): (usize, &f32)| {
-            let sees = |other: &&usize| self.seen_by(pixel, &photos[**other]).is_some();
-            let is_confirmed = neighbours.iter().filter(sees).count() >= CONFIRMED_BY;
-            if is_confirmed { *nearness } else { f32::NAN }
+            let n_seeing = self.point(pixel).map_or(0, |point| {
+                let sees = |other: &&Onlooker<'_>| other.pixel_of(point).is_some();
+                others.iter().filter(sees).count()
+            });
+            if n_seeing >= CONFIRMED_BY {
+                *nearness
+            } else {
+                f32::NAN
+            }
         };
         self.nearness.iter().enumerate().map(kept).collect()
+    }
+
+    /// To be asked which of its pixels show points.
+    fn looks(&self) -> Onlooker<'_> {
+        Onlooker {
+            depths: self,
+            camera_from_world: self.camera.world_from_camera.inverse(),
+        }
     }
 
     /// Takes what was measured where the photo shows the background.
@@ -183,21 +198,31 @@ impl PhotoDepths {
         }
     }
 
-    /// The pixel of another photo that shows what a pixel of this one does, where both know its depth.
-    fn seen_by(&self, pixel: usize, other: &Self) -> Option<usize> {
-        let point = self.point(pixel)?;
-        let camera = &other.camera;
-        let there = pixel_at(camera, camera.project(point)?)?;
-        let expected = 1.0 / (point - camera.position()).dot(camera.forward());
-        ((other.nearness[there] - expected).abs() <= SAME * other.step).then_some(there)
-    }
-
     /// What a pixel shows, world; `None` where that is not known.
     fn point(&self, pixel: usize) -> Option<Vec3> {
         let nearness = self.nearness[pixel];
         // What is at infinity is taken for far away.
         let depth = 1.0 / nearness.max(0.01 * self.step);
         (!nearness.is_nan()).then(|| self.camera.position() + depth * ray_of(&self.camera, pixel))
+    }
+}
+
+/// A photo that is asked about many points.
+struct Onlooker<'a> {
+    depths: &'a PhotoDepths,
+    camera_from_world: Affine3A,
+}
+
+impl Onlooker<'_> {
+    /// The pixel that shows a point, world, as near as that is; `None` where none does.
+    fn pixel_of(&self, point: Vec3) -> Option<usize> {
+        let PhotoDepths { camera, step, .. } = self.depths;
+        let p = self.camera_from_world.transform_point3(point);
+        let expected = -1.0 / p.z;
+        let at = Vec2::new(camera.fx * p.x, -camera.fy * p.y) * expected;
+        let pixel = pixel_at(camera, at + Vec2::new(camera.cx, camera.cy))?;
+        let is_there = (self.depths.nearness[pixel] - expected).abs() <= SAME * step;
+        (p.z < 0.0 && is_there).then_some(pixel)
     }
 }
 
