@@ -20,13 +20,10 @@ use crate::render::path::gbuffer::PathOptions;
 /// other is no round cone's, and what was learned from cones would be too rough and its lamps too wide.
 const TAUGHT_TURN: f32 = 0.08;
 
-/// Object pixels that are traced on a mesh that will soon move, at first.
-const FIRST_OBJECTS: usize = 200_000;
-
 /// Views from which it is estimated how masks lie about a mesh that has moved a little.
 const OUTLINE_VIEWS: usize = 24;
 
-/// The mesh ready for rays, and every pixel that is trained on, traced once, from cameras as the masks show them to be.
+/// The mesh ready for rays, and every pixel that is trained on, from cameras as the masks show them to be.
 #[derive(Debug)]
 pub(super) struct Prepared {
     pub(super) tracer: Option<Arc<SurfaceTracer>>,
@@ -35,7 +32,7 @@ pub(super) struct Prepared {
 }
 
 impl Prepared {
-    /// Traces every training pixel on the current thread pool; `on_progress` gets 0..1.
+    /// Collects every training pixel, and traces the first of the object's, on the current thread pool; `on_progress` gets 0..1.
     ///
     /// # Errors
     /// When cancelled, when the configuration is unusable, or when no pixel can be trained on.
@@ -52,20 +49,17 @@ impl Prepared {
         let outlines = OutlineFit::new(dataset, &given, tracer.as_deref(), usize::MAX);
         let frame = field_frame(dataset, config.inner_box_scale);
         let poses = Poses::of(dataset, &frame, config.refine_poses, &outlines.shifts);
-        let mut options = pixel_options(config, tracer.is_some(), outlines.error_px);
-        if refinement::is_wanted(config, dataset) {
-            options.most_objects = FIRST_OBJECTS;
-        }
+        let options = pixel_options(config, tracer.is_some(), outlines.error_px);
         let cameras = poses.as_ref().map_or(given, Poses::cameras);
         let traced = tracer.as_deref();
-        let on_view = watched(2 * dataset.train.len(), cancel, on_progress);
+        let on_view = watched(3 * dataset.train.len(), cancel, on_progress);
         let depths = if config.background != PhotoFit::Off && config.depth_weight > 0.0 {
             let depths = SeenDepths::of(dataset, &cameras, traced, &frame, &on_view);
             Some(depths.ok_or(TrainError::Cancelled)?)
         } else {
             None
         };
-        let mut pixels = PixelStore::collect(dataset, &cameras, traced, options, &on_view)
+        let mut pixels = PixelStore::collect(dataset, &cameras, tracer.as_ref(), options, &on_view)
             .ok_or(TrainError::Cancelled)?;
         pixels.depths = depths;
         if pixels.n_objects() == 0 && pixels.n_backgrounds() == 0 {
@@ -81,28 +75,28 @@ impl Prepared {
     }
 }
 
-/// Traces the pixels again, on a mesh and from cameras that have changed a little: of the object about as many as are to be
-/// drawn, `(most_objects, choice)`, another choice each time. `on_progress` gets 0..1.
+/// Collects the pixels again, on a mesh and from cameras that have changed a little, after `n_drawn` of the object's were drawn,
+/// and traces the first of the object's, others than before. `on_progress` gets 0..1.
 ///
 /// # Errors
 /// When cancelled; the pixels are then as they were.
 pub(super) fn retrace_pixels(
     pixels: &mut PixelStore,
     config: &TrainConfig,
-    (dataset, tracer): (&Dataset, Option<&SurfaceTracer>),
-    (most_objects, choice): (usize, u64),
+    (dataset, tracer): (&Dataset, Option<&Arc<SurfaceTracer>>),
+    n_drawn: u64,
     cancel: &AtomicBool,
     on_progress: &(dyn Fn(f32) + Sync),
 ) -> Result<(), TrainError> {
     let cameras = pixels.cameras();
-    let outlines = OutlineFit::new(dataset, &cameras, tracer, OUTLINE_VIEWS);
+    let surface = tracer.map(|tracer| &**tracer);
+    let outlines = OutlineFit::new(dataset, &cameras, surface, OUTLINE_VIEWS);
     let options = PixelOptions {
-        most_objects,
-        choice,
+        choice: n_drawn,
         ..pixel_options(config, tracer.is_some(), outlines.error_px)
     };
-    let on_view = watched(dataset.train.len(), cancel, on_progress);
-    if pixels.retrace(dataset, tracer, options, &on_view) {
+    let on_view = watched(2 * dataset.train.len(), cancel, on_progress);
+    if pixels.retrace(dataset, tracer, (options, n_drawn), &on_view) {
         Ok(())
     } else {
         Err(TrainError::Cancelled)
@@ -118,7 +112,6 @@ pub(super) fn pixel_options(
         seed: config.seed,
         background: config.background != PhotoFit::Off,
         max_pixels: config.max_pixels,
-        most_objects: usize::MAX,
         choice: 0,
         n_blurred: config.preconvolved_levels,
         // With an object the lamps' radiance is learned from what they shine on.
@@ -138,15 +131,15 @@ pub(super) fn pixel_options(
     }
 }
 
-/// To be called for each of the views: reports how many have been, and returns whether to go on.
+/// To be called so many times: reports how many have been, and returns whether to go on.
 fn watched(
-    n_views: usize,
+    n_calls: usize,
     cancel: &AtomicBool,
     on_progress: &(dyn Fn(f32) + Sync),
 ) -> impl Fn() -> bool + Sync {
     let done = AtomicUsize::new(0);
     move || {
-        on_progress(done.fetch_add(1, Ordering::Relaxed) as f32 / n_views.max(1) as f32);
+        on_progress(done.fetch_add(1, Ordering::Relaxed) as f32 / n_calls.max(1) as f32);
         !cancel.load(Ordering::Relaxed)
     }
 }

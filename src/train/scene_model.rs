@@ -63,14 +63,8 @@ pub trait SceneModel: Model {
         false
     }
 
-    /// Whether the light paths of a restored model, from the cameras as given or of a first choice of pixels, are to be
-    /// traced anew.
-    fn has_first_paths(&self) -> bool {
-        false
-    }
-
-    /// Traces training pixels anew, on the mesh and from the cameras as they are known by now, on the current thread pool. Of
-    /// the object about `most_objects`, as more will not be drawn. `on_progress` gets the share that is done, 0 to 1.
+    /// Traces training pixels anew, on the mesh and from the cameras as they are known by now, on the current thread pool.
+    /// `on_progress` gets the share that is done, 0 to 1.
     ///
     /// # Errors
     /// When cancelled; training then goes on with the old paths.
@@ -78,7 +72,6 @@ pub trait SceneModel: Model {
         &mut self,
         _now: &Now<'_>,
         _dataset: &Dataset,
-        _most_objects: usize,
         _cancel: &AtomicBool,
         _on_progress: &(dyn Fn(f32) + Sync),
     ) -> Result<(), TrainError> {
@@ -128,7 +121,6 @@ impl<M: SceneModel + ?Sized> Trainer<M> {
     pub fn retrace(
         &mut self,
         dataset: &Dataset,
-        most_objects: usize,
         cancel: &AtomicBool,
         on_progress: &(dyn Fn(f32) + Sync),
     ) -> Result<(), TrainError> {
@@ -137,6 +129,6 @@ impl<M: SceneModel + ?Sized> Trainer<M> {
         }
         self.settle_normals();
         let (now, model) = self.now(0.0);
-        model.retrace(&now, dataset, most_objects, cancel, on_progress)
+        model.retrace(&now, dataset, cancel, on_progress)
     }
 }

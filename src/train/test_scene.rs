@@ -99,11 +99,11 @@ pub(super) fn sphere_on_a_floor(
     dataset
 }
 
-/// Traces a trainer's pixels anew, all of them.
+/// Traces a trainer's pixels anew.
 pub(super) fn retrace(trainer: &mut Trainer<Fast>, dataset: &Dataset) {
     let goes_on = AtomicBool::new(false);
     trainer
-        .retrace(dataset, usize::MAX, &goes_on, &|_| ())
+        .retrace(dataset, &goes_on, &|_| ())
         .expect("nobody cancels");
 }
 

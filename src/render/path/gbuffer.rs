@@ -143,7 +143,7 @@ impl GBuffer {
                         if n > 1 {
                             subsample(tracer, camera, (x, y), n, &mut points);
                         } else {
-                            points.extend(centers.at(i));
+                            points.extend(centers.at(i).copied());
                         }
                         1.0
                     }
@@ -165,8 +165,13 @@ impl GBuffer {
 /// What the rays through the pixels' centres met, and one row more on each side.
 struct Centers {
     width: usize,
-    points: Vec<Option<Seen>>,
+    /// By pixel, which of `points`; [`NOTHING`] where no object was met or looked for.
+    at: Vec<u32>,
+    points: Vec<Seen>,
 }
+
+/// No point.
+const NOTHING: u32 = u32::MAX;
 
 /// How a pixel compares with its four neighbours.
 enum PixelKind {
@@ -191,21 +196,31 @@ impl Centers {
         let width = camera.width as usize;
         let (n, row) = ((rows.len() * width) as i64, width as i64);
         let wanted = |i: i64| (0..n).contains(&i) && is_wanted(i as u32);
-        let points = (-row..n + row)
-            .map(|i| {
-                let is_near = [0, -1, 1, -row, row].iter().any(|step| wanted(i + step));
-                let x = i.rem_euclid(row) as f32 + 0.5;
-                let y = (i64::from(rows.start) + i.div_euclid(row)) as f32 + 0.5;
-                is_near
-                    .then(|| trace_pixel(tracer, camera, (x, y), 1.0))
-                    .flatten()
+        let mut points = Vec::new();
+        let at = (-row..n + row).map(|i| {
+            let is_near = [0, -1, 1, -row, row].iter().any(|step| wanted(i + step));
+            let x = i.rem_euclid(row) as f32 + 0.5;
+            let y = (i64::from(rows.start) + i.div_euclid(row)) as f32 + 0.5;
+            let seen = is_near.then(|| trace_pixel(tracer, camera, (x, y), 1.0));
+            seen.flatten().map_or(NOTHING, |seen| {
+                points.push(seen);
+                points.len() as u32 - 1
             })
-            .collect();
-        Self { width, points }
+        });
+        Self {
+            width,
+            at: at.collect(),
+            points,
+        }
     }
 
-    fn at(&self, i: usize) -> Option<Seen> {
-        self.points[i + self.width]
+    /// The point seen at pixel `i`, from the row before the first.
+    fn point(&self, i: usize) -> Option<&Seen> {
+        self.points.get(self.at[i] as usize)
+    }
+
+    fn at(&self, i: usize) -> Option<&Seen> {
+        self.point(i + self.width)
     }
 
     fn kind(&self, i: usize, largest_turn: f32) -> PixelKind {
@@ -216,10 +231,10 @@ impl Centers {
             at - usize::from(x > 0),
             at + usize::from(x + 1 < self.width),
         ];
-        let center = self.points[at];
+        let center = self.point(at);
         if beside
             .iter()
-            .any(|&j| self.points[j].is_some() != center.is_some())
+            .any(|&j| self.point(j).is_some() != center.is_some())
         {
             return PixelKind::Edge;
         }
@@ -229,7 +244,7 @@ impl Centers {
         let least_cos = largest_turn.cos();
         let hangs_together =
             |other: &Seen| center.point.reflected().dot(other.point.reflected()) > least_cos;
-        let is_smooth = |j: &usize| self.points[*j].as_ref().is_some_and(hangs_together);
+        let is_smooth = |j: &usize| self.point(*j).is_some_and(hangs_together);
         if beside.iter().all(is_smooth) {
             PixelKind::Smooth
         } else {

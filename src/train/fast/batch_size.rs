@@ -19,14 +19,4 @@ impl BatchSize {
             backgrounds: size(config.background_pixels),
         }
     }
-
-    /// Object pixels drawn in the part `[from, to]` of a plan of `n_steps`.
-    pub(in crate::train) fn draws(
-        config: &TrainConfig,
-        n_steps: f64,
-        [from, to]: [f32; 2],
-    ) -> usize {
-        let mean = Self::of(config, 0.5 * (from + to)).objects;
-        (n_steps * f64::from(to - from) * mean as f64).ceil() as usize
-    }
 }

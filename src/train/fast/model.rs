@@ -203,6 +203,7 @@ impl Fast {
 
     /// Draws and places every chunk's rays.
     pub(super) fn prepare(&mut self, now: &Now<'_>) {
+        self.pixels.trace_drawn(now.n_objects());
         let mut chunks = std::mem::take(&mut self.work.chunks);
         self.work.batch_size = BatchSize::of(now.config, now.progress);
         let size = self.work.batch_size;

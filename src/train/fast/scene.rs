@@ -88,23 +88,17 @@ impl SceneModel for Fast {
         self.surface.tracer.is_some() && (self.refines_normals() || self.poses().is_some())
     }
 
-    fn has_first_paths(&self) -> bool {
-        self.surface.tracer.is_some() && (self.poses().is_some() || !self.pixels.has_all_wanted())
-    }
-
     fn retrace(
         &mut self,
         now: &Now<'_>,
         dataset: &Dataset,
-        most_objects: usize,
         cancel: &AtomicBool,
         on_progress: &(dyn Fn(f32) + Sync),
     ) -> Result<(), TrainError> {
         let tracer = self.surface.tracer.as_ref();
-        let scene = (dataset, tracer.map(|tracer| &**tracer));
-        let chosen = (most_objects, now.step);
+        let (scene, n_drawn) = ((dataset, tracer), now.n_objects());
         let pixels = &mut self.pixels;
-        retrace_pixels(pixels, now.config, scene, chosen, cancel, on_progress)?;
+        retrace_pixels(pixels, now.config, scene, n_drawn, cancel, on_progress)?;
         if let (Some(refinement), Some(tracer)) = (&mut self.surface.refinement, tracer) {
             refinement.was_traced(tracer.mesh());
         }

@@ -127,6 +127,7 @@ impl Model for Neilf {
     }
 
     fn run(&mut self, now: &Now<'_>, _on_done: &mut dyn FnMut(Stage)) -> StepStats {
+        self.pixels.trace_drawn(now.n_objects());
         let mut chunks = std::mem::take(&mut self.chunks);
         let context = StepContext {
             config: now.config,

@@ -114,6 +114,7 @@ impl Model for Paper {
     }
 
     fn run(&mut self, now: &Now<'_>, _on_done: &mut dyn FnMut(Stage)) -> StepStats {
+        self.pixels.trace_drawn(now.n_objects());
         let mut chunks = std::mem::take(&mut self.chunks);
         let material = self.material.as_ref();
         let context = StepContext {

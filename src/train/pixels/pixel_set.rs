@@ -1,5 +1,8 @@
 //! A set of pixels of one picture from which the k-th is found without a list: one bit each, and running counts.
 
+use std::iter::successors;
+use std::ops::Range;
+
 /// Words between two running counts.
 const BLOCK: usize = 8;
 
@@ -31,6 +34,29 @@ impl PixelSet {
             n: n as usize,
             words,
         }
+    }
+
+    /// Whether pixel `i` is a member; none is beyond the picture.
+    pub(super) fn contains(&self, i: u32) -> bool {
+        let word = self.words.get(i as usize / 64);
+        word.is_some_and(|word| word >> (i % 64) & 1 == 1)
+    }
+
+    /// The members, ascending.
+    pub(super) fn iter(&self) -> impl Iterator<Item = u32> {
+        let of_word = |(at, word): (usize, &u64)| {
+            let rest = |word: &u64| Some(word & (word - 1)).filter(|rest| *rest != 0);
+            let words = successors(Some(*word).filter(|word| *word != 0), rest);
+            words.map(move |word| 64 * at as u32 + word.trailing_zeros())
+        };
+        self.words.iter().enumerate().flat_map(of_word)
+    }
+
+    /// Whether a pixel of the range may be a member; surely not where false.
+    pub(super) fn has_any(&self, pixels: Range<u32>) -> bool {
+        let words = pixels.start as usize / 64..(pixels.end as usize).div_ceil(64);
+        let words = self.words.get(words).unwrap_or_default();
+        words.iter().any(|word| *word != 0)
     }
 
     /// Number of members.
@@ -89,9 +115,15 @@ mod tests {
             assert_eq!(set.len(), list.len(), "{n} by {step}");
             let found: Vec<u32> = (0..set.len()).map(|k| set.nth(k)).collect();
             assert_eq!(found, list, "{n} by {step}");
+            assert!(set.iter().eq(list.iter().copied()), "{n} by {step}");
             for i in 0..n as u32 + 70 {
                 let rank = list.iter().position(|member| *member == i);
                 assert_eq!(set.rank(i), rank, "pixel {i} of {n} by {step}");
+                assert_eq!(
+                    set.contains(i),
+                    rank.is_some(),
+                    "pixel {i} of {n} by {step}"
+                );
             }
         }
     }
@@ -100,5 +132,7 @@ mod tests {
     fn gaps_of_many_words_are_skipped() {
         let set = PixelSet::new(100_000, |i| i == 3 || i >= 99_998);
         assert_eq!([0, 1, 2].map(|k| set.nth(k)), [3, 99_998, 99_999]);
+        assert!(set.has_any(0..64) && set.has_any(99_000..100_000));
+        assert!(!set.has_any(64..99_000));
     }
 }

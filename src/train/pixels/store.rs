@@ -1,12 +1,16 @@
 //! The store of training pixels: each traced once on a mesh, drawn from ever after.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use glam::Vec3;
+use rayon::prelude::*;
 
 use super::block_chroma::block_around;
 use super::image_gradient::SLOPE_CODES;
+use super::portions::{Photo, Portions};
 use super::preconvolution::BlurredImage;
+use super::traced_pixels::TracedPixels;
 use super::view_pixels::{PixelOptions, ViewPixels, collect_views};
 use crate::data::{Dataset, View};
 use crate::geometry::{Camera, SurfaceTracer};
@@ -20,13 +24,15 @@ use crate::train::random::SlotRandom;
 pub(in crate::train) struct ObjectPixel {
     /// Its training view.
     pub view: usize,
-    index: usize,
+    /// With which it was traced, and its index there.
+    pub(super) traced: usize,
+    pub(super) index: usize,
     /// sRGB target in `[0, 1]`.
     pub target: [f32; 3],
     /// `exp(-|image gradient|)`: how far the material may be assumed smooth here (Eq. 8).
     pub smoothness: f32,
     /// Slopes of the target's colours to the right and downwards, by pixels; 0 beside the outline.
-    slopes: [[f32; 2]; 3],
+    pub(super) slopes: [[f32; 2]; 3],
 }
 
 /// What a photo determines of the chroma of a drawn pixel.
@@ -43,13 +49,19 @@ pub(in crate::train) enum ChromaSource {
 /// All training pixels.
 #[derive(Debug)]
 pub(in crate::train) struct PixelStore {
-    views: Vec<ViewPixels>,
-    /// Object pixels of the views before each view, and of all.
-    objects_before: Vec<usize>,
-    /// The same of background samples, one list a blur level, sharp first.
+    pub(super) views: Vec<ViewPixels>,
+    /// What the object's pixels are traced on.
+    tracer: Option<Arc<SurfaceTracer>>,
+    options: PixelOptions,
+    pub(super) portions: Portions,
+    /// Of the object: the portions traced so far, each view by view.
+    pub(super) objects: Vec<TracedPixels>,
+    /// Object pixels drawn before these were collected.
+    drawn_before: u64,
+    /// Number of object pixels before each of `objects`, and of all.
+    pub(super) objects_before: Vec<usize>,
+    /// Number of background pixels before each view, and of all, by blur level.
     backgrounds_before: Vec<Vec<usize>>,
-    /// [`PixelOptions::outline_error_px`] that they were collected with.
-    outline_error_px: f32,
     /// How far away is what the background pixels show, where that is known.
     pub(in crate::train) depths: Option<SeenDepths>,
 }
@@ -74,28 +86,30 @@ pub(in crate::train) struct BackgroundSample {
 }
 
 impl PixelStore {
-    /// Traces and sorts the pixels of all training views, as `cameras` took them; `on_view` is called after each and stops
-    /// the work by `false`.
+    /// Sorts the pixels of all training views, as `cameras` took them, and traces the first portion of the object's; `on_view` is
+    /// called for each view and stops the work by `false`.
     pub(in crate::train) fn collect(
         dataset: &Dataset,
         cameras: &[Camera],
-        tracer: Option<&SurfaceTracer>,
+        tracer: Option<&Arc<SurfaceTracer>>,
         options: PixelOptions,
         on_view: &(dyn Fn() -> bool + Sync),
     ) -> Option<Self> {
         let photos = (dataset, cameras);
-        let views = collect_views(photos, tracer, &options, |_| options.background, on_view)?;
-        Some(Self::of(views, &options))
+        let surface = tracer.map(|tracer| &**tracer);
+        let views = collect_views(photos, surface, &options, |_| options.background, on_view)?;
+        let mut pixels = Self::of(views, tracer, options, dataset);
+        pixels.trace_more(on_view).then_some(pixels)
     }
 
-    /// Collects them again, on a mesh and from cameras that have changed a little; what exact masks say of the background
-    /// stays.
+    /// Collects them again, on a mesh and from cameras that have changed a little, after `n_drawn` object pixels were drawn; what
+    /// exact masks say of the background stays.
     /// Returns false, and leaves everything as it was, where `on_view` has stopped the work.
     pub(in crate::train) fn retrace(
         &mut self,
         dataset: &Dataset,
-        tracer: Option<&SurfaceTracer>,
-        options: PixelOptions,
+        tracer: Option<&Arc<SurfaceTracer>>,
+        (options, n_drawn): (PixelOptions, u64),
         on_view: &(dyn Fn() -> bool + Sync),
     ) -> bool {
         let cameras = self.cameras();
@@ -103,33 +117,102 @@ impl PixelStore {
         let is_uncertain = |view: &View| {
             options.background && (view.mask.is_none() || options.outline_error_px > 0.0)
         };
-        let Some(mut views) = collect_views(photos, tracer, &options, is_uncertain, on_view) else {
+        let surface = tracer.map(|tracer| &**tracer);
+        let Some(views) = collect_views(photos, surface, &options, is_uncertain, on_view) else {
             return false;
         };
-        for (view, former) in views.iter_mut().zip(&mut self.views) {
+        let mut new = Self::of(views, tracer, options, dataset);
+        if !new.trace_more(on_view) {
+            return false;
+        }
+        for (view, former) in new.views.iter_mut().zip(&mut self.views) {
             if view.backgrounds.is_empty() {
                 view.backgrounds = std::mem::take(&mut former.backgrounds);
             }
         }
-        *self = Self {
-            depths: self.depths.take(),
-            ..Self::of(views, &options)
-        };
+        new.drawn_before = n_drawn;
+        new.depths = self.depths.take();
+        new.count_backgrounds();
+        *self = new;
         true
     }
 
-    fn of(views: Vec<ViewPixels>, options: &PixelOptions) -> Self {
+    /// Before any portion is traced.
+    fn of(
+        views: Vec<ViewPixels>,
+        tracer: Option<&Arc<SurfaceTracer>>,
+        options: PixelOptions,
+        dataset: &Dataset,
+    ) -> Self {
+        let n_objects = views.iter().map(|view| view.objects.len()).sum();
+        let mut pixels = Self {
+            views,
+            tracer: tracer.map(Arc::clone),
+            options,
+            portions: options.portions(dataset).cut(n_objects),
+            objects: Vec::new(),
+            drawn_before: 0,
+            objects_before: vec![0],
+            backgrounds_before: Vec::new(),
+            depths: None,
+        };
+        pixels.count_backgrounds();
+        pixels
+    }
+
+    fn count_backgrounds(&mut self) {
         let level_len =
             |view: &ViewPixels, level| view.backgrounds.get(level).map_or(0, BlurredImage::len);
-        Self {
-            objects_before: running_sums(views.iter().map(|view| view.smoothness.len())),
-            outline_error_px: options.outline_error_px,
-            depths: None,
-            backgrounds_before: (0..=options.n_blurred)
-                .map(|level| running_sums(views.iter().map(|view| level_len(view, level))))
-                .collect(),
-            views,
+        let of_level = |level| running_sums(self.views.iter().map(|view| level_len(view, level)));
+        self.backgrounds_before = (0..=self.options.n_blurred).map(of_level).collect();
+    }
+
+    /// Everything that is drawn, to be compared.
+    #[cfg(test)]
+    pub(in crate::train) fn drawn_from(&self) -> String {
+        format!("{:?}", (&self.views, &self.objects))
+    }
+
+    /// Traces more of the object's pixels once as many were drawn as are traced: a short run is not spent on tracing what it
+    /// would hardly draw. `n_drawn`: object pixels that were drawn since the run began.
+    pub(in crate::train) fn trace_drawn(&mut self, n_drawn: u64) {
+        let of_these = n_drawn.saturating_sub(self.drawn_before);
+        while self.has_untraced() && of_these >= self.n_objects() as u64 {
+            self.trace_more(&|| true);
         }
+    }
+
+    /// Traces the next portion of the object's pixels from the cameras as they are known by now, if one is left, on the current
+    /// thread pool. Returns false, and leaves everything as it was, where `on_view` has stopped the work.
+    pub(super) fn trace_more(&mut self, on_view: &(dyn Fn() -> bool + Sync)) -> bool {
+        let (Some(tracer), true) = (&self.tracer, self.has_untraced()) else {
+            return true;
+        };
+        let (portion, paths) = (self.n_traced_portions(), self.options.paths);
+        let trace = |(index, view): (usize, &ViewPixels)| {
+            on_view().then(|| {
+                let photo = Photo::of(index, &view.camera);
+                let wanted = self.portions.nth(portion, photo, &view.objects);
+                TracedPixels::trace((index, view.camera), tracer, paths, &wanted)
+            })
+        };
+        let traced: Option<Vec<_>> = self.views.par_iter().enumerate().map(trace).collect();
+        let Some(traced) = traced else {
+            return false;
+        };
+        self.objects.extend(traced);
+        let lengths = self.objects.iter().map(|traced| traced.places.len());
+        self.objects_before = running_sums(lengths);
+        true
+    }
+
+    /// Whether light paths of object pixels are still to be traced.
+    pub(super) fn has_untraced(&self) -> bool {
+        self.tracer.is_some() && self.n_traced_portions() < self.portions.len()
+    }
+
+    pub(super) fn n_traced_portions(&self) -> usize {
+        self.objects.len() / self.views.len().max(1)
     }
 
     /// The cameras of the training views.
@@ -151,12 +234,7 @@ impl PixelStore {
 
     /// Standard deviation of the error of the masks' outlines, pixels; 0: exact.
     pub(in crate::train) fn outline_error_px(&self) -> f32 {
-        self.outline_error_px
-    }
-
-    /// Whether no object pixels were left out that would not be drawn before they are traced anew.
-    pub(in crate::train) fn has_all_wanted(&self) -> bool {
-        self.views.iter().all(|view| view.has_all_wanted)
+        self.options.outline_error_px
     }
 
     /// Number of training views.
@@ -166,11 +244,11 @@ impl PixelStore {
 
     /// Number of training views in which object pixels have their chroma in common.
     pub(in crate::train) fn n_sharing_chroma(&self) -> usize {
-        let sharing = self.views.iter().filter(|view| !view.places.is_empty());
-        sharing.count()
+        let shares = |view: &&ViewPixels| view.chroma_block != [1, 1] && view.objects.len() > 0;
+        self.views.iter().filter(shares).count()
     }
 
-    /// Number of object pixels.
+    /// Number of object pixels that are traced by now.
     pub(in crate::train) fn n_objects(&self) -> usize {
         total(&self.objects_before)
     }
@@ -182,8 +260,8 @@ impl PixelStore {
 
     /// A random object pixel.
     pub(in crate::train) fn draw_object(&self, random: &mut SlotRandom) -> ObjectPixel {
-        let (view, index) = locate(&self.objects_before, random.index(self.n_objects()));
-        self.object(view, index)
+        let (traced, index) = locate(&self.objects_before, random.index(self.n_objects()));
+        self.object(traced, index)
     }
 
     /// `n` random object pixels, of the random numbers that `random` has for each. Where pixels have their chroma in common, half
@@ -198,7 +276,7 @@ impl PixelStore {
         while drawn.len() < n {
             let slot = drawn.len();
             let pixel = self.draw_object(&mut random(slot));
-            let has_own = self.views[pixel.view].places.is_empty();
+            let has_own = self.views[pixel.view].chroma_block == [1, 1];
             if has_own || n_alone > 0 {
                 n_alone -= n_alone.min(1);
                 let source = if has_own {
@@ -218,29 +296,33 @@ impl PixelStore {
 
     /// The object's pixels that have their chroma in common with one of them, with that, in order.
     fn block_of(&self, pixel: &ObjectPixel) -> impl Iterator<Item = ObjectPixel> {
-        let (index, view) = (pixel.view, &self.views[pixel.view]);
-        let place = view.places[pixel.index];
-        let around = block_around(place, view.camera.width, view.chroma_block);
-        let known = around.filter_map(|place| view.places.binary_search(&place).ok());
-        known.map(move |place| self.object(index, place))
+        let (traced, view) = (pixel.traced, &self.views[pixel.view]);
+        let places = &self.objects[traced].places;
+        let around = block_around(places[pixel.index], view.camera.width, view.chroma_block);
+        let known = around.filter_map(|place| places.binary_search(&place).ok());
+        known.map(move |index| self.object(traced, index))
     }
 
-    /// An object pixel of a view.
-    fn object(&self, view: usize, index: usize) -> ObjectPixel {
-        let pixels = &self.views[view];
+    /// The object pixel at a place of what was traced together.
+    fn object(&self, traced: usize, index: usize) -> ObjectPixel {
+        let TracedPixels { view, places, .. } = &self.objects[traced];
+        let pixels = &self.views[*view];
+        let rank = pixels.objects.rank(places[index]).unwrap_or_default();
         ObjectPixel {
-            view,
+            view: *view,
+            traced,
             index,
-            target: pixels.targets.srgb(index),
-            smoothness: f32::from(pixels.smoothness[index]) / f32::from(u8::MAX),
-            slopes: pixels.slopes[index].map(|slope| slope.map(|v| f32::from(v) / SLOPE_CODES)),
+            target: pixels.targets.srgb(rank),
+            smoothness: f32::from(pixels.smoothness[rank]) / f32::from(u8::MAX),
+            slopes: pixels.slopes[rank].map(|slope| slope.map(|v| f32::from(v) / SLOPE_CODES)),
         }
     }
 
     /// Takes the target from where the photo's camera, as it is known by now, sees the `point` at which the pixel's light
     /// paths begin: the camera may have been corrected since they were traced.
     pub(in crate::train) fn follow_camera(&self, pixel: &mut ObjectPixel, point: Vec3) {
-        let ViewPixels { camera, traced, .. } = &self.views[pixel.view];
+        let camera = &self.views[pixel.view].camera;
+        let traced = &self.objects[pixel.traced].camera;
         if camera == traced {
             return;
         }
@@ -268,9 +350,9 @@ impl PixelStore {
         vertices: &mut Vec<PathVertex>,
         on_path: impl FnMut(Range<usize>),
     ) {
-        let view = &self.views[pixel.view];
-        let eye = view.camera.position();
-        view.paths.unpack(pixel.index, eye, vertices, on_path);
+        let eye = self.eye(pixel.view);
+        let paths = &self.objects[pixel.traced].paths;
+        paths.unpack(pixel.index, eye, vertices, on_path);
     }
 
     /// A random background pixel, from a blurred level with probability `blurred_share`.
@@ -336,147 +418,4 @@ fn total(before: &[usize]) -> usize {
 fn locate(before: &[usize], k: usize) -> (usize, usize) {
     let view = before.partition_point(|&n| n <= k) - 1;
     (view, k - before[view])
-}
-
-#[cfg(test)]
-mod tests {
-    use std::sync::Arc;
-
-    use super::*;
-    use crate::data::Photo;
-    use crate::train::placement::given_cameras;
-    use crate::train::preparation::pixel_options;
-    use crate::train::test_scene::{small_fields, sphere_in_a_box};
-
-    /// The pixels of a capture, with options that differ from the usual ones.
-    fn collected(dataset: &Dataset, change: impl Fn(&mut PixelOptions)) -> PixelStore {
-        let tracer = SurfaceTracer::new(Arc::clone(dataset.mesh.as_ref().unwrap()));
-        let mut options = pixel_options(&small_fields(), true, 0.0);
-        change(&mut options);
-        let given = given_cameras(dataset);
-        PixelStore::collect(dataset, &given, Some(&tracer), options, &|| true).unwrap()
-    }
-
-    #[test]
-    fn of_the_object_about_as_many_are_traced_as_are_wanted() {
-        let dataset = sphere_in_a_box(5, 64);
-        let traced = |most_objects, choice| {
-            collected(&dataset, |options| {
-                (options.most_objects, options.choice) = (most_objects, choice);
-            })
-        };
-        let all = traced(usize::MAX, 0);
-        assert!(all.n_objects() > 2500, "{} pixels", all.n_objects());
-        let some = traced(1000, 0);
-        assert!((900..1100).contains(&some.n_objects()));
-        assert_eq!(some.n_backgrounds(), all.n_backgrounds());
-        for pair in some.objects_before.windows(2) {
-            let n = pair[1] - pair[0];
-            assert!((140..260).contains(&n), "{n} of a view");
-        }
-        let places = |store: &PixelStore| format!("{:?}", store.views[0].paths);
-        assert!(all.has_all_wanted() && !some.has_all_wanted());
-        assert_eq!(places(&some), places(&traced(1000, 0)));
-        assert!(places(&some) != places(&traced(1000, 1)), "another choice");
-    }
-
-    #[test]
-    fn pixels_that_share_their_chroma_are_traced_and_drawn_together() {
-        let mut dataset = sphere_in_a_box(3, 64);
-        for view in &mut dataset.train {
-            let codes = |i| view.photo.srgb(i).map(|v| (v.min(1.0) * 255.0) as u8);
-            view.photo = Photo::Rgb8 {
-                width: 64,
-                height: 64,
-                pixels: (0..64 * 64).map(codes).collect(),
-                chroma_block: [2, 2],
-            };
-        }
-        let store = |shared_chroma| {
-            collected(&dataset, |options| {
-                (options.most_objects, options.shared_chroma) = (1000, shared_chroma);
-            })
-        };
-        let (together, singly) = (store(true), store(false));
-        let draw =
-            |store: &PixelStore| store.draw_objects(400, |i| SlotRandom::new(1, 0, i as u64));
-        let drawn = draw(&together);
-        assert_eq!(drawn.len(), 400);
-        let place = |pixel: &ObjectPixel| together.views[pixel.view].places[pixel.index];
-        let first = |pixel: &ObjectPixel| block_around(place(pixel), 64, [2, 2]).next();
-        let (mut n_whole, mut n_blocks, mut n_alone) = (0, 0, 0);
-        for group in drawn.chunk_by(|a, b| a.1 == b.1) {
-            if group[0].1 == ChromaSource::None {
-                n_alone += group.len();
-                continue;
-            }
-            let source = group[0].1;
-            assert!(matches!(source, ChromaSource::Mean(_)), "{source:?}");
-            let is_same = |pixel: &ObjectPixel| {
-                pixel.view == group[0].0.view && first(pixel) == first(&group[0].0)
-            };
-            assert!(group.iter().all(|(pixel, _)| is_same(pixel)));
-            assert!(group.is_sorted_by(|(a, _), (b, _)| place(a) < place(b)));
-            n_blocks += 1;
-            n_whole += usize::from(group.len() == 4);
-        }
-        assert!((196..=204).contains(&n_alone), "{n_alone} alone");
-        // The others lie at the outline; thinned pixel by pixel hardly any would be whole.
-        assert!(4 * n_whole > 3 * n_blocks, "{n_whole} of {n_blocks}");
-        let n_sharing = [&together, &singly].map(PixelStore::n_sharing_chroma);
-        assert_eq!(n_sharing, [3, 0]);
-        let singly = draw(&singly);
-        assert!(
-            singly
-                .iter()
-                .all(|(_, source)| *source == ChromaSource::Own)
-        );
-    }
-
-    #[test]
-    fn targets_follow_their_cameras() {
-        let dataset = sphere_in_a_box(3, 64);
-        let mut store = collected(&dataset, |_| ());
-        let given = given_cameras(&dataset);
-        let mut moved = given.clone();
-        for camera in &mut moved {
-            camera.cx += 0.5;
-        }
-        let mut random = SlotRandom::new(1, 0, 0);
-        let (mut vertices, mut n, mut changed) = (Vec::new(), 0, 0.0_f32);
-        for _ in 0..300 {
-            store.set_cameras(&given);
-            let mut pixel = store.draw_object(&mut random);
-            vertices.clear();
-            store.unpack_paths(&pixel, &mut vertices, |_| ());
-            let begin = vertices[0].point.position;
-            let before = pixel.target;
-            store.follow_camera(&mut pixel, begin);
-            assert_eq!(pixel.target, before, "the camera is where it was");
-            // Beside the outline the slope is not known.
-            if pixel.slopes.iter().all(|[right, _]| *right == 0.0) {
-                continue;
-            }
-            // Half a pixel to the right: a quarter of the difference of the neighbours.
-            let view = &dataset.train[pixel.view];
-            let at = given[pixel.view].project(begin).unwrap();
-            let i = at.y as usize * 64 + at.x as usize;
-            let [left, right] = [i - 1, i + 1].map(|i| view.photo.srgb(i));
-            store.set_cameras(&moved);
-            store.follow_camera(&mut pixel, begin);
-            for c in 0..3 {
-                let expected = (before[c] + 0.25 * (right[c] - left[c])).clamp(0.0, 1.0);
-                assert!((pixel.target[c] - expected).abs() < 0.005, "{pixel:?}");
-                changed = changed.max((expected - before[c]).abs());
-            }
-            // The slope by the direction is that of the grey value by the pixel.
-            let slope = store.object_slope(&pixel, begin).unwrap();
-            let ray = |x: f32| moved[pixel.view].ray(x, at.y).direction;
-            let by_pixel = slope.dot(ray(at.x + 1.0) - ray(at.x));
-            let expected = 0.5 * (0..3).map(|c| right[c] - left[c]).sum::<f32>() / 3.0;
-            assert!((by_pixel - expected).abs() < 0.01, "{by_pixel}, {expected}");
-            n += 1;
-        }
-        assert!(n > 100 && changed > 0.01, "{n} pixels, {changed}");
-    }
 }

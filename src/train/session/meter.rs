@@ -77,11 +77,6 @@ impl Meter {
         self.since_secs += secs;
     }
 
-    /// Of the last report; 0 before there was one.
-    pub(in crate::train) fn steps_per_sec(&self) -> f32 {
-        self.last.steps_per_sec
-    }
-
     /// The figures since the last report; begins anew.
     pub(in crate::train) fn report(
         &mut self,

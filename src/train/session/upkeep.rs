@@ -11,8 +11,7 @@ use super::plan::{Budget, Plan};
 use super::run::Run;
 use super::saved::run_folder::{RunFolder, RunFolderError, RunState};
 use crate::train::TrainError;
-use crate::train::fast::batch_size::BatchSize;
-use crate::train::shape::retracing::{Retracings, are_all_shown, part_from};
+use crate::train::shape::retracing::{Retracings, are_all_shown};
 
 /// Seconds between two saves of the run folder.
 const AUTOSAVE_SECS: f64 = 60.0;
@@ -71,8 +70,8 @@ impl Run<'_> {
         if self.worker.options.start == Start::Continue {
             self.plan = plan;
         }
-        if self.trainer.model().has_first_paths() {
-            // The light paths were traced from the cameras as given, and perhaps few of them.
+        if self.trainer.model().poses().is_some() {
+            // The light paths were traced from the cameras as given.
             self.retrace(Surface::Stays)?;
         }
         Ok(())
@@ -170,22 +169,9 @@ impl Run<'_> {
         }
     }
 
-    /// Object pixels that will be drawn until paths are traced anew or the run ends; all, where that is not known.
-    fn draws_to_come(&self) -> usize {
-        let rate = f64::from(self.meter.steps_per_sec());
-        let n_steps = match self.plan.planned_steps() {
-            Some(n_steps) => n_steps as f64,
-            None if rate > 0.0 => rate * self.plan.end(),
-            None => return usize::MAX,
-        };
-        let fraction = self.plan.fraction(self.position());
-        BatchSize::draws(&self.config.train, n_steps, part_from(fraction))
-    }
-
     /// Traces training pixels anew, on the run's own threads.
     fn retrace(&mut self, surface: Surface) -> Result<(), TrainError> {
         let begun = self.clock.secs();
-        let most_objects = self.draws_to_come();
         let (trainer, worker) = (&mut self.trainer, self.worker);
         let on_progress = |fraction| worker.events.send(TrainEvent::Retracing { fraction });
         let (dataset, stop) = (&self.dataset, &worker.shared.stop);
@@ -193,7 +179,7 @@ impl Run<'_> {
             if surface == Surface::Moves {
                 trainer.move_surface(dataset, stop)?;
             }
-            trainer.retrace(dataset, most_objects, stop, &on_progress)
+            trainer.retrace(dataset, stop, &on_progress)
         };
         let retraced = self.worker.pool.install(retrace);
         self.meter.leave_out(self.clock.secs() - begun);

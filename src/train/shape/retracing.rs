@@ -42,12 +42,6 @@ impl Retracings {
     }
 }
 
-/// The part of the plan from a share of it to the next tracing, or to the end.
-pub(in crate::train) fn part_from(fraction: f32) -> [f32; 2] {
-    let next = RETRACE_AT.into_iter().find(|at| *at > fraction);
-    [fraction, next.unwrap_or(1.0)]
-}
-
 /// Whether the last quarter of a run that is by so large a share of its plan has no tracing left to show what it brings.
 pub(in crate::train) fn are_all_shown(fraction: f32) -> bool {
     RETRACE_AT.iter().all(|at| *at <= 0.75 * fraction)
@@ -93,17 +87,5 @@ mod tests {
     #[test]
     fn the_last_quarter_is_to_follow_all_tracings() {
         assert!(!are_all_shown(0.7) && are_all_shown(0.85));
-    }
-
-    #[test]
-    fn the_parts_between_tracings_are_the_whole_plan() {
-        let (mut fraction, mut sum) = (0.0, 0.0);
-        while fraction < 1.0 {
-            let [from, to] = part_from(fraction);
-            assert!(to > from);
-            sum += to - from;
-            fraction = to;
-        }
-        assert!((sum - 1.0).abs() < 1e-6, "{sum}");
     }
 }

@@ -19,6 +19,11 @@ pub struct Now<'a> {
 }
 
 impl Now<'_> {
+    /// Object pixels that were drawn in all steps, but for the growth of the batch.
+    pub(in crate::train) fn n_objects(&self) -> u64 {
+        self.step * self.config.object_pixels as u64
+    }
+
     /// What warm-up and decay leave of a learning rate.
     fn decay(&self) -> f32 {
         let warmup = (self.updates as f32 / self.config.warmup_steps.max(1) as f32).min(1.0);
