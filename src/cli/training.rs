@@ -147,8 +147,11 @@ impl Watcher {
                 self.display.say(&format!(
                     "{n_train} training and {n_val} validation views of {width} x {height}: {kind}"
                 ));
-                for note in problems.iter().chain(found) {
-                    self.display.say(&format!("note: {note}"));
+                for problem in problems {
+                    self.display.say(problem);
+                }
+                for finding in found {
+                    self.display.say(&format!("note: {finding}"));
                 }
             }
             TrainEvent::Progress(progress) => {
