@@ -210,8 +210,8 @@ impl Default for TrainConfig {
                 grid: GridConfig {
                     n_levels: 4,
                     coarsest: 12,
-                    finest: 96,
-                    log2_table_size: 15,
+                    finest: 192,
+                    log2_table_size: 16,
                     least_weight: LEAST_WEIGHT,
                 },
                 n_hidden: 64,
