@@ -63,6 +63,9 @@ pub trait SceneModel: Model {
         false
     }
 
+    /// Traces now, on the current thread pool, what steps would trace while they draw: for timing steps alone.
+    fn trace_rest(&mut self) {}
+
     /// Traces training pixels anew, on the mesh and from the cameras as they are known by now, on the current thread pool.
     /// `on_progress` gets the share that is done, 0 to 1.
     ///
@@ -112,6 +115,11 @@ impl<M: SceneModel + ?Sized> Trainer<M> {
     ) -> Result<(), TrainError> {
         self.settle_normals();
         self.model.move_surface(dataset, cancel)
+    }
+
+    /// [`SceneModel::trace_rest`].
+    pub fn trace_rest(&mut self) {
+        self.model.trace_rest();
     }
 
     /// [`SceneModel::retrace`], where paths change.

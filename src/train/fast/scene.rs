@@ -88,6 +88,10 @@ impl SceneModel for Fast {
         self.surface.tracer.is_some() && (self.refines_normals() || self.poses().is_some())
     }
 
+    fn trace_rest(&mut self) {
+        self.pixels.trace_drawn(u64::MAX);
+    }
+
     fn retrace(
         &mut self,
         now: &Now<'_>,

@@ -150,6 +150,7 @@ pub(super) fn warmed_up(
     on_threads(threads, || {
         let cancel = interrupt::install()?;
         let mut trainer = Fast::trainer(config, dataset, cancel, &|_| ()).or_unusable()?;
+        trainer.trace_rest();
         for _ in 0..steps {
             interrupt::check()?;
             trainer.step(STEADY);
