@@ -85,6 +85,24 @@ impl Camera {
         pixel.is_finite().then_some(pixel)
     }
 
+    /// The index of the pixel, row by row, at a point of the picture, pixels; `None` beside it.
+    pub fn pixel_at(&self, at: Vec2) -> Option<usize> {
+        let size = Vec2::new(self.width as f32, self.height as f32);
+        let is_inside = at.cmpge(Vec2::ZERO).all() && at.cmplt(size).all();
+        is_inside.then(|| at.y as usize * self.width as usize + at.x as usize)
+    }
+
+    /// The camera of a part of its pictures, `width` by `height` pixels from `(x, y)` on.
+    pub fn part(&self, [x, y]: [u32; 2], width: u32, height: u32) -> Self {
+        Self {
+            width,
+            height,
+            cx: self.cx - x as f32,
+            cy: self.cy - y as f32,
+            ..*self
+        }
+    }
+
     /// Projects many points, whose coordinates `world_from_points` takes to the world.
     pub fn projector(&self, world_from_points: Affine3A) -> Projector {
         Projector {

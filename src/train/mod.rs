@@ -18,6 +18,7 @@ pub mod session;
 pub mod shape;
 mod statistics;
 pub mod step;
+mod sweep;
 #[cfg(test)]
 mod test_agreement;
 #[cfg(test)]

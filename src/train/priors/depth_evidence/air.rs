@@ -3,10 +3,11 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::{PhotoDepths, SeenDepths};
+use super::SeenDepths;
 use crate::neif::field::cells::{INNER_SIDE, inner_cell_index};
 use crate::neif::field::contraction::FieldFrame;
 use crate::neif::field::density_grid::DensityGrid;
+use crate::train::sweep::PhotoDepths;
 
 /// Photos that must see through a cell, and how many of them for one that sees something there.
 const SEEN_THROUGH_BY: u8 = 3;

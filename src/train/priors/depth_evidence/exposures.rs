@@ -4,9 +4,8 @@ use std::ops::Range;
 
 use glam::Vec3;
 
-use super::PhotoDepths;
-use super::small_photo::SmallPhoto;
 use crate::train::photos::relative_exposures::{pairs_of, relative_log_gains};
+use crate::train::sweep::{PhotoDepths, SmallPhoto};
 
 /// Most points of a photo that are looked for in another.
 const MOST_POINTS: usize = 1000;

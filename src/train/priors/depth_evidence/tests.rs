@@ -2,7 +2,7 @@
 
 use std::f32::consts::TAU;
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
 use super::*;
 use crate::data::Mask;
@@ -55,18 +55,6 @@ fn depths_of(dataset: &Dataset) -> (FieldFrame, SeenDepths) {
     let cameras = given_cameras(dataset);
     let depths = SeenDepths::of(dataset, &cameras, tracer.as_ref(), &frame, &|| true);
     (frame, depths.expect("nobody cancelled"))
-}
-
-#[test]
-fn photos_a_pixel_wide_determine_nothing() {
-    let photo = |x: f32| SmallPhoto {
-        camera: Camera::look_at(Vec3::new(x, 2.0, 0.0), Vec3::ZERO, Vec3::Z, 1.0, 1, 40),
-        grey: (0..40).map(|i| (i % 7) as f32 / 7.0).collect(),
-        colors: vec![Vec3::ONE; 40],
-    };
-    let steps = Steps { n: 8, width: 0.1 };
-    let found = sweep(&photo(0.0), &[&photo(0.1), &photo(-0.1)], steps);
-    assert!(found.len() == 40 && found.iter().all(|nearness| nearness.is_nan()));
 }
 
 #[test]
@@ -129,19 +117,16 @@ fn plain_walls_determine_nothing() {
 fn what_was_measured_goes_before_what_was_found() {
     let dataset = patterned_box(|_| Vec3::ONE);
     let view = &dataset.train[0];
-    let photo = SmallPhoto::of(view, &view.camera, None);
-    let mut depths = PhotoDepths {
-        camera: photo.camera,
-        nearness: vec![9.0; photo.grey.len()],
-        step: 0.1,
-    };
+    let photo = background(view, &view.camera, None);
+    let mut depths = PhotoDepths::unknown(&photo, 0.1);
+    depths.nearness.fill(9.0);
     // The upper half is four units away; of the lower nothing is known.
     let n = photo.grey.len();
     let map = DepthMap {
         camera: view.camera,
         depths: (0..n).map(|i| if i < n / 2 { 4.0 } else { 0.0 }).collect(),
     };
-    depths.measure(&photo, &map);
+    measure(&mut depths, &photo, &map);
     let (upper, lower) = depths.nearness.split_at(n / 2 - SIZE as usize);
     for (value, grey) in upper.iter().zip(&photo.grey) {
         let expected = if grey.is_nan() { 9.0 } else { 0.25 };

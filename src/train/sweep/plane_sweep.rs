@@ -17,13 +17,40 @@ const PEAK: u8 = 3;
 /// Codes of a correlation of 1.
 const CODES: f32 = 127.0;
 
-/// Depths that are tried: evenly in one over the depth, from infinity on.
+/// Fewest and most depths that are tried.
+const N_STEPS: (usize, usize) = (8, 128);
+
+/// Depths that are tried: evenly in one over the depth, world units.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Steps {
+pub(in crate::train) struct Steps {
     /// Number of steps.
     pub(super) n: usize,
-    /// One over the depth from one step to the next, world units.
-    pub(super) width: f32,
+    /// One over the furthest depth, 0 for infinity.
+    pub(super) first: f32,
+    /// From one step to the next.
+    pub(in crate::train) width: f32,
+}
+
+impl Steps {
+    /// From one over the furthest to one over the nearest depth, about a pixel of the neighbours apart.
+    pub(in crate::train) fn between(
+        [furthest, nearest]: [f32; 2],
+        photo: &SmallPhoto,
+        neighbours: &[&SmallPhoto],
+    ) -> Self {
+        let eye = photo.camera.position();
+        let pixels = |other: &&SmallPhoto| {
+            other.camera.position().distance(eye) / other.camera.pixel_angle()
+        };
+        let range = nearest - furthest;
+        let n = (neighbours.iter().map(pixels).fold(0.0, f32::max) * range).ceil() as usize;
+        let n = n.clamp(N_STEPS.0, N_STEPS.1);
+        Self {
+            n,
+            first: furthest,
+            width: range / (n - 1) as f32,
+        }
+    }
 }
 
 dispatch! {
@@ -46,7 +73,8 @@ fn sweep_body<I: Isa>(photo: &SmallPhoto, neighbours: &[&SmallPhoto], steps: Ste
         first.fill(UNKNOWN);
         second.fill(UNKNOWN);
         for (neighbour, warp) in neighbours.iter().zip(&warps) {
-            warp.apply::<I>(k as f32 * steps.width, neighbour, &mut line, &mut warped);
+            let nearness = steps.first + k as f32 * steps.width;
+            warp.apply::<I>(nearness, neighbour, &mut line, &mut warped);
             correlator.add(&warped, &mut first, &mut second);
         }
         for (code, (first, second)) in codes.iter_mut().zip(first.iter().zip(&second)) {
@@ -57,8 +85,8 @@ fn sweep_body<I: Isa>(photo: &SmallPhoto, neighbours: &[&SmallPhoto], steps: Ste
     }
     let peaks = peaks(&codes, n_pixels);
     (0..n_pixels)
-        .map(|i| place_of(peaks[i], |k| codes[k * n_pixels + i], steps.n))
-        .map(|step| step.map_or(f32::NAN, |step| step * steps.width))
+        .map(|i| place_of(peaks[i], |k| codes[k * n_pixels + i], steps))
+        .map(|step| step.map_or(f32::NAN, |step| steps.first + step * steps.width))
         .collect()
 }
 
@@ -97,17 +125,17 @@ fn peaks(codes: &[i8], n_pixels: usize) -> Vec<Peak> {
 }
 
 /// The step of a peak, with its fraction; `None` where it does not stand out.
-fn place_of(peak: Peak, code: impl Fn(usize) -> i8, n: usize) -> Option<f32> {
+fn place_of(peak: Peak, code: impl Fn(usize) -> i8, steps: Steps) -> Option<f32> {
     let value = |code: i8| f32::from(code) / CODES;
     let best = usize::from(peak.step);
     let stands_out = value(peak.code) >= LEAST_SCORE
         && value(peak.code) - value(peak.other).max(-1.0) >= LEAST_LEAD;
-    // What is nearer than the last step is not known.
-    if !stands_out || best + 1 >= n {
+    // What is nearer than the last step is not known, nor what is further than the first, unless that is infinity.
+    if !stands_out || best + 1 >= steps.n {
         return None;
     }
     if best == 0 {
-        return Some(0.0);
+        return (steps.first == 0.0).then_some(0.0);
     }
     // The vertex of the parabola through it and those beside it.
     let [before, middle, after] = [best - 1, best, best + 1].map(|k| value(code(k)));
@@ -228,5 +256,23 @@ impl Warp {
             right[x] = if is_inside { u - column } else { f32::NAN };
             below[x] = v - row;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn photos_a_pixel_wide_determine_nothing() {
+        let photo = |x: f32| SmallPhoto {
+            camera: Camera::look_at(Vec3::new(x, 2.0, 0.0), Vec3::ZERO, Vec3::Z, 1.0, 1, 40),
+            grey: (0..40).map(|i| (i % 7) as f32 / 7.0).collect(),
+            colors: vec![Vec3::ONE; 40],
+        };
+        let (n, first, width) = (8, 0.0, 0.1);
+        let steps = Steps { n, first, width };
+        let found = sweep(&photo(0.0), &[&photo(0.1), &photo(-0.1)], steps);
+        assert!(found.len() == 40 && found.iter().all(|nearness| nearness.is_nan()));
     }
 }

@@ -2,40 +2,52 @@
 
 use glam::{UVec2, Vec2, Vec3};
 
-use super::{PHOTO_SIDE, pixel_at, ray_of};
+use super::ray_of;
 use crate::data::View;
-use crate::geometry::{Camera, Distortion, SurfaceTracer};
-use crate::train::pixels::outlines::Sides;
+use crate::geometry::{Camera, Distortion};
 
-/// Width of the band along the object's outline that is left out, pixels: small ones mix what is on both sides.
-const OUTLINE_PX: f32 = 0.5;
+/// A part of a picture.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::train) struct Window {
+    /// Its first pixel, `[x, y]`.
+    pub(in crate::train) start: [u32; 2],
+    /// Its width and height, pixels.
+    pub(in crate::train) size: [u32; 2],
+}
 
 /// A small photo.
 #[derive(Debug)]
-pub(super) struct SmallPhoto {
+pub(in crate::train) struct SmallPhoto {
     /// Without distortion.
-    pub(super) camera: Camera,
-    /// `[height * width]` mean of the colours, sRGB in `[0, 1]`; NaN where it shows the object or nothing.
-    pub(super) grey: Vec<f32>,
+    pub(in crate::train) camera: Camera,
+    /// `[height * width]` mean of the colours, sRGB in `[0, 1]`; NaN where it shows nothing that is compared.
+    pub(in crate::train) grey: Vec<f32>,
     /// `[height * width]` linear colours.
-    pub(super) colors: Vec<Vec3>,
+    pub(in crate::train) colors: Vec<Vec3>,
 }
 
 impl SmallPhoto {
-    /// Of a view that `camera` took.
-    pub(super) fn of(view: &View, camera: &Camera, tracer: Option<&SurfaceTracer>) -> Self {
-        let small = view.within(PHOTO_SIDE);
-        let camera = camera.resized(small.camera.width, small.camera.height);
-        let sides = Sides::new(&small, &camera, tracer, OUTLINE_PX);
-        let grey = |(i, is_background): (usize, &bool)| {
-            let mean = small.photo.srgb(i).iter().sum::<f32>() / 3.0;
-            if *is_background { mean } else { f32::NAN }
+    /// A part of a view that `camera` took, whose pixels `is_compared` or not.
+    pub(in crate::train) fn new(
+        view: &View,
+        camera: &Camera,
+        is_compared: &[bool],
+        window: Window,
+    ) -> Self {
+        let Window { start, size } = window;
+        let pixel = |i: u32| {
+            let (x, y) = (start[0] + i % size[0], start[1] + i / size[0]);
+            (y * camera.width + x) as usize
         };
-        let pixels = 0..sides.background.len();
+        let grey = |i: usize| {
+            let mean = view.photo.srgb(i).iter().sum::<f32>() / 3.0;
+            if is_compared[i] { mean } else { f32::NAN }
+        };
+        let pixels = || (0..size[0] * size[1]).map(pixel);
         let photo = Self {
-            camera,
-            grey: sides.background.iter().enumerate().map(grey).collect(),
-            colors: pixels.map(|i| small.photo.linear(i).into()).collect(),
+            camera: camera.part(start, size[0], size[1]),
+            grey: pixels().map(grey).collect(),
+            colors: pixels().map(|i| view.photo.linear(i).into()).collect(),
         };
         photo.undistorted()
     }
@@ -52,7 +64,7 @@ impl SmallPhoto {
         let eye = camera.position();
         let color = |i: usize| {
             let at = self.camera.project(eye + ray_of(&camera, i));
-            let pixel = at.and_then(|at| pixel_at(&self.camera, at));
+            let pixel = at.and_then(|at| self.camera.pixel_at(at));
             let grey = at.map_or(f32::NAN, |at| self.at(at));
             (grey, pixel.map_or(Vec3::ZERO, |i| self.colors[i]))
         };
@@ -64,7 +76,7 @@ impl SmallPhoto {
         }
     }
 
-    /// Grey value at a place, pixels, between the four pixels around it; NaN beside the picture and at the object.
+    /// Grey value at a place, pixels, between the four pixels around it; NaN beside the picture and where nothing is compared.
     fn at(&self, at: Vec2) -> f32 {
         let last = UVec2::new(self.camera.width, self.camera.height).as_vec2() - 1.0;
         let at = at - 0.5;
