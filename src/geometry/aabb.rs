@@ -65,6 +65,14 @@ impl Aabb {
         p.cmpge(self.min).all() && p.cmple(self.max).all()
     }
 
+    /// The box with `margin` more on all sides, scene units.
+    pub fn widened(&self, margin: f32) -> Self {
+        Self {
+            min: self.min - margin,
+            max: self.max + margin,
+        }
+    }
+
     /// The eight corners; bit 0, 1, 2 of the index chooses max over min in x, y, z.
     pub fn corners(&self) -> [Vec3; 8] {
         std::array::from_fn(|i| {

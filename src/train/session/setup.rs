@@ -1,6 +1,6 @@
 //! Before the first step: reads the capture, completes its mesh, makes the trainer and the run folder.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use super::events::TrainEvent;
@@ -121,13 +121,26 @@ impl Worker {
             return Ok(true);
         }
         let next_picture = Mutex::new(Instant::now());
+        let pattern = OnceLock::new();
         let report = |making: Making<'_>| match making {
             Making::Progress(fraction) => self.loading(MAKING_MESH, fraction),
+            Making::Pattern(share) => drop(pattern.set(share)),
             Making::Surface(distances) => self.show_growth(dataset, distances, &next_picture),
         };
         let settings = StageOneOptions::within(options.started, options.budget);
         let make = || stage_one::make_mesh(dataset, &settings, &self.shared.stop, &report);
-        match self.pool.install(make) {
+        let made = self.pool.install(make);
+        if let Some(share) = pattern.get() {
+            let what = format!(
+                "photos agree on how deep the object's pattern lies, in {:.0} % of its pixels: hollows that no outline shows \
+                 are open there",
+                100.0 * share
+            );
+            dataset
+                .problems
+                .push(Problem::new(Severity::Note, what, ""));
+        }
+        match made {
             Ok(mesh) => dataset.mesh = Some(Arc::new(mesh)),
             Err(StageOneError::Cancelled) => return Ok(false),
             Err(error) => {

@@ -10,8 +10,7 @@
 use glam::Vec2;
 use rayon::prelude::*;
 
-use super::Draft;
-use super::fairing::{self, Fairing};
+use super::fairing::{self, Evidence, Fairing};
 use super::silhouette::Silhouette;
 use crate::geometry::ScalarGrid;
 use crate::train::photos::picture_shift::{Off, PictureShift, known_share};
@@ -32,9 +31,12 @@ pub(super) fn outline_error_px(silhouettes: &[Silhouette], mut hull: ScalarGrid)
     error_from(off_px.collect())
 }
 
-/// Shifts the pictures of a draft to its surface, as long as it may `go_on`; whether any is.
-pub(super) fn align(draft: &mut Draft, go_on: impl Fn() -> bool) -> bool {
-    let Draft { phi, evidence } = draft;
+/// Fairs the surface `phi` and shifts the pictures of its evidence to it, as long as it may `go_on`; whether any is.
+pub(super) fn align(
+    phi: &mut ScalarGrid,
+    evidence: &mut Evidence,
+    go_on: impl Fn() -> bool,
+) -> bool {
     for look in 0..LOOKS {
         for _ in 0..FAIRINGS {
             if !go_on() {

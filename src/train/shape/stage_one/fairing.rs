@@ -246,6 +246,8 @@ impl<'a> System<'a> {
         let mut bent = vec![0.0; band.len()];
         band.unevenness(&curvature, &evenness, STIFFNESS, &mut bent);
         band.laplacian_transposed(&bent, -1.0, &mut right);
+        let noise = evidence.seen.as_ref().map_or(0.0, |seen| seen.noise);
+        let sure_seen = SEEN / (1.0 + (noise / (LEAST_ERROR * phi.cell)).powi(2));
         let mut diagonal = vec![INERTIA; band.len()];
         for (slot, node) in band.nodes.iter().enumerate() {
             let node = *node as usize;
@@ -259,7 +261,7 @@ impl<'a> System<'a> {
                 } else if distance > -NEAR_SEEN {
                     let off = distance - values[slot];
                     let sure = seen.weights[node] / (1.0 + seen.weights[node]);
-                    let weight = SEEN * sure / (1.0 + (off / LEAST_SCALE).powi(2));
+                    let weight = sure_seen * sure / (1.0 + (off / LEAST_SCALE).powi(2));
                     diagonal[slot] += weight;
                     right[slot] += weight * off;
                 }

@@ -4,7 +4,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::silhouette::Silhouette;
-use super::{GoOn, StageOneError, unless_cancelled, widened};
+use super::{GoOn, StageOneError, unless_cancelled};
 use crate::geometry::{Aabb, ScalarGrid};
 
 /// Views from which one may be wrong about a point without carving it away.
@@ -144,7 +144,7 @@ pub(super) fn bounds(
         if found.is_empty() {
             return Ok(None);
         }
-        let closer = widened(&found, slack);
+        let closer = found.widened(slack);
         let shrinks = closer.extent().max_element() < 0.8 * search.extent().max_element();
         search = closer;
         if !shrinks {

@@ -11,6 +11,7 @@ mod alignment;
 mod band;
 mod compare;
 pub(in crate::train) mod depths;
+mod draft;
 mod fairing;
 mod growth;
 mod hull;
@@ -24,41 +25,18 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use glam::Vec3;
-use rayon::prelude::*;
-
-use self::alignment::outline_error_px;
-use self::depths::fusion::{Depths, Seen};
-use self::depths::{fusion, point_maps};
-use self::fairing::{Evidence, Fairing};
-use self::silhouette::Silhouette;
-use self::slopes::Normals;
+use self::depths::fusion;
+use self::draft::{Draft, Job, MIN_RADIUS_PX, MIN_VIEWS};
+use self::fairing::Fairing;
 use crate::data::{Dataset, View};
-use crate::geometry::{Aabb, Mesh, MeshError, ScalarGrid, iso_surface};
-use crate::train::placement::camera_positions;
+use crate::geometry::{Mesh, MeshError, ScalarGrid, iso_surface};
 use crate::train::session::plan::Budget;
-use crate::train::shape::support_plane;
-use crate::train::statistics::middle;
 
 pub(in crate::train) use self::depths::fusion::looked_at;
 pub use compare::{MeshDifference, compare, silhouette_agreement};
 pub use growth::GrowthPicture;
 pub(in crate::train) use refit::{is_of_outlines, refit};
 pub(in crate::train) use slopes::KnownNormals;
-
-/// Silhouettes without which there is no shape.
-const MIN_VIEWS: usize = 3;
-/// Radius in pixels below which a silhouette shows no shape.
-const MIN_RADIUS_PX: f32 = 4.0;
-/// Cells along the longest side of the hull that outlines are compared with.
-const COMPARED_CELLS: usize = 72;
-/// Standard deviations of the outlines' error that a cell is wide at least: finer ones would show nothing but it, wider ones
-/// cannot hold a handle six pixels wide whose outlines err by one.
-const CELL_ERRORS: f32 = 1.5;
-/// Cells that there are nevertheless.
-const FEWEST_CELLS: usize = 24;
-/// Cells around the hull in which the surface can move.
-const MARGIN_CELLS: usize = 8;
 
 /// Share of the largest part's area below which a part is no part of the object: a thing seen in the background, or noise.
 const SPECK: f64 = 0.002;
@@ -69,13 +47,6 @@ const MOST_SECS: f64 = 120.0;
 /// Budgets in seconds below which the grid is coarser, and its cells then.
 const SHORT_SECS: f64 = 45.0;
 const SHORT_CELLS: usize = 80;
-/// Most cells for a mesh of points.
-const POINT_CELLS: usize = 64;
-/// The same as [`SPECK`] for a mesh of points: bits of the background are near.
-const LEAST_PART_OF_POINTS: f64 = 0.5;
-/// Cells over the floor up to which a mesh of points is cut off.
-const FLOOR_CELLS: f32 = 1.5;
-
 /// How a mesh is made.
 #[derive(Clone, Copy, Debug)]
 pub struct StageOneOptions {
@@ -171,6 +142,8 @@ pub enum StageOneError {
 pub enum Making<'a> {
     /// Share that is done, 0..1.
     Progress(f32),
+    /// Photos agree on how deep the object's pattern lies, in this share of its pixels: it says where the surface is.
+    Pattern(f32),
     /// Distances to the surface as it stands, scene units, negative inside: the draft, then after each round.
     Surface(&'a ScalarGrid),
 }
@@ -201,7 +174,7 @@ pub fn make_mesh(
         dataset,
         options,
         go_on: &go_on,
-        on_progress: &on_progress,
+        on_news,
     };
     let draft = job.draft_from_depths()?;
     if draft.is_none()
@@ -241,191 +214,6 @@ fn is_settled(residuals: &[f32]) -> bool {
     }
 }
 
-/// A surface to be faired.
-struct Draft {
-    phi: ScalarGrid,
-    evidence: Evidence,
-}
-
-impl Draft {
-    /// The hull, which `make_hull` makes, of silhouettes whose outlines err by `error_px` pixels of width `pixel`, scene units.
-    fn of(
-        silhouettes: Vec<Silhouette>,
-        error_px: f32,
-        pixel: f32,
-        make_hull: impl Fn(&[Silhouette]) -> Result<ScalarGrid, StageOneError>,
-    ) -> Result<Self, StageOneError> {
-        let evidence = of_outlines(silhouettes, error_px, pixel, make_hull)?;
-        let mut phi = evidence.hull.clone();
-        // It begins as the outlines are, too small: clefts are open, and narrow ones would not open again.
-        for value in &mut phi.values {
-            *value += silhouette::SLACK_ERRORS * error_px * pixel;
-        }
-        phi.redistance(fairing::REACH);
-        Ok(Self { phi, evidence })
-    }
-}
-
-/// What silhouettes say whose outlines err by `error_px` pixels of width `pixel`, scene units, and whose hull `make_hull` makes.
-fn of_outlines(
-    mut silhouettes: Vec<Silhouette>,
-    error_px: f32,
-    pixel: f32,
-    make_hull: impl Fn(&[Silhouette]) -> Result<ScalarGrid, StageOneError>,
-) -> Result<Evidence, StageOneError> {
-    for silhouette in &mut silhouettes {
-        silhouette.set_error(error_px);
-    }
-    let hull = make_hull(&silhouettes)?;
-    Ok(Evidence {
-        outline_error: error_px * pixel / hull.cell,
-        hull,
-        silhouettes,
-        seen: None,
-        normals: Normals::default(),
-    })
-}
-
-/// A mesh in the making, before its surface is faired.
-struct Job<'a> {
-    dataset: &'a Dataset,
-    options: &'a StageOneOptions,
-    go_on: GoOn<'a>,
-    /// Gets 0..1.
-    on_progress: &'a (dyn Fn(f32) + Sync),
-}
-
-impl Job<'_> {
-    /// The hull of the silhouettes.
-    fn draft_from_masks(&self) -> Result<Draft, StageOneError> {
-        let silhouettes = silhouettes(self.dataset)?;
-        (self.on_progress)(0.05);
-        let bounds = hull::bounds(&silhouettes, self.go_on)?;
-        let bounds = bounds.ok_or_else(|| StageOneError::NothingInCommon {
-            dataset: self.dataset.root.clone(),
-        })?;
-        (self.on_progress)(0.1);
-        let hull = |silhouettes: &[Silhouette], n_cells: usize| {
-            let mut hull = grid_around(&bounds, n_cells);
-            hull::fill(silhouettes, &mut hull, self.go_on)?;
-            hull::cut(&mut hull, &bounds);
-            Ok(hull)
-        };
-        let pixel = middle(&mut pixels_at(&silhouettes, bounds.center()));
-        let coarse_cells = self.options.n_cells.min(COMPARED_CELLS);
-        let error_px = outline_error_px(&silhouettes, hull(&silhouettes, coarse_cells)?);
-        let uncertain_px = error_px.max(alignment::CAMERA_ERROR_PX);
-        let mut coarse = Draft::of(silhouettes, uncertain_px, pixel, |s| hull(s, coarse_cells))?;
-        let go_on = || (self.go_on)() && !self.options.is_over();
-        let is_aligned = alignment::align(&mut coarse, go_on);
-        let silhouettes = coarse.evidence.silhouettes;
-        let error_px = if is_aligned {
-            outline_error_px(&silhouettes, hull(&silhouettes, coarse_cells)?)
-        } else {
-            error_px
-        };
-        let finest = bounds.extent().max_element() / (CELL_ERRORS * error_px * pixel);
-        let n_finest = (finest as usize).max(FEWEST_CELLS);
-        let n_cells = self.options.n_cells.min(n_finest);
-        Draft::of(silhouettes, error_px, pixel, |s| hull(s, n_cells))
-    }
-
-    /// What the depth maps show, within the hull of the silhouettes where there are masks too; `None` where there are too few
-    /// maps, or too few that can be read.
-    fn draft_from_depths(&self) -> Result<Option<Draft>, StageOneError> {
-        let maps = fusion::depth_views(self.dataset);
-        let Some(fused) = self.fused(&maps, self.options.n_cells, 0.15)? else {
-            return Ok(None);
-        };
-        let (mut grid, mut seen) = (fused.grid, fused.seen);
-        // Few masks or none: the maps alone are enough.
-        let silhouettes = silhouettes(self.dataset).unwrap_or_default();
-        let mut hull = grid.clone();
-        if silhouettes.is_empty() {
-            hull.values.fill(f32::NEG_INFINITY);
-        } else {
-            hull::fill(&silhouettes, &mut hull, self.go_on)?;
-        }
-        hull::cut(&mut hull, &fused.bounds);
-        let nodes = grid.values.iter_mut().zip(&mut seen.weights);
-        for ((value, weight), hull) in nodes.zip(&hull.values) {
-            *value = value.max(*hull);
-            // What the maps show there is none of the object.
-            if *hull > grid.cell {
-                *weight = 0.0;
-            }
-        }
-        grid.redistance(fairing::REACH);
-        Ok(Some(Draft {
-            phi: grid,
-            evidence: Evidence {
-                hull,
-                silhouettes,
-                outline_error: 0.0,
-                seen: Some(seen),
-                normals: Normals::default(),
-            },
-        }))
-    }
-
-    /// The mesh of what the reconstruction's points show of the object, without the floor that it stands on, on a grid no finer
-    /// than they are; `None` where there are too few.
-    fn mesh_from_points(&self) -> Result<Option<Mesh>, StageOneError> {
-        let maps = point_maps::maps(self.dataset, self.go_on);
-        unless_cancelled(self.go_on)?;
-        let views = maps.iter().map(|(map, view)| Depths::known(map, view));
-        let views: Vec<_> = views.collect();
-        let n_cells = self.options.n_cells.min(POINT_CELLS);
-        let Some(Fused { mut grid, .. }) = self.fused(&views, n_cells, 1.0)? else {
-            return Ok(None);
-        };
-        if let Some((points, reach)) = point_maps::around_object(self.dataset)
-            && let Some(support) =
-                support_plane::find(&points, &camera_positions(self.dataset), reach)
-        {
-            let clearance = FLOOR_CELLS * grid.cell;
-            hull::raise(&mut grid, |p| clearance - support.plane.height(p));
-        }
-        surface(self.dataset, &grid, LEAST_PART_OF_POINTS).map(Some)
-    }
-
-    /// Distances to what depth maps show, the first `part` of the job; `None` where there are too few, or too few that can be read.
-    fn fused(
-        &self,
-        views: &[Depths<'_>],
-        n_cells: usize,
-        part: f32,
-    ) -> Result<Option<Fused>, StageOneError> {
-        if views.len() < fusion::MIN_MAPS {
-            return Ok(None);
-        }
-        let Some(bounds) = fusion::bounds(self.dataset, views) else {
-            return Ok(None);
-        };
-        (self.on_progress)(part * 0.1);
-        let mut grid = grid_around(&bounds, n_cells);
-        let is_late = || self.options.is_over();
-        let on_batch = |fraction: f32| (self.on_progress)(part * (0.1 + 0.85 * fraction));
-        let seen = fusion::fill(views, &mut grid, &is_late, self.go_on, &on_batch)?;
-        hull::cut(&mut grid, &bounds);
-        let has_enough = seen.n_maps >= fusion::MIN_MAPS;
-        Ok(has_enough.then_some(Fused { grid, seen, bounds }))
-    }
-}
-
-/// Distances to what depth maps show.
-struct Fused {
-    grid: ScalarGrid,
-    seen: Seen,
-    /// The box around it.
-    bounds: Aabb,
-}
-
-/// Width of a pixel of each silhouette at `p`, scene units.
-fn pixels_at(silhouettes: &[Silhouette], p: Vec3) -> Vec<f32> {
-    silhouettes.iter().map(|s| s.pixel_at(p)).collect()
-}
-
 /// The surface of a grid, without parts of less than `least_share` of the largest one's area.
 fn surface(dataset: &Dataset, grid: &ScalarGrid, least_share: f64) -> Result<Mesh, StageOneError> {
     let mesh = iso_surface(grid).and_then(|mesh| mesh.without_specks(least_share));
@@ -433,43 +221,6 @@ fn surface(dataset: &Dataset, grid: &ScalarGrid, least_share: f64) -> Result<Mes
         dataset: dataset.root.clone(),
         source,
     })
-}
-
-/// A grid of `n_cells` along the longest side of `bounds`, with a margin on all sides.
-fn grid_around(bounds: &Aabb, n_cells: usize) -> ScalarGrid {
-    let margin = MARGIN_CELLS as f32 * bounds.extent().max_element() / n_cells as f32;
-    ScalarGrid::over(&widened(bounds, margin), n_cells + 2 * MARGIN_CELLS, 0.0)
-}
-
-/// The box with a margin on all sides.
-fn widened(bounds: &Aabb, margin: f32) -> Aabb {
-    Aabb {
-        min: bounds.min - margin,
-        max: bounds.max + margin,
-    }
-}
-
-/// The silhouettes of the training views; errors when they are too few or too small.
-fn silhouettes(dataset: &Dataset) -> Result<Vec<Silhouette>, StageOneError> {
-    let views = dataset.train.par_iter();
-    let found: Vec<Silhouette> = views
-        .filter_map(|view| Silhouette::new(view, view.camera, f32::INFINITY))
-        .collect();
-    if found.len() < MIN_VIEWS {
-        return Err(StageOneError::TooFewMasks {
-            dataset: dataset.root.clone(),
-            n_found: found.len(),
-            n_views: dataset.train.len(),
-        });
-    }
-    let radius_px = middle(&mut found.iter().map(|s| s.disc().1).collect::<Vec<f32>>());
-    if radius_px < MIN_RADIUS_PX {
-        return Err(StageOneError::TooSmall {
-            dataset: dataset.root.clone(),
-            radius_px,
-        });
-    }
-    Ok(found)
 }
 
 /// Whether the capture lacks a mesh and has masks, or depth maps of something that the cameras stand around, to make one

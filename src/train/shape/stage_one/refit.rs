@@ -7,13 +7,11 @@
 use rayon::prelude::*;
 
 use super::depths::fusion;
+use super::draft::{FEWEST_CELLS, grid_around, of_outlines, pixels_at};
 use super::fairing::{self, Fairing};
 use super::silhouette::Silhouette;
 use super::slopes::{KnownNormals, Normals};
-use super::{
-    FEWEST_CELLS, GoOn, SPECK, StageOneError, StageOneOptions, grid_around, hull, of_outlines,
-    pixels_at, surface, unless_cancelled,
-};
+use super::{GoOn, SPECK, StageOneError, StageOneOptions, hull, surface, unless_cancelled};
 use crate::data::Dataset;
 use crate::geometry::{Camera, Mesh};
 use crate::train::statistics::middle;
@@ -46,9 +44,10 @@ pub(in crate::train) fn refit(
     error_px: f32,
     go_on: GoOn<'_>,
 ) -> Result<Mesh, StageOneError> {
-    let views = dataset.train.par_iter().zip(cameras);
-    let silhouettes =
-        views.filter_map(|(view, camera)| Silhouette::new(view, *camera, OUTLINE_REACH_PX));
+    let views = dataset.train.par_iter().zip(cameras).enumerate();
+    let silhouettes = views.filter_map(|(index, (view, camera))| {
+        Silhouette::new(index, view, *camera, OUTLINE_REACH_PX)
+    });
     let silhouettes: Vec<Silhouette> = silhouettes.collect();
     let bounds = known.mesh.bounds();
     let pixel = middle(&mut pixels_at(&silhouettes, bounds.center()));

@@ -9,6 +9,8 @@ use crate::train::pixels::mask_outline::MaskOutline;
 /// The outline of one view's mask.
 #[derive(Debug)]
 pub(super) struct Silhouette {
+    /// Index of its training view.
+    pub(super) view: usize,
     pub(super) camera: Camera,
     camera_from_world: Affine3A,
     pub(super) outline: MaskOutline,
@@ -29,11 +31,12 @@ const RIM_ERRORS: f32 = 2.5;
 pub(super) const SLACK_ERRORS: f32 = 1.5;
 
 impl Silhouette {
-    /// The silhouette of a view that `camera` took, for what lies within `reach` pixels of its outline; `None` without a mask or
+    /// The silhouette of a view, training view `index`, that `camera` took, for what lies within `reach` pixels of its outline; `None` without a mask or
     /// where it shows nothing of the object's edge.
-    pub(super) fn new(view: &View, camera: Camera, reach: f32) -> Option<Self> {
+    pub(super) fn new(index: usize, view: &View, camera: Camera, reach: f32) -> Option<Self> {
         let outline = MaskOutline::new(view.mask.as_ref()?, reach)?;
         Some(Self {
+            view: index,
             camera,
             camera_from_world: camera.world_from_camera.inverse(),
             inner: inner_places(&outline, RIM_PX),

@@ -6,11 +6,17 @@ use std::sync::atomic::AtomicBool;
 
 use glam::{Vec2, Vec3};
 
+use super::alignment::outline_error_px;
+use super::depths::outline_check;
+use super::depths::photo_maps::{self, PhotoMaps};
+use super::draft::{COMPARED_CELLS, MARGIN_CELLS, grid_around, silhouettes};
 use super::*;
 use crate::data::{Mask, Photo, Split, View};
-use crate::geometry::Camera;
+use crate::geometry::{Camera, Ray};
 use crate::train::pixels::outlines::tests::wander;
 use crate::train::placement::given_cameras;
+use crate::train::statistics::middle;
+use crate::train::test_scene::{middle_ray, painted};
 
 /// Pixels on a side.
 const SIDE: u32 = 96;
@@ -63,24 +69,31 @@ fn touching_balls(p: Vec3) -> f32 {
     distance(0).min(distance(1)).min(distance(2)) - 0.26
 }
 
+/// A ball with a hollow in its top, which all outlines pass over.
+fn hollow(p: Vec3) -> f32 {
+    ball(p).max(0.3 - p.distance(CENTER + 0.5 * Vec3::Z))
+}
+
+/// Where a ray meets the shape.
+fn met(shape: Shape, ray: &Ray) -> Option<Vec3> {
+    let (mut t, mut distance) = (0.0, f32::INFINITY);
+    for _ in 0..100 {
+        if distance < 1e-4 || t > 4.0 {
+            break;
+        }
+        distance = shape(ray.at(t));
+        t += distance;
+    }
+    (distance < 1e-4).then(|| ray.at(t))
+}
+
 fn view(i: u32, n: u32, shape: Shape) -> View {
     let azimuth = TAU * 0.618_034 * i as f32;
     let height = 1.9 * (i as f32 + 0.5) / n as f32 - 0.95;
     let level = (1.0 - height * height).sqrt();
     let towards = Vec3::new(level * azimuth.cos(), level * azimuth.sin(), height);
     let camera = Camera::look_at(CENTER + 2.0 * towards, CENTER, Vec3::Z, 0.7, SIDE, SIDE);
-    let hits = |x: f32, y: f32| {
-        let ray = camera.ray(x, y);
-        let (mut t, mut distance) = (0.0, f32::INFINITY);
-        for _ in 0..100 {
-            if distance < 1e-4 || t > 4.0 {
-                break;
-            }
-            distance = shape(ray.at(t));
-            t += distance;
-        }
-        distance < 1e-4
-    };
+    let hits = |x: f32, y: f32| met(shape, &camera.ray(x, y)).is_some();
     let covered = |i: u32| {
         let is_hit = |k: &u32| {
             let at = |i: u32| (i as f32 + 0.5) / SUBPIXELS as f32;
@@ -113,6 +126,29 @@ fn capture(n: u32, shape: Shape) -> Dataset {
     Dataset::of_views((0..n).map(|i| view(i, n, shape)).collect())
 }
 
+/// Seen from above by close neighbours, with a colour for each place and direction of view.
+fn colored(shape: Shape, color: impl Fn(Vec3, Vec3) -> Vec3) -> Dataset {
+    let views = (0..120).map(|i| view(i, 120, shape));
+    let from_above = views.filter(|view| view.camera.position().z > CENTER.z + 0.7);
+    let mut dataset = Dataset::of_views(from_above.collect());
+    for view in &mut dataset.train {
+        view.photo = painted(SIDE, |i| {
+            let ray = middle_ray(&view.camera, i);
+            met(shape, &ray).map_or(Vec3::ZERO, |p| color(p, ray.direction))
+        });
+    }
+    dataset
+}
+
+/// Never the same twice within a shape.
+fn pattern(p: Vec3) -> Vec3 {
+    let wave = |frequency: f32| {
+        let q = frequency * p;
+        (q.x + 0.7 * q.y).sin() * (0.8 * q.y - 0.6 * q.z).cos() + (q.z + 0.4 * q.x).cos()
+    };
+    Vec3::splat(0.3 + 0.06 * wave(17.0) + 0.05 * wave(29.3))
+}
+
 /// The same with outlines that err by 1.3 pixels.
 fn wandering(n: u32, shape: Shape) -> Dataset {
     let mut dataset = capture(n, shape);
@@ -138,7 +174,7 @@ fn draft(dataset: &Dataset, n_cells: usize) -> Draft {
         dataset,
         options: &with_cells(n_cells),
         go_on: &|| true,
-        on_progress: &|_| (),
+        on_news: &|_| (),
     };
     job.draft_from_masks().unwrap()
 }
@@ -358,4 +394,39 @@ fn it_stops_when_asked_to() {
     let options = StageOneOptions::default();
     let made = make_mesh(&capture(4, ball), &options, &cancel, &|_| ());
     assert!(matches!(made, Err(StageOneError::Cancelled)), "{made:?}");
+}
+
+#[test]
+fn a_pattern_shows_a_hollow_that_no_outline_does() {
+    let in_hollow = CENTER + 0.35 * Vec3::Z;
+    let plain = draft(&colored(hollow, |_, _| Vec3::ONE), 64);
+    assert!(plain.phi.sample(in_hollow) < -0.05, "outlines fill it");
+    let patterned = colored(hollow, |p, _| pattern(p));
+    let mesh = make(&patterned).unwrap();
+    let floor = mesh
+        .positions
+        .iter()
+        .filter(|p| p.distance(in_hollow) < 0.25);
+    let distances: Vec<f32> = floor.map(|p| hollow(*p).abs()).collect();
+    let mean = distances.iter().sum::<f32>() / distances.len() as f32;
+    assert!(
+        distances.len() > 50 && mean < 0.015,
+        "{mean} of {}",
+        distances.len()
+    );
+}
+
+#[test]
+fn what_a_mirror_shows_is_not_taken_for_its_surface() {
+    let mirrored = |p: Vec3, direction: Vec3| {
+        let normal = gradient(ball, p).normalize_or_zero();
+        pattern(0.4 * direction.reflect(normal))
+    };
+    let dataset = colored(ball, mirrored);
+    let Draft { phi, evidence } = draft(&dataset, 64);
+    let PhotoMaps { maps, share } =
+        photo_maps::maps(&dataset, &evidence.silhouettes, &phi.bounds(), &|| true);
+    assert!(share > 0.05, "photos agree in {share} of what it shows");
+    assert!(!outline_check::agree(&maps, &phi, &evidence.silhouettes));
+    assert!(evidence.seen.is_none());
 }

@@ -8,8 +8,8 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::data::{Dataset, DepthMap, DepthView, Mask, View};
-use crate::geometry::{Aabb, Projector, ScalarGrid, nearest_point};
-use crate::train::shape::stage_one::{GoOn, StageOneError, unless_cancelled, widened};
+use crate::geometry::{Aabb, Camera, Projector, ScalarGrid, nearest_point};
+use crate::train::shape::stage_one::{GoOn, StageOneError, unless_cancelled};
 use crate::train::statistics::middle;
 
 /// Depth maps that are fused at most; of more, evenly spaced ones.
@@ -43,22 +43,23 @@ const LOOKING: f32 = 0.8;
 #[derive(Clone, Copy, Debug)]
 pub(in super::super) struct Depths<'a> {
     map: Map<'a>,
-    view: &'a View,
+    /// Where the object is in the map; anywhere without.
+    mask: Option<&'a Mask>,
 }
 
 #[derive(Clone, Copy, Debug)]
 enum Map<'a> {
-    /// Read when it is needed: many are too large to have at once.
-    File(&'a DepthView),
+    /// Read when it is needed, for pictures of the camera: many are too large to have at once.
+    File(&'a DepthView, &'a Camera),
     Known(&'a DepthMap),
 }
 
 impl<'a> Depths<'a> {
-    /// A map that is no file.
-    pub(in super::super) fn known(map: &'a DepthMap, view: &'a View) -> Self {
+    /// A map that is no file; `mask`: where it shows the object, or anywhere.
+    pub(in super::super) fn known(map: &'a DepthMap, mask: Option<&'a Mask>) -> Self {
         Self {
             map: Map::Known(map),
-            view,
+            mask,
         }
     }
 }
@@ -69,8 +70,11 @@ pub(in super::super) fn depth_views(dataset: &Dataset) -> Vec<Depths<'_>> {
     let views: HashMap<&str, &View> = views.map(|view| (view.name.as_str(), view)).collect();
     let depths = dataset.origin.depths.iter();
     let found = depths.filter_map(|depth| {
-        let (map, view) = (Map::File(depth), views.get(depth.name.as_str())?);
-        Some(Depths { map, view })
+        let view = views.get(depth.name.as_str())?;
+        Some(Depths {
+            map: Map::File(depth, &view.camera),
+            mask: view.mask.as_ref(),
+        })
     });
     evenly(&found.collect::<Vec<_>>(), MOST_MAPS)
 }
@@ -95,9 +99,9 @@ struct Source<'a> {
 impl<'a> Source<'a> {
     /// `None` where the file is of no use.
     fn read(depths: &Depths<'a>) -> Option<Self> {
-        let Depths { map, view } = depths;
+        let Depths { map, mask } = depths;
         let map = match map {
-            Map::File(depth) => depth.read(&view.camera).ok()?,
+            Map::File(depth, camera) => depth.read(camera).ok()?,
             Map::Known(map) => Arc::new((*map).clone()),
         };
         let camera = map.camera;
@@ -105,7 +109,7 @@ impl<'a> Source<'a> {
             projector: camera.projector(glam::Affine3A::IDENTITY),
             eye: camera.position(),
             forward: camera.forward(),
-            mask: view.mask.as_ref(),
+            mask: *mask,
             map,
         })
     }
@@ -164,7 +168,7 @@ pub(in super::super) fn bounds(dataset: &Dataset, views: &[Depths<'_>]) -> Optio
     let chosen = evenly(views, MAPS_FOR_BOUNDS);
     let sources = chosen.par_iter().filter_map(Source::read);
     let mut points: Vec<Vec3> = sources.flat_map_iter(|source| source.points()).collect();
-    let has_masks = views.iter().any(|depths| depths.view.mask.is_some());
+    let has_masks = views.iter().any(|depths| depths.mask.is_some());
     if !has_masks && let Some((center, reach)) = looked_at(dataset) {
         points.retain(|p| (*p - center).abs().max_element() < reach);
     }
@@ -181,7 +185,7 @@ pub(in super::super) fn bounds(dataset: &Dataset, views: &[Depths<'_>]) -> Optio
     let bounds = Aabb { min, max };
     // What is thin at an end is within the outliers.
     let margin = 0.04 * bounds.extent().max_element();
-    Some(widened(&bounds, margin))
+    Some(bounds.widened(margin))
 }
 
 /// Whether there are depth maps of something that the cameras stand around.
@@ -245,12 +249,13 @@ impl Node {
 }
 
 /// Fills `grid` with distances to the surface that the maps show; what none of them sees is inside where something hides
-/// it, and outside otherwise.
+/// it, and outside otherwise, as are nodes that are not wanted.
 ///
-/// `is_late`: asked after each few maps, ends the work with what there is.
+/// `is_wanted`: of a node, by its index; `is_late`: asked after each few maps, ends the work with what there is.
 pub(in super::super) fn fill(
     views: &[Depths<'_>],
     grid: &mut ScalarGrid,
+    is_wanted: &(dyn Fn(usize) -> bool + Sync),
     is_late: &dyn Fn() -> bool,
     go_on: GoOn<'_>,
     on_progress: &(dyn Fn(f32) + Sync),
@@ -270,6 +275,7 @@ pub(in super::super) fn fill(
         n_maps += sources.len();
         let frame = &*grid;
         let observed = nodes.par_iter_mut().enumerate().with_min_len(layer);
+        let observed = observed.filter(|(i, _)| is_wanted(*i));
         observed.for_each(|(i, node)| {
             let point = frame.position(frame.place(i));
             for source in &sources {

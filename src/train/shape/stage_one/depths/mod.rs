@@ -3,6 +3,8 @@
 //! `fusion` averages the maps' distances on a grid; `point_maps` makes coarse maps of points.
 
 pub(super) mod fusion;
+pub(super) mod outline_check;
+pub(super) mod photo_maps;
 pub(super) mod point_maps;
 #[cfg(test)]
 mod tests;
