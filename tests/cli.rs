@@ -395,7 +395,7 @@ const UNUSABLE: &[(&str, &str)] = &[
     ("render run --layers shiny --out NEW", "shiny"),
     (
         "render run --background green --out NEW",
-        "shown, blurred, hidden",
+        "auto, shown, blurred, hidden",
     ),
     ("render run --env GARBAGE.safetensors --out NEW", "GARBAGE"),
     ("render run --size 0x9 --out NEW", "sides"),

@@ -114,8 +114,11 @@ fn who_asks_sees_the_surface_grow_that_is_made_from_masks() {
     }
 }
 
-/// Puts the same background behind the object in all photos, as on a turntable.
-fn put_on_a_turntable(capture: &Path) {
+/// A colour, with its opacity, for each place `[x, y]` of a photo.
+type Painting<'a> = dyn Fn([f32; 2]) -> image::Rgba<u8> + 'a;
+
+/// Gives what lies beside the object in all photos another colour.
+fn repaint_background(capture: &Path, color: &Painting<'_>) {
     for split in ["train", "val", "test"] {
         for entry in std::fs::read_dir(capture.join(split)).expect("a folder") {
             let path = entry.expect("a file").path();
@@ -126,11 +129,10 @@ fn put_on_a_turntable(capture: &Path) {
             let Ok(mask) = image::open(&mask) else {
                 continue;
             };
-            let mut photo = image::open(&path).expect("a photo").to_rgb8();
+            let mut photo = image::open(&path).expect("a photo").to_rgba8();
             for (x, y, pixel) in photo.enumerate_pixels_mut() {
                 if mask.to_luma8().get_pixel(x, y).0 == [0] {
-                    let wave = (0.5 * x as f32).sin() + (0.4 * y as f32).cos();
-                    *pixel = image::Rgb([(120.0 + 10.0 * wave) as u8; 3]);
+                    *pixel = color([x as f32, y as f32]);
                 }
             }
             photo.save(&path).expect("a photo");
@@ -138,32 +140,48 @@ fn put_on_a_turntable(capture: &Path) {
     }
 }
 
+/// Whether a run on the capture learns from the background, and what it says of that.
+fn learns_background(capture: &Path, background: PhotoFit) -> (bool, Vec<String>) {
+    let config = TrainConfig {
+        background,
+        ..tiny_config()
+    };
+    let options = SessionOptions::new(capture, config, Budget::Steps(30));
+    let session = Session::spawn(options, || {}).expect("a thread");
+    let loaded = wait_for(&session, |event| matches!(event, TrainEvent::Loaded { .. }));
+    let TrainEvent::Loaded { problems, .. } = loaded else {
+        unreachable!("it was waited for");
+    };
+    let stepped = |event: &TrainEvent| matches!(event, TrainEvent::Progress(p) if p.step > 0);
+    let TrainEvent::Progress(progress) = wait_for(&session, stepped) else {
+        unreachable!("it was waited for");
+    };
+    session.send(TrainCommand::Stop);
+    session.join().expect("a clean end");
+    (progress.loss_background > 0.0, problems)
+}
+
 #[test]
-fn the_background_of_a_turntable_is_left_out_unless_somebody_wants_it() {
+fn a_background_that_shows_no_environment_is_left_out_unless_somebody_wants_it() {
     let folder = tempfile::tempdir().expect("a folder");
     let capture = folder.path().join("scene");
     capture::write_capture(&capture);
-    put_on_a_turntable(&capture);
-    for (background, is_learned) in [(PhotoFit::Auto, false), (PhotoFit::On, true)] {
-        let config = TrainConfig {
-            background,
-            ..tiny_config()
-        };
-        let options = SessionOptions::new(&capture, config, Budget::Steps(30));
-        let session = Session::spawn(options, || {}).expect("a thread");
-        let loaded = wait_for(&session, |event| matches!(event, TrainEvent::Loaded { .. }));
-        let TrainEvent::Loaded { problems, .. } = loaded else {
-            unreachable!("it was waited for");
-        };
-        let is_told = problems.iter().any(|p| p.contains("it is left out"));
-        assert_eq!(is_told, !is_learned, "{problems:?}");
-        let stepped = |event: &TrainEvent| matches!(event, TrainEvent::Progress(p) if p.step > 0);
-        let TrainEvent::Progress(progress) = wait_for(&session, stepped) else {
-            unreachable!("it was waited for");
-        };
-        assert_eq!(progress.loss_background > 0.0, is_learned, "{progress:?}");
-        session.send(TrainCommand::Stop);
-        session.join().expect("a clean end");
+    let as_on_a_turntable = |[x, y]: [f32; 2]| {
+        let grey = (120.0 + 10.0 * ((0.5 * x).sin() + (0.4 * y).cos())) as u8;
+        image::Rgba([grey, grey, grey, u8::MAX])
+    };
+    let is_said = |problems: &[String], what| problems.iter().any(|p| p.contains(what));
+    let cases: [(_, &Painting<'_>); 2] = [
+        ("it is left out", &as_on_a_turntable),
+        ("cut out", &|_| image::Rgba([0; 4])),
+    ];
+    for (what, color) in cases {
+        repaint_background(&capture, color);
+        let (is_learned, problems) = learns_background(&capture, PhotoFit::Auto);
+        assert!(!is_learned && is_said(&problems, what), "{problems:?}");
+        let (is_learned, problems) = learns_background(&capture, PhotoFit::On);
+        let is_left_out = is_said(&problems, "it is left out");
+        assert!(is_learned && !is_left_out, "{problems:?}");
     }
 }
 

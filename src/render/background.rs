@@ -10,8 +10,10 @@ use super::named::unknown;
 #[derive(strum::Display, strum::EnumString, strum::VariantArray)]
 #[strum(serialize_all = "lowercase", parse_err_ty = String, parse_err_fn = unknown_background)]
 pub enum Background {
-    /// As sharp as it is.
+    /// As sharp as it is where photos showed it; blurred where none did, and it is known by its reflections alone.
     #[default]
+    Auto,
+    /// As sharp as it is.
     Shown,
     /// Through the field with a wide cone, [`BLUR_STD`].
     Blurred,
@@ -23,12 +25,12 @@ pub enum Background {
 pub const BLUR_STD: f32 = 0.105;
 
 impl Background {
-    /// The next one, around the end.
+    /// The next one that looks different, around the end.
     pub fn next(self) -> Self {
         match self {
-            Self::Shown => Self::Blurred,
+            Self::Auto | Self::Shown => Self::Blurred,
             Self::Blurred => Self::Hidden,
-            Self::Hidden => Self::Shown,
+            Self::Hidden => Self::Auto,
         }
     }
 }
@@ -41,6 +43,7 @@ fn unknown_background(text: &str) -> String {
 mod tests {
     use super::super::scene::{Layer, Scene};
     use super::*;
+    use crate::neif::field::seen_grid::SeenGrid;
     use crate::render::output::raster::Picture;
     use crate::render::test_scene::{self, camera, scene};
 
@@ -57,6 +60,27 @@ mod tests {
     fn roughness_of(picture: &Picture) -> f32 {
         let pairs = picture.pixels.windows(2);
         pairs.map(|pair| (pair[0][1] - pair[1][1]).powi(2)).sum()
+    }
+
+    #[test]
+    fn what_no_photo_showed_is_blurred_by_itself() {
+        let mut seen = SeenGrid::default();
+        let unseen = seen.clone();
+        seen.see(0, 0);
+        let as_shown = |background, seen| {
+            let scene = Scene {
+                background,
+                environment: test_scene::environment_seen(5, seen),
+                ..scene()
+            };
+            scene.shown_background()
+        };
+        let auto = |seen| as_shown(Background::Auto, seen);
+        let unknown = [auto(None), auto(Some(seen))];
+        assert_eq!(unknown, [Background::Shown; 2]);
+        assert_eq!(auto(Some(unseen.clone())), Background::Blurred);
+        let asked = as_shown(Background::Shown, Some(unseen));
+        assert_eq!(asked, Background::Shown, "as a person wants it");
     }
 
     #[test]

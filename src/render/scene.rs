@@ -190,6 +190,15 @@ impl Scene {
         };
     }
 
+    /// How the environment is seen directly, with [`Background::Auto`] decided.
+    pub fn shown_background(&self) -> Background {
+        match self.background {
+            Background::Auto if self.environment.is_seen() => Background::Shown,
+            Background::Auto => Background::Blurred,
+            asked => asked,
+        }
+    }
+
     /// Whether the environment is part of a layer's picture: alone it is never hidden.
     pub fn shows_background(&self, layer: Layer) -> bool {
         let is_hidden = self.background == Background::Hidden && layer != Layer::Environment;

@@ -114,7 +114,7 @@ pub struct TrainConfig {
     /// chroma, drawn together.
     pub shared_chroma: bool,
     /// Whether the environment is learned from the background of the photos, not from reflections alone. `Auto`: where
-    /// there is no object, or the background does not stand still in the picture as on a turntable.
+    /// there is no object, or the background is neither cut away nor stands still in the picture as on a turntable.
     pub background: PhotoFit,
     /// Whether the mesh's normals are refined.
     pub normals: Normals,

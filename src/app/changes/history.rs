@@ -258,7 +258,7 @@ mod tests {
         run(&mut state, 21.0, UNDO);
         assert_eq!(state.lighting.display_ev, 0.0);
         run(&mut state, 23.0, UNDO);
-        assert_eq!(state.lighting.background, Background::Shown);
+        assert_eq!(state.lighting.background, Background::Auto);
         run(&mut state, 25.0, Command::History(HistoryCommand::Redo));
         assert_eq!(state.lighting.background, Background::Hidden);
     }

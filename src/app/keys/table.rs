@@ -175,7 +175,7 @@ fn environment() -> Vec<Binding> {
             lighting(LightingCommand::ToggleLines),
         )
         .marked(|state| state.lighting.are_lines_shown),
-        entry("H", "Background: shown, blurred, hidden", |state| {
+        entry("H", "Background: auto, blurred, hidden", |state| {
             let next = state.lighting.background.next();
             Command::Lighting(LightingCommand::SetBackground(next))
         }),

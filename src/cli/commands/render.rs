@@ -37,7 +37,8 @@ pub(crate) struct RenderArgs {
     baked_diffuse: bool,
     #[command(flatten)]
     material: MaterialFlags,
-    /// The environment behind the object: shown, blurred or hidden; its light stays
+    /// The environment behind the object: shown, blurred, hidden, or auto, which is shown unless no photo showed it, and then
+    /// blurred; its light stays
     #[arg(long, value_name = "HOW", default_value_t)]
     background: Background,
     /// Brighten the picture, in photographic stops; --env-exposure brightens the light instead

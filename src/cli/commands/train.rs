@@ -89,8 +89,8 @@ pub(crate) struct TrainArgs {
     #[arg(long, value_name = "on|off", conflicts_with = "resume")]
     #[arg(num_args = 0..=1, require_equals = true, default_missing_value = "on")]
     refine_poses: Option<PhotoFit>,
-    /// Whether the environment is learned from the background of the photos [default: unless that stands still in the
-    /// picture, as on a turntable; light is then learned from reflections alone]
+    /// Whether the environment is learned from the background of the photos [default: unless that is cut away or
+    /// stands still in the picture, as on a turntable; light is then learned from reflections alone]
     #[arg(long, value_name = "on|off", conflicts_with = "resume")]
     #[arg(num_args = 0..=1, require_equals = true, default_missing_value = "on")]
     background: Option<PhotoFit>,

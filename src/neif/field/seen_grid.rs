@@ -62,6 +62,13 @@ impl SeenGrid {
         (groups as f32 / CERTAIN).min(1.0)
     }
 
+    /// Whether any cell was shown.
+    pub fn is_any(&self) -> bool {
+        [&self.now, &self.before]
+            .iter()
+            .any(|bits| bits.iter().any(|bits| *bits != 0))
+    }
+
     /// Adds it to an environment's file, where it forgets nothing any more.
     pub fn store(&self, file: &mut TensorFile) {
         let either = self.now.iter().zip(&self.before);

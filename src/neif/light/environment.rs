@@ -278,6 +278,14 @@ impl Environment {
         })
     }
 
+    /// Whether any photo showed a part of it; true where nobody knows.
+    pub fn is_seen(&self) -> bool {
+        let EnvironmentField::Grid { density, .. } = &self.field else {
+            return true;
+        };
+        density.seen.as_ref().is_none_or(SeenGrid::is_any)
+    }
+
     /// Linear radiance along `batch.rays`, into `batch.radiance`.
     pub fn light(&self, batch: &mut FieldBatch, scratch: &mut LightScratch) {
         self.light_by(usize::MAX, batch, scratch);

@@ -62,7 +62,7 @@ impl ShadeScratch {
         let motion = scene.transform.environment_from_world();
         let frame = scene.environment.frame();
         let spread = camera.pixel_angle() * PIXEL_STD;
-        let is_blurred = scene.background == Background::Blurred;
+        let is_blurred = scene.shown_background() == Background::Blurred;
         self.rays.clear();
         for &pixel in pixels {
             let (x, y) = (pixel % camera.width, pixel / camera.width);

@@ -54,7 +54,7 @@ impl PreviewScene {
 
     /// Whether what is behind the object is the same from one place.
     pub(super) fn same_background(&self, other: &Self) -> bool {
-        let is_blurred = |of: &Self| of.scene.background == Background::Blurred;
+        let is_blurred = |of: &Self| of.scene.shown_background() == Background::Blurred;
         is_blurred(self) == is_blurred(other) && self.same_light(other)
     }
 

@@ -34,7 +34,7 @@ pub enum PoseFit {
 }
 
 /// Measures a view whose unexposed picture is given after the exposure, the white balance and, if asked for, the pose that
-/// bring it nearest to the photo. `None` when cancelled.
+/// bring it nearest to the photo. Where no photo showed the environment the object alone says so. `None` when cancelled.
 pub fn fitted(
     scene: &Scene,
     view: &View,
@@ -46,10 +46,12 @@ pub fn fitted(
     let by_side = |is_left: bool| {
         let side = Side { is_left, width };
         let picture = match pose {
-            PoseFit::Given => Cow::Borrowed(picture),
-            PoseFit::Corrected => posed(scene, view, picture, side, cancel)?,
+            PoseFit::Corrected if scene.environment.is_seen() => {
+                posed(scene, view, picture, side, cancel)?
+            }
+            _ => Cow::Borrowed(picture),
         };
-        let gain = gain(view, &picture, side);
+        let gain = gain(scene, view, &picture, side);
         Some((side, picture, gain))
     };
     let ((left, by_left, left_gain), (_, by_right, right_gain)) = (by_side(true)?, by_side(false)?);
@@ -80,9 +82,17 @@ impl Side {
 }
 
 /// The gain a colour that one half of the picture asks for.
-fn gain(view: &View, picture: &Picture, side: Side) -> [f32; 3] {
+fn gain(scene: &Scene, view: &View, picture: &Picture, side: Side) -> [f32; 3] {
     let (views, pictures) = (std::slice::from_ref(view), std::slice::from_ref(picture));
-    nearest_gain(views, pictures, |_, i| side.has(i))
+    let is_seen = scene.environment.is_seen();
+    nearest_gain(views, pictures, |view, i| {
+        side.has(i) && (is_seen || is_object(view, i))
+    })
+}
+
+/// Whether a pixel shows the object; without a mask any may.
+fn is_object(view: &View, pixel: usize) -> bool {
+    view.mask.as_ref().is_none_or(|m| m.share(pixel) > 0.5)
 }
 
 /// The picture from where one half of the photo shows the environment to be.
@@ -98,7 +108,7 @@ fn posed<'a>(
     if pixels.is_empty() {
         return Some(Cow::Borrowed(picture));
     }
-    let gain = gain(view, picture, side);
+    let gain = gain(scene, view, picture, side);
     let mut seen = environment_at(scene, &view.camera, &pixels);
     let mut away: Vec<f32> = seen.iter().map(|seen| seen.distance).collect();
     let unit = middle(&mut away).max(f32::MIN_POSITIVE);
@@ -192,7 +202,6 @@ fn grey(srgb: [f32; 3]) -> f32 {
 /// When there are not as many pictures as views: a bug of the caller.
 pub fn after_one_gain(views: &[View], pictures: &[Picture]) -> ImageMetrics {
     assert_eq!(views.len(), pictures.len(), "one picture a view");
-    let is_object = |view: &View, i: usize| view.mask.as_ref().is_none_or(|m| m.share(i) > 0.5);
     let gain = nearest_gain(views, pictures, is_object);
     let pairs = views.iter().zip(pictures);
     let metrics: Vec<ImageMetrics> = pairs
@@ -256,7 +265,8 @@ mod tests {
     use crate::data::{Photo, Split};
     use crate::neif::Environment;
     use crate::neif::distant::{DistantConfig, DistantLight};
-    use crate::render::test_scene::{camera, fog};
+    use crate::neif::field::seen_grid::SeenGrid;
+    use crate::render::test_scene::{camera, environment_seen, fog};
 
     /// A picture that no camera needs to take again.
     fn exposed_as_photo(view: &View, picture: &Picture) -> ImageMetrics {
@@ -362,6 +372,22 @@ mod tests {
             let psnr = exposed_as_photo(view, picture).psnr;
             assert!(psnr.is_some_and(|psnr| psnr > 60.0), "its own: {psnr:?}");
         }
+    }
+
+    #[test]
+    fn the_object_has_its_own_gain_where_no_photo_showed_the_environment() {
+        let capture = crate::train::test_scene::sphere_in_a_box(4, 16);
+        let view = &capture.train[0];
+        let gain = |i| [if is_object(view, i) { 0.5 } else { 0.05 }; 3];
+        let picture = gained(view, gain);
+        let object_psnr = |seen| {
+            let scene = Scene::new(None, environment_seen(1, seen));
+            let cancel = AtomicBool::new(false);
+            let metrics = fitted(&scene, view, &picture, PoseFit::Corrected, &cancel);
+            metrics.and_then(|m| m.psnr_object).expect("an object")
+        };
+        let [unseen, unknown] = [Some(SeenGrid::default()), None].map(object_psnr);
+        assert!(unseen > 45.0 && unknown < 30.0, "{unseen} and {unknown}");
     }
 
     #[test]

@@ -151,13 +151,15 @@ impl Worker {
         Ok(true)
     }
 
-    /// The settings with which to train: without the background where it stands still in the picture and nobody wants it
-    /// all the same, which is reported with the capture's problems.
+    /// The settings with which to train: without the background where it is cut away or stands still in the picture, and
+    /// nobody wants it all the same, which is reported with the capture's problems.
     fn settle_background(&self, dataset: &mut Dataset) -> TrainConfig {
         let mut config = self.options.config.clone();
-        let has_object = dataset.mesh.is_some();
+        let decides = config.background == PhotoFit::Auto && dataset.mesh.is_some();
         let is_still = || self.pool.install(|| background_stands_still(dataset));
-        if config.background == PhotoFit::Auto && has_object && is_still() {
+        if decides && !dataset.environment_visible {
+            config.background = PhotoFit::Off;
+        } else if decides && is_still() {
             config.background = PhotoFit::Off;
             let what = "the background stands still in the picture, as on a turntable: it is left out, and light is \
                         learned from reflections alone";

@@ -58,8 +58,9 @@ pub fn picture_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
 
 /// What stands behind the object.
 fn background_ui(ui: &mut Ui, state: &AppState, commands: &mut Vec<Command>) {
-    ui.horizontal(|ui| {
+    ui.horizontal_wrapped(|ui| {
         name_label(ui, "Background").on_hover_text("What stands behind the object (H)");
+        ui.spacing_mut().item_spacing.x = 2.0;
         let backgrounds = Background::VARIANTS.iter().copied().map(background);
         if let Some(chosen) = choices_ui(ui, state.lighting.background, backgrounds) {
             commands.push(Command::Lighting(LightingCommand::SetBackground(chosen)));
@@ -115,6 +116,10 @@ fn tone_map(map: ToneMap) -> (ToneMap, &'static str, &'static str) {
 /// With its name and a hint.
 fn background(background: Background) -> (Background, &'static str, &'static str) {
     let (name, hint) = match background {
+        Background::Auto => (
+            "Auto",
+            "As sharp as it is; out of focus where no photo showed it",
+        ),
         Background::Shown => ("Shown", "As sharp as it is"),
         Background::Blurred => ("Blurred", "Out of focus; reflections stay sharp"),
         Background::Hidden => ("Hidden", "Black; its light stays"),

@@ -35,7 +35,7 @@ impl Frame {
         let [smooth, discontinuous, most] =
             [options.smooth, options.discontinuous, options.max_vertices].map(|n| n as u32);
         frame.integers([smooth, discontinuous, most, n_samples]);
-        let behind = match (scene.shows_background(layer), scene.background) {
+        let behind = match (scene.shows_background(layer), scene.shown_background()) {
             (false, _) => 0,
             (true, Background::Blurred) => 2,
             (true, _) => 1,

@@ -70,7 +70,7 @@ impl Source {
             ground: scene.ground.clone(),
             camera: job.camera,
             transform: scene.transform,
-            is_blurred: scene.background == Background::Blurred,
+            is_blurred: scene.shown_background() == Background::Blurred,
             marks_unseen: scene.marks_unseen,
             is_mixed,
         }
@@ -101,7 +101,8 @@ impl Source {
         // It is not known where the light of the paper's field comes from.
         let has_places = !matches!(new.field(), EnvironmentField::Paper(_));
         // What was seen sharp is not blurred, and the other way round.
-        let is_as_sharp = self.is_blurred == (job.request.scene.background == Background::Blurred);
+        let is_as_sharp =
+            self.is_blurred == (job.request.scene.shown_background() == Background::Blurred);
         let is_as_marked = self.marks_unseen == job.request.scene.marks_unseen;
         is_as_sharp && is_as_marked && is_one_place && (has_places || self.is_same_view(job))
     }
