@@ -35,7 +35,7 @@ pub(super) const MARGIN_CELLS: usize = 8;
 const SURE_WEIGHT: f32 = 2.0;
 /// Most cells for a mesh of points.
 const POINT_CELLS: usize = 64;
-/// The same as [`SPECK`] for a mesh of points: bits of the background are near.
+/// Share of the largest part's area below which a part of a mesh of points is none of the object: bits of the background are near.
 const LEAST_PART_OF_POINTS: f64 = 0.5;
 /// Cells over the floor up to which a mesh of points is cut off.
 const FLOOR_CELLS: f32 = 1.5;
