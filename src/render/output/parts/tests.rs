@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::neif::field::seen_grid::SeenGrid;
+use crate::render::Background;
 use crate::render::test_scene::{NEVER, camera, environment_seen, scene};
 
 const AOVS: [Layer; 5] = [
@@ -105,7 +106,10 @@ fn layers_add_up_and_say_where_the_object_is() {
 #[test]
 fn light_that_no_photo_showed_is_marked_in_its_own_layer_alone() {
     let seen_by = |seen: Option<SeenGrid>| {
-        let scene = Scene::new(scene().object, environment_seen(2, seen));
+        let scene = Scene {
+            background: Background::Shown,
+            ..Scene::new(scene().object, environment_seen(2, seen))
+        };
         let layers = [Layer::Final, Layer::Seen];
         let parts = parts_of(&scene, &layers, Backdrop::Shown);
         layers.map(|layer| parts.composed(&scene, layer).collect::<Vec<_>>())
