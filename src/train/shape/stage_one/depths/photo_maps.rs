@@ -1,7 +1,7 @@
 //! Depth maps of what photos show of the object, where its own pattern determines them.
 //!
-//! Each photo is swept within the box of the object. A polished surface shows a pattern too, that of its environment, at a
-//! virtual depth: this moves as one looks from elsewhere, so that only what photos confirm from well apart is believed.
+//! Each photo is swept within the box of the object, and what others confirm from well apart is kept. A polished surface shows a
+//! pattern too, that of its environment, at a virtual depth that may be confirmed as well: `outline_check` tells.
 
 use glam::Vec3;
 use rayon::prelude::*;
