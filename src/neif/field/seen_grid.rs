@@ -28,6 +28,8 @@ pub struct SeenGrid {
     now: Vec<u8>,
     /// Of the one before.
     before: Vec<u8>,
+    /// Whether either has a bit: asked for every few pixels of a picture.
+    is_any: bool,
 }
 
 impl Default for SeenGrid {
@@ -35,6 +37,7 @@ impl Default for SeenGrid {
         Self {
             now: vec![0; N_CELLS],
             before: vec![0; N_CELLS],
+            is_any: false,
         }
     }
 }
@@ -44,6 +47,7 @@ impl SeenGrid {
     #[inline]
     pub fn see(&mut self, density_cell: u32, view: usize) {
         self.now[coarse(density_cell)] |= 1 << (view % GROUPS);
+        self.is_any = true;
     }
 
     /// Begins a new period where `step` ends one.
@@ -51,6 +55,7 @@ impl SeenGrid {
         if step.is_multiple_of(PERIOD) {
             self.before.copy_from_slice(&self.now);
             self.now.fill(0);
+            self.is_any = has_bits(&self.before);
         }
     }
 
@@ -64,9 +69,7 @@ impl SeenGrid {
 
     /// Whether any cell was shown.
     pub fn is_any(&self) -> bool {
-        [&self.now, &self.before]
-            .iter()
-            .any(|bits| bits.iter().any(|bits| *bits != 0))
+        self.is_any
     }
 
     /// Adds it to an environment's file, where it forgets nothing any more.
@@ -99,8 +102,16 @@ impl SeenGrid {
             N_CELLS => vec![0; N_CELLS],
             _ => now.split_off(N_CELLS),
         };
-        Ok(Some(Self { now, before }))
+        Ok(Some(Self {
+            is_any: has_bits(&now) || has_bits(&before),
+            now,
+            before,
+        }))
     }
+}
+
+fn has_bits(cells: &[u8]) -> bool {
+    cells.iter().any(|bits| *bits != 0)
 }
 
 fn words(bytes: &[u8]) -> Vec<u16> {

@@ -156,17 +156,19 @@ impl Worker {
     fn settle_background(&self, dataset: &mut Dataset) -> TrainConfig {
         let mut config = self.options.config.clone();
         let decides = config.background == PhotoFit::Auto && dataset.mesh.is_some();
-        let is_still = || self.pool.install(|| background_stands_still(dataset));
-        if decides && !dataset.environment_visible {
-            config.background = PhotoFit::Off;
-        } else if decides && is_still() {
-            config.background = PhotoFit::Off;
+        let stands_still = decides
+            && dataset.environment_visible
+            && self.pool.install(|| background_stands_still(dataset));
+        if stands_still {
             let what = "the background stands still in the picture, as on a turntable: it is left out, and light is \
                         learned from reflections alone";
             let advice = "--background=on trains on it all the same";
             dataset
                 .problems
                 .push(Problem::new(Severity::Warning, what, advice));
+        }
+        if stands_still || (decides && !dataset.environment_visible) {
+            config.background = PhotoFit::Off;
         }
         if config.background == PhotoFit::Off && config.refine_poses == PhotoFit::Auto {
             // Outlines determine the initial poses, but only the background would hold them there.

@@ -158,15 +158,12 @@ impl Job<'_> {
         let may_be = |node: usize| hull[node] <= cell;
         let progress = &|_| ();
         let mut seen = fusion::fill(&views, &mut grid, &may_be, &is_late, self.go_on, progress)?;
-        for weight in &mut seen.weights {
+        let phi = &mut draft.phi;
+        let nodes = seen.distances.iter().zip(&mut seen.weights);
+        for (value, (distance, weight)) in phi.values.iter_mut().zip(nodes) {
             if *weight < SURE_WEIGHT {
                 *weight = 0.0;
-            }
-        }
-        let phi = &mut draft.phi;
-        let nodes = seen.distances.iter().zip(&seen.weights);
-        for (value, (distance, weight)) in phi.values.iter_mut().zip(nodes) {
-            if *weight > 0.0 {
+            } else {
                 *value = value.max(*distance);
             }
         }
