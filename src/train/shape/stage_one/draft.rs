@@ -5,13 +5,15 @@ use rayon::prelude::*;
 
 use super::alignment::{self, outline_error_px};
 use super::depths::fusion::{Depths, Seen};
+use super::depths::outline_check::{self, Touch};
 use super::depths::photo_maps::{self, PhotoMaps};
-use super::depths::{fusion, outline_check, point_maps};
+use super::depths::{fusion, point_maps, smooth_guess};
+use super::extent::Extent;
 use super::fairing::{self, Evidence};
 use super::silhouette::{self, Silhouette};
 use super::slopes::Normals;
 use super::{GoOn, Making, StageOneError, StageOneOptions, hull, surface, unless_cancelled};
-use crate::data::Dataset;
+use crate::data::{Dataset, DepthMap};
 use crate::geometry::{Aabb, Mesh, ScalarGrid};
 use crate::train::placement::camera_positions;
 use crate::train::shape::support_plane;
@@ -86,6 +88,13 @@ pub(super) fn of_outlines(
     })
 }
 
+/// What photos show of the object's surface where it has a pattern.
+struct Pattern {
+    maps: Vec<DepthMap>,
+    /// Distances to a smooth surface between what they show, where nothing else determines it; far inside elsewhere.
+    guess: ScalarGrid,
+}
+
 /// A mesh in the making, before its surface is faired.
 pub(super) struct Job<'a> {
     pub(super) dataset: &'a Dataset,
@@ -108,56 +117,78 @@ impl Job<'_> {
             dataset: self.dataset.root.clone(),
         })?;
         self.progress(0.1);
-        let hull = |silhouettes: &[Silhouette], n_cells: usize| {
-            let mut hull = grid_around(&bounds, n_cells);
+        let hull_in = |bounds: &Aabb, silhouettes: &[Silhouette], n_cells: usize| {
+            let mut hull = grid_around(bounds, n_cells);
             hull::fill(silhouettes, &mut hull, self.go_on)?;
-            hull::cut(&mut hull, &bounds);
+            hull::cut(&mut hull, bounds);
             Ok(hull)
         };
         let pixel = middle(&mut pixels_at(&silhouettes, bounds.center()));
         let coarse_cells = self.options.n_cells.min(COMPARED_CELLS);
-        let error_px = outline_error_px(&silhouettes, hull(&silhouettes, coarse_cells)?);
+        let coarse_hull = |silhouettes: &[Silhouette]| hull_in(&bounds, silhouettes, coarse_cells);
+        let error_px = outline_error_px(&silhouettes, coarse_hull(&silhouettes)?);
         let uncertain_px = error_px.max(alignment::CAMERA_ERROR_PX);
-        let mut coarse = Draft::of(silhouettes, uncertain_px, pixel, |s| hull(s, coarse_cells))?;
+        let mut coarse = Draft::of(silhouettes, uncertain_px, pixel, coarse_hull)?;
         let go_on = || (self.go_on)() && !self.options.is_over();
         let is_aligned = alignment::align(&mut coarse.phi, &mut coarse.evidence, go_on);
-        let silhouettes = coarse.evidence.silhouettes;
         let error_px = if is_aligned {
-            outline_error_px(&silhouettes, hull(&silhouettes, coarse_cells)?)
+            let silhouettes = &coarse.evidence.silhouettes;
+            outline_error_px(silhouettes, coarse_hull(silhouettes)?)
         } else {
             error_px
         };
+        let pattern = self.pattern(&mut coarse, &bounds)?;
+        let extent = Extent::shown(&coarse.phi, &camera_positions(self.dataset));
+        let bounds = extent.within(bounds, &coarse.phi);
         let finest = bounds.extent().max_element() / (CELL_ERRORS * error_px * pixel);
         let n_finest = (finest as usize).max(FEWEST_CELLS);
         let n_cells = self.options.n_cells.min(n_finest);
-        let mut draft = Draft::of(silhouettes, error_px, pixel, |s| hull(s, n_cells))?;
-        self.see(&mut draft, &bounds, &coarse.phi)?;
+        let silhouettes = coarse.evidence.silhouettes;
+        let mut draft = Draft::of(silhouettes, error_px, pixel, |silhouettes| {
+            let mut hull = hull_in(&bounds, silhouettes, n_cells)?;
+            hull::raise(&mut hull, |p| extent.outside_by(p));
+            Ok(hull)
+        })?;
+        if let Some(pattern) = &pattern {
+            self.carve(&mut draft, pattern)?;
+        }
         Ok(draft)
     }
 
-    /// Adds what the photos show of the object's surface where it has a pattern, unless that contradicts its outlines on the
-    /// `coarse` surface.
-    fn see(
-        &self,
-        draft: &mut Draft,
-        bounds: &Aabb,
-        coarse: &ScalarGrid,
-    ) -> Result<(), StageOneError> {
-        let silhouettes = &draft.evidence.silhouettes;
+    /// What the photos show of the object's surface where it has a pattern, which is carved from the `coarse` surface; `None`
+    /// where they contradict its outlines there.
+    fn pattern(&self, coarse: &mut Draft, bounds: &Aabb) -> Result<Option<Pattern>, StageOneError> {
+        let silhouettes = &coarse.evidence.silhouettes;
         let is_late = || self.options.is_over();
         let go_on = || (self.go_on)() && !is_late();
-        let PhotoMaps { maps, share } = photo_maps::maps(self.dataset, silhouettes, bounds, &go_on);
+        let PhotoMaps {
+            maps,
+            guesses,
+            share,
+        } = photo_maps::maps(self.dataset, silhouettes, bounds, &go_on);
         unless_cancelled(self.go_on)?;
-        if maps.len() < fusion::MIN_MAPS || !outline_check::agree(&maps, coarse, silhouettes) {
-            return Ok(());
+        let touches = Touch::all(&coarse.phi, silhouettes);
+        if maps.len() < fusion::MIN_MAPS || !outline_check::agree(&maps, &touches, coarse.phi.cell)
+        {
+            return Ok(None);
         }
         (self.on_news)(Making::Pattern(share));
+        let guess = smooth_guess::guess(&guesses, &coarse.phi, &touches, (&is_late, self.go_on))?;
+        let pattern = Pattern { maps, guess };
+        self.carve(coarse, &pattern)?;
+        Ok(Some(pattern))
+    }
+
+    /// Takes away what photos see through and what lies before the guess, and keeps what they show as evidence.
+    fn carve(&self, draft: &mut Draft, pattern: &Pattern) -> Result<(), StageOneError> {
+        let Pattern { maps, guess } = pattern;
+        hull::raise(&mut draft.phi, |p| guess.sample(p));
         let views: Vec<_> = maps.iter().map(|map| Depths::known(map, None)).collect();
         let mut grid = draft.phi.clone();
         let (hull, cell) = (&draft.evidence.hull.values, grid.cell);
         let may_be = |node: usize| hull[node] <= cell;
-        let progress = &|_| ();
-        let mut seen = fusion::fill(&views, &mut grid, &may_be, &is_late, self.go_on, progress)?;
+        let is_late = || self.options.is_over();
+        let mut seen = fusion::fill(&views, &mut grid, &may_be, &is_late, self.go_on, &|_| ())?;
         let phi = &mut draft.phi;
         let nodes = seen.distances.iter().zip(&mut seen.weights);
         for (value, (distance, weight)) in phi.values.iter_mut().zip(nodes) {

@@ -12,6 +12,7 @@ mod band;
 mod compare;
 pub(in crate::train) mod depths;
 mod draft;
+mod extent;
 mod fairing;
 mod growth;
 mod hull;

@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 use glam::{Vec2, Vec3};
 
 use super::alignment::outline_error_px;
-use super::depths::outline_check;
+use super::depths::outline_check::{self, Touch};
 use super::depths::photo_maps::{self, PhotoMaps};
 use super::draft::{COMPARED_CELLS, MARGIN_CELLS, grid_around, silhouettes};
 use super::*;
@@ -72,6 +72,12 @@ fn touching_balls(p: Vec3) -> f32 {
 /// A ball with a hollow in its top, which all outlines pass over.
 fn hollow(p: Vec3) -> f32 {
     ball(p).max(0.3 - p.distance(CENTER + 0.5 * Vec3::Z))
+}
+
+/// A tablet, whose back no camera above sees.
+fn tablet(p: Vec3) -> f32 {
+    let beyond = (p - CENTER).abs() - Vec3::new(0.4, 0.3, 0.05);
+    beyond.max(Vec3::ZERO).length() + beyond.max_element().min(0.0)
 }
 
 /// Where a ray meets the shape.
@@ -417,6 +423,22 @@ fn a_pattern_shows_a_hollow_that_no_outline_does() {
 }
 
 #[test]
+fn what_no_photo_shows_is_no_deeper_than_what_they_show() {
+    let mut dataset = colored(tablet, |p, _| pattern(p));
+    dataset
+        .train
+        .retain(|view| view.camera.position().z > CENTER.z + 1.4);
+    let mesh = make(&dataset).unwrap();
+    let depths = mesh.positions.iter().map(|p| CENTER.z - p.z);
+    let deepest = depths.fold(0.0, f32::max);
+    assert!(deepest < 0.2, "{deepest}, of 0.05");
+    let front = mesh.positions.iter().filter(|p| p.z > CENTER.z);
+    let distances: Vec<f32> = front.map(|p| tablet(*p).abs()).collect();
+    let mean = distances.iter().sum::<f32>() / distances.len() as f32;
+    assert!(mean < 0.015, "{mean}");
+}
+
+#[test]
 fn what_a_mirror_shows_is_not_taken_for_its_surface() {
     let mirrored = |p: Vec3, direction: Vec3| {
         let normal = gradient(ball, p).normalize_or_zero();
@@ -424,9 +446,11 @@ fn what_a_mirror_shows_is_not_taken_for_its_surface() {
     };
     let dataset = colored(ball, mirrored);
     let Draft { phi, evidence } = draft(&dataset, 64);
-    let PhotoMaps { maps, share } =
-        photo_maps::maps(&dataset, &evidence.silhouettes, &phi.bounds(), &|| true);
+    let silhouettes = &evidence.silhouettes;
+    let PhotoMaps { maps, share, .. } =
+        photo_maps::maps(&dataset, silhouettes, &phi.bounds(), &|| true);
     assert!(share > 0.05, "photos agree in {share} of what it shows");
-    assert!(!outline_check::agree(&maps, &phi, &evidence.silhouettes));
+    let touches = Touch::all(&phi, silhouettes);
+    assert!(!outline_check::agree(&maps, &touches, phi.cell));
     assert!(evidence.seen.is_none());
 }

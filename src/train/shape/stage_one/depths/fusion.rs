@@ -23,7 +23,7 @@ const MAPS_FOR_BOUNDS: usize = 60;
 /// Points of a map that do.
 const POINTS_FOR_BOUNDS: usize = 4000;
 /// Cells up to which distances are estimated from a map; noise and thickness are less.
-const REACH_CELLS: f32 = 4.0;
+pub(super) const REACH_CELLS: f32 = 4.0;
 /// Pixels from a place in a map to those that say how its surface is turned.
 const TURN_PX: f32 = 1.0;
 /// Cosine of the angle to the view that a surface is taken to have at least.

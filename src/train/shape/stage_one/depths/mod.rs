@@ -6,5 +6,6 @@ pub(super) mod fusion;
 pub(super) mod outline_check;
 pub(super) mod photo_maps;
 pub(super) mod point_maps;
+pub(super) mod smooth_guess;
 #[cfg(test)]
 mod tests;
