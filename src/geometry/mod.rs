@@ -4,6 +4,7 @@
 
 mod aabb;
 mod camera;
+mod convex_set;
 mod distortion;
 mod grids;
 pub(crate) mod meshes;
@@ -21,6 +22,7 @@ pub use self::tracing::footprint::SurfaceFootprint;
 pub use self::tracing::ray::{Ray, nearest_point};
 pub use aabb::Aabb;
 pub use camera::{Camera, Projector};
+pub use convex_set::ConvexSet;
 pub use distortion::{Distortion, LensModel};
 pub use sampling::{
     GOLDEN_ANGLE, fibonacci_sphere, irradiance_directions, orthonormal_basis, sample_vmf,

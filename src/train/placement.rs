@@ -3,6 +3,7 @@
 use glam::Vec3;
 
 use super::config::TrainConfig;
+use super::priors::camera_space::clear_camera_space;
 use super::priors::line_of_sight::clear_lines_of_sight;
 use crate::data::Dataset;
 use crate::geometry::{Camera, Ray, SurfaceTracer};
@@ -75,6 +76,7 @@ pub(super) fn clear_density(
         }
         clear_lines_of_sight(&mut density, dataset, frame, tracer);
     }
+    clear_camera_space(&mut density, dataset, frame);
     density
 }
 

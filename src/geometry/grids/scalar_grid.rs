@@ -2,7 +2,10 @@
 
 use glam::Vec3;
 
-use crate::geometry::Aabb;
+use crate::geometry::{Aabb, Ray};
+
+/// Steps along a ray.
+const MAX_STEPS: usize = 512;
 
 /// Numbers at the nodes of a regular grid with cubic cells; linear between them.
 #[derive(Clone, Debug)]
@@ -147,6 +150,23 @@ impl ScalarGrid {
         terms
             .map(|(node, weight)| weight * self.values[*node])
             .sum()
+    }
+
+    /// Where the ray first meets values that are not positive; the grid holds distances to a surface, negative inside.
+    pub fn entered_by(&self, ray: &Ray) -> Option<Vec3> {
+        let (mut t, end) = self.bounds().span(ray)?;
+        for _ in 0..MAX_STEPS {
+            if t >= end {
+                break;
+            }
+            let value = self.sample(ray.at(t));
+            if value <= 0.0 {
+                // Back to where it was zero, as far as the distance is true.
+                return Some(ray.at(t + value));
+            }
+            t += (0.8 * value).max(0.25 * self.cell);
+        }
+        None
     }
 
     /// The gradient at a node by differences of its neighbours, per scene unit.

@@ -8,11 +8,12 @@ use super::depths::fusion::{Depths, Seen};
 use super::depths::outline_check::{self, Touch};
 use super::depths::photo_maps::{self, PhotoMaps};
 use super::depths::{fusion, point_maps, smooth_guess};
-use super::extent::Extent;
 use super::fairing::{self, Evidence};
 use super::silhouette::{self, Silhouette};
 use super::slopes::Normals;
-use super::{GoOn, Making, StageOneError, StageOneOptions, hull, surface, unless_cancelled};
+use super::{
+    GoOn, Making, StageOneError, StageOneOptions, extent, hull, surface, unless_cancelled,
+};
 use crate::data::{Dataset, DepthMap};
 use crate::geometry::{Aabb, Mesh, ScalarGrid};
 use crate::train::placement::camera_positions;
@@ -91,7 +92,7 @@ pub(super) fn of_outlines(
 /// What photos show of the object's surface where it has a pattern.
 struct Pattern {
     maps: Vec<DepthMap>,
-    /// Distances to a smooth surface between what they show, where nothing else determines it; far inside elsewhere.
+    /// Distances to a surface that goes on between what they show; far inside where they show nothing.
     guess: ScalarGrid,
 }
 
@@ -138,8 +139,8 @@ impl Job<'_> {
             error_px
         };
         let pattern = self.pattern(&mut coarse, &bounds)?;
-        let extent = Extent::shown(&coarse.phi, &camera_positions(self.dataset));
-        let bounds = extent.within(bounds, &coarse.phi);
+        let extent = extent::shown(&coarse.phi, &camera_positions(self.dataset));
+        let bounds = extent::within(&extent, bounds, &coarse.phi);
         let finest = bounds.extent().max_element() / (CELL_ERRORS * error_px * pixel);
         let n_finest = (finest as usize).max(FEWEST_CELLS);
         let n_cells = self.options.n_cells.min(n_finest);
@@ -161,11 +162,7 @@ impl Job<'_> {
         let silhouettes = &coarse.evidence.silhouettes;
         let is_late = || self.options.is_over();
         let go_on = || (self.go_on)() && !is_late();
-        let PhotoMaps {
-            maps,
-            guesses,
-            share,
-        } = photo_maps::maps(self.dataset, silhouettes, bounds, &go_on);
+        let PhotoMaps { maps, share } = photo_maps::maps(self.dataset, silhouettes, bounds, &go_on);
         unless_cancelled(self.go_on)?;
         let touches = Touch::all(&coarse.phi, silhouettes);
         if maps.len() < fusion::MIN_MAPS || !outline_check::agree(&maps, &touches, coarse.phi.cell)
@@ -173,7 +170,7 @@ impl Job<'_> {
             return Ok(None);
         }
         (self.on_news)(Making::Pattern(share));
-        let guess = smooth_guess::guess(&guesses, &coarse.phi, &touches, (&is_late, self.go_on))?;
+        let guess = smooth_guess::guess(&maps, &coarse.phi, (&is_late, self.go_on))?;
         let pattern = Pattern { maps, guess };
         self.carve(coarse, &pattern)?;
         Ok(Some(pattern))

@@ -6,13 +6,13 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use crate::geometry::{Aabb, ScalarGrid, fibonacci_sphere};
+use crate::geometry::{Aabb, ConvexSet, ScalarGrid};
 
-/// Directions in which the convex hull is bounded; between them, it is a little larger than it should be.
-const DIRECTIONS: usize = 512;
 /// Least cosine of the angle between the surface's normal and the direction to a camera that sees it: along the rays of its
 /// outlines, which the hull's other faces are made of, it sees nothing.
 const FACING: f32 = 0.25;
+/// Cameras that must see a part of it: the hull may go beyond what a single one shows.
+const SEEN_BY: usize = 2;
 /// Cells to either side by which the surface's normal is judged.
 const WIDE_CELLS: f32 = 3.0;
 /// Cells around the convex hull that may be the object still: those of the surface are uncertain by so much.
@@ -20,57 +20,32 @@ const SLACK_CELLS: f32 = 1.0;
 /// Share of its former longest side from which a box is worth a closer look.
 const SMALLER: f32 = 0.8;
 
-/// A convex set that holds what photos show, as half-spaces.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Extent {
-    /// Outward unit normals, and how far along each the set reaches, scene units.
-    limits: Vec<(Vec3, f32)>,
+/// What holds the parts of the surface `phi`, distances to it on a grid, that are seen from these places; everything where they
+/// see nothing.
+pub(super) fn shown(phi: &ScalarGrid, eyes: &[Vec3]) -> ConvexSet {
+    let nodes = (0..phi.values.len()).into_par_iter();
+    let near = nodes.filter(|node| phi.values[*node].abs() < phi.cell);
+    let points = near.filter_map(|node| {
+        let at = phi.position(phi.place(node));
+        let normal = wide_gradient(phi, at).try_normalize()?;
+        let faces = |eye: &&Vec3| (**eye - at).normalize_or_zero().dot(normal) > FACING;
+        let n_facing = eyes.iter().filter(faces).take(SEEN_BY).count();
+        (n_facing == SEEN_BY).then_some(at)
+    });
+    ConvexSet::around(&points.collect::<Vec<_>>(), SLACK_CELLS * phi.cell)
 }
 
-impl Extent {
-    /// Of the surface `phi`, distances to it on a grid, seen from these places; without bounds where they see nothing.
-    pub(super) fn shown(phi: &ScalarGrid, eyes: &[Vec3]) -> Self {
-        let nodes = (0..phi.values.len()).into_par_iter();
-        let near = nodes.filter(|node| phi.values[*node].abs() < phi.cell);
-        let points = near.filter_map(|node| {
-            let at = phi.position(phi.place(node));
-            let normal = wide_gradient(phi, at).try_normalize()?;
-            let faces = |eye: &Vec3| (*eye - at).normalize_or_zero().dot(normal) > FACING;
-            eyes.iter().any(faces).then_some(at)
-        });
-        let points: Vec<Vec3> = points.collect();
-        if points.is_empty() {
-            return Self::default();
-        }
-        let limits = fibonacci_sphere(DIRECTIONS).into_par_iter().map(|normal| {
-            let along = points.iter().map(|point| point.dot(normal));
-            let furthest = along.fold(f32::NEG_INFINITY, f32::max);
-            (normal, furthest + SLACK_CELLS * phi.cell)
-        });
-        Self {
-            limits: limits.collect(),
-        }
-    }
-
-    /// Distance outside it, scene units, or less; negative inside.
-    pub(super) fn outside_by(&self, point: Vec3) -> f32 {
-        let limits = self.limits.iter();
-        let beyond = limits.map(|(normal, limit)| point.dot(*normal) - limit);
-        beyond.fold(f32::NEG_INFINITY, f32::max)
-    }
-
-    /// The box around what of the surface `phi` lies within it, where that is much smaller than `bounds`, which hold the surface.
-    pub(super) fn within(&self, bounds: Aabb, phi: &ScalarGrid) -> Aabb {
-        let nodes = (0..phi.values.len()).filter(|node| phi.values[*node] < phi.cell);
-        let points = nodes.map(|node| phi.position(phi.place(node)));
-        let found = Aabb::from_points(points.filter(|p| self.outside_by(*p) < 0.0));
-        let closer = found.widened(phi.cell);
-        let longest = |bounds: &Aabb| bounds.extent().max_element();
-        if !found.is_empty() && longest(&closer) < SMALLER * longest(&bounds) {
-            closer
-        } else {
-            bounds
-        }
+/// The box around what of the surface `phi` lies within `extent`, where that is much smaller than `bounds`, which hold the surface.
+pub(super) fn within(extent: &ConvexSet, bounds: Aabb, phi: &ScalarGrid) -> Aabb {
+    let nodes = (0..phi.values.len()).filter(|node| phi.values[*node] < phi.cell);
+    let points = nodes.map(|node| phi.position(phi.place(node)));
+    let found = Aabb::from_points(points.filter(|p| extent.contains(*p)));
+    let closer = found.widened(phi.cell);
+    let longest = |bounds: &Aabb| bounds.extent().max_element();
+    if !found.is_empty() && longest(&closer) < SMALLER * longest(&bounds) {
+        closer
+    } else {
+        bounds
     }
 }
 
@@ -85,6 +60,7 @@ fn wide_gradient(phi: &ScalarGrid, at: Vec3) -> Vec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::fibonacci_sphere;
 
     /// What cameras before a disc leave of it: a cone behind that.
     fn cone(p: Vec3) -> f32 {
@@ -105,22 +81,22 @@ mod tests {
     fn what_no_camera_sees_is_no_longer_than_what_they_see() {
         let phi = grid(cone);
         let eyes = [-1.0, 0.0, 1.0].map(|x| Vec3::new(x, -3.0, 0.0));
-        let extent = Extent::shown(&phi, &eyes);
+        let extent = shown(&phi, &eyes);
         for x in [-0.45, 0.0, 0.45] {
             assert!(extent.outside_by(Vec3::new(x, 0.01, 0.0)) < 0.0, "at {x}");
         }
         let behind = extent.outside_by(Vec3::new(0.0, 0.5, 0.0));
-        assert!((0.35..0.5).contains(&behind), "{behind}");
+        assert!((0.3..0.5).contains(&behind), "{behind}");
         let bounds = phi.bounds();
-        let closer = extent.within(bounds, &phi);
+        let closer = within(&extent, bounds, &phi);
         assert!(
             closer.max.y < 0.25 && closer.contains(Vec3::ZERO),
             "{closer:?}"
         );
         // Nobody looks: nothing is known of it.
-        let unknown = Extent::shown(&phi, &[]);
+        let unknown = shown(&phi, &[]);
         assert_eq!(unknown.outside_by(Vec3::ONE), f32::NEG_INFINITY);
-        assert_eq!(unknown.within(bounds, &phi), bounds);
+        assert_eq!(within(&unknown, bounds, &phi), bounds);
     }
 
     #[test]
@@ -128,12 +104,12 @@ mod tests {
         // With a hollow, which is seen too.
         let phi = grid(|p| (p.length() - 0.8).max(0.4 - p.distance(Vec3::new(0.0, 0.0, 0.8))));
         let eyes = fibonacci_sphere(20).into_iter().map(|d| 3.0 * d);
-        let extent = Extent::shown(&phi, &eyes.collect::<Vec<_>>());
+        let extent = shown(&phi, &eyes.collect::<Vec<_>>());
         for direction in fibonacci_sphere(100) {
             let off = extent.outside_by(0.8 * direction);
             assert!((-0.1..0.0).contains(&off), "{off} at {direction}");
         }
         let bounds = Aabb::from_points([Vec3::splat(-0.85), Vec3::splat(0.85)]);
-        assert_eq!(extent.within(bounds, &phi), bounds);
+        assert_eq!(within(&extent, bounds, &phi), bounds);
     }
 }

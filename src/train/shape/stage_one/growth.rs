@@ -10,8 +10,6 @@ use crate::geometry::{Ray, ScalarGrid};
 const LONGEST_PX: u32 = 480;
 /// sRGB of clay that faces the camera, and at its rim.
 const CLAY: [Vec3; 2] = [Vec3::new(0.88, 0.82, 0.76), Vec3::new(0.22, 0.20, 0.24)];
-/// Steps along a ray.
-const MAX_STEPS: usize = 512;
 
 /// A photo with the surface over it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -37,7 +35,7 @@ impl GrowthPicture {
             .map(|i| {
                 let (x, y) = (i % size[0], i / size[0]);
                 let ray = camera.ray(x as f32 + 0.5, y as f32 + 0.5);
-                let hit = first_hit(distances, &ray);
+                let hit = distances.entered_by(&ray);
                 let color = hit.map_or_else(
                     || photo.srgb((y * width as usize + x) * stride as usize),
                     |at| clay(distances.gradient(at), &ray).to_array(),
@@ -53,23 +51,6 @@ impl GrowthPicture {
 fn clay(gradient: Vec3, ray: &Ray) -> Vec3 {
     let cos = -gradient.normalize_or_zero().dot(ray.direction);
     CLAY[1].lerp(CLAY[0], cos.max(0.0))
-}
-
-/// Where the ray enters the surface.
-fn first_hit(distances: &ScalarGrid, ray: &Ray) -> Option<Vec3> {
-    let (mut t, end) = distances.bounds().span(ray)?;
-    for _ in 0..MAX_STEPS {
-        if t >= end {
-            break;
-        }
-        let value = distances.sample(ray.at(t));
-        if value <= 0.0 {
-            // Back to where it was zero, as far as the distance is true.
-            return Some(ray.at(t + value));
-        }
-        t += (0.8 * value).max(0.25 * distances.cell);
-    }
-    None
 }
 
 #[cfg(test)]

@@ -447,7 +447,7 @@ fn what_a_mirror_shows_is_not_taken_for_its_surface() {
     let dataset = colored(ball, mirrored);
     let Draft { phi, evidence } = draft(&dataset, 64);
     let silhouettes = &evidence.silhouettes;
-    let PhotoMaps { maps, share, .. } =
+    let PhotoMaps { maps, share } =
         photo_maps::maps(&dataset, silhouettes, &phi.bounds(), &|| true);
     assert!(share > 0.05, "photos agree in {share} of what it shows");
     let touches = Touch::all(&phi, silhouettes);

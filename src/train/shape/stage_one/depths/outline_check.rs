@@ -27,7 +27,7 @@ const FEWEST: usize = 100;
 /// A place where an outline touches the surface.
 #[derive(Clone, Copy, Debug)]
 pub(in super::super) struct Touch {
-    pub(super) place: Vec3,
+    place: Vec3,
     /// The surface's there.
     normal: Vec3,
 }
@@ -44,7 +44,7 @@ impl Touch {
     }
 
     /// The one of a ray; `None` where it touches nothing, or keeps so near to the surface that nobody knows where.
-    pub(super) fn by(phi: &ScalarGrid, ray: &Ray) -> Option<Self> {
+    fn by(phi: &ScalarGrid, ray: &Ray) -> Option<Self> {
         let place = nearest_approach(phi, ray, f32::NEG_INFINITY)?;
         let leaves = |cells: f32| {
             let further = place + cells * phi.cell * ray.direction;

@@ -6,7 +6,6 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::smooth_guess;
 use crate::data::{Dataset, DepthMap};
 use crate::geometry::{Aabb, Camera};
 use crate::train::pixels::outlines::Sides;
@@ -27,8 +26,6 @@ const ASKED: f32 = 1.2;
 pub(in super::super) struct PhotoMaps {
     /// Depths of what some of the photos show.
     pub(in super::super) maps: Vec<DepthMap>,
-    /// The same with a depth in every pixel of the object, between those that are known.
-    pub(in super::super) guesses: Vec<DepthMap>,
     /// Share of all photos' pixels of the object of which the depth is known, `[0, 1]`.
     pub(in super::super) share: f32,
 }
@@ -89,24 +86,13 @@ pub(in super::super) fn maps(
         }
     });
     let n_known = |map: &DepthMap| map.depths.iter().filter(|depth| **depth > 0.0).count();
-    let with_photos = confirmed.zip(&photos);
-    let (maps, guesses): (Vec<DepthMap>, Vec<DepthMap>) = with_photos
-        .filter(|(map, _)| n_known(map) > 0)
-        .map(|(map, photo)| {
-            let guess = smooth_guess::between(&map, &photo.grey);
-            (map, guess)
-        })
-        .unzip();
+    let maps: Vec<DepthMap> = confirmed.filter(|map| n_known(map) > 0).collect();
     let n_shown = photos
         .iter()
         .flat_map(|photo| &photo.grey)
         .filter(|grey| !grey.is_nan());
     let share = maps.iter().map(n_known).sum::<usize>() as f32 / n_shown.count().max(1) as f32;
-    PhotoMaps {
-        maps,
-        guesses,
-        share,
-    }
+    PhotoMaps { maps, share }
 }
 
 /// What a photo shows of the object; `None` where that is nothing.

@@ -1,60 +1,72 @@
-//! A guess of the surface where neither outlines nor patterns determine it: a smooth one between what patterns show.
+//! A guess of the surface where neither outlines nor patterns determine it: as far behind the outlines' hull as around there.
 
-use std::collections::HashSet;
-
-use glam::{IVec3, Vec3};
 use rayon::prelude::*;
 
 use super::fusion::{self, Depths};
-use super::outline_check::Touch;
 use crate::data::DepthMap;
 use crate::geometry::ScalarGrid;
 use crate::train::shape::stage_one::{GoOn, StageOneError};
 
-/// Cells around the places where outlines touch the surface within which there is nothing to guess; up to twice as many, as they
-/// are the sides of cubes.
-const TOUCHED_CELLS: f32 = 3.0;
 /// Weight from which the guesses made from several maps count.
 const SURE_WEIGHT: f32 = 2.0;
+/// Cells by which the hull must be off before a guess is better.
+const SLACK_CELLS: f32 = 1.0;
 
-/// Steps to a cube and its neighbours.
-const AROUND: [IVec3; 27] = {
-    let mut steps = [IVec3::ZERO; 27];
-    let mut i = 0;
-    while i < 27 {
-        let n = i as i32;
-        steps[i] = IVec3::new(n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1);
-        i += 1;
+/// Distances to the surface that maps and what lies between their depths guess, less a slack, at the nodes of `phi`, distances to
+/// the hull; far inside where they guess nothing.
+pub(in super::super) fn guess(
+    maps: &[DepthMap],
+    phi: &ScalarGrid,
+    (is_late, go_on): (&dyn Fn() -> bool, GoOn<'_>),
+) -> Result<ScalarGrid, StageOneError> {
+    let maps = maps.par_iter().map(|map| filled(map, phi));
+    let maps: Vec<DepthMap> = maps.collect();
+    let views: Vec<_> = maps.iter().map(|map| Depths::known(map, None)).collect();
+    let mut grid = phi.clone();
+    let may_be = |node: usize| phi.values[node] <= phi.cell;
+    let seen = fusion::fill(&views, &mut grid, &may_be, is_late, go_on, &|_| ())?;
+    let (nothing, slack) = (-fusion::REACH_CELLS * phi.cell, SLACK_CELLS * phi.cell);
+    for (value, weight) in grid.values.iter_mut().zip(&seen.weights) {
+        *value = if *weight < SURE_WEIGHT {
+            nothing
+        } else {
+            *value - slack
+        };
     }
-    steps
-};
+    Ok(grid)
+}
 
-/// The map with depths for all pixels of the object, in between those of others around them where it has none.
-///
-/// `grey`: `[height * width]` what the photo shows; NaN beside the object.
-pub(super) fn between(map: &DepthMap, grey: &[f32]) -> DepthMap {
-    let [width, height] = [map.camera.width, map.camera.height].map(|side| side as usize);
+/// The map with a depth in every pixel that shows the surface `phi`.
+fn filled(map: &DepthMap, phi: &ScalarGrid) -> DepthMap {
+    let camera = &map.camera;
+    let (width, height) = (camera.width as usize, camera.height as usize);
+    let hull: Vec<f32> = (0..width * height)
+        .map(|i| {
+            let ray = camera.ray((i % width) as f32 + 0.5, (i / width) as f32 + 0.5);
+            let at = phi.entered_by(&ray);
+            at.map_or(f32::NAN, |at| {
+                (at - ray.origin).dot(camera.forward()).recip()
+            })
+        })
+        .collect();
+    let known = hull.iter().zip(&map.depths);
     // One over the depth of a plane is linear in the picture.
-    let known = |depth: &f32| {
-        if *depth > 0.0 {
-            depth.recip()
-        } else {
-            f32::NAN
-        }
-    };
-    let mut nearness: Vec<f32> = map.depths.iter().map(known).collect();
-    interpolate(&mut nearness, [width, height]);
-    let depths = nearness.iter().zip(grey);
-    let depths = depths.map(|(v, grey)| {
-        if grey.is_nan() || v.is_nan() {
-            0.0
-        } else {
-            v.recip()
-        }
-    });
+    let mut behind: Vec<f32> = known
+        .map(|(hull, depth)| {
+            if *depth > 0.0 {
+                (hull - depth.recip()).max(0.0)
+            } else {
+                f32::NAN
+            }
+        })
+        .collect();
+    interpolate(&mut behind, [width, height]);
+    let nearness = hull.iter().zip(&behind).map(|(hull, behind)| hull - behind);
     DepthMap {
-        camera: map.camera,
-        depths: depths.collect(),
+        camera: *camera,
+        depths: nearness
+            .map(|v| if v > 0.0 { v.recip() } else { 0.0 })
+            .collect(),
     }
 }
 
@@ -89,38 +101,12 @@ fn interpolate(values: &mut [f32], [width, height]: [usize; 2]) {
     }
 }
 
-/// Distances to the surface that maps guess, which [`between`] filled, at the nodes of `phi`; far inside where they guess nothing,
-/// and around the places where outlines touch the surface.
-pub(in super::super) fn guess(
-    maps: &[DepthMap],
-    phi: &ScalarGrid,
-    touches: &[Touch],
-    (is_late, go_on): (&dyn Fn() -> bool, GoOn<'_>),
-) -> Result<ScalarGrid, StageOneError> {
-    let views: Vec<_> = maps.iter().map(|map| Depths::known(map, None)).collect();
-    let mut grid = phi.clone();
-    let may_be = |node: usize| phi.values[node] <= phi.cell;
-    let seen = fusion::fill(&views, &mut grid, &may_be, is_late, go_on, &|_| ())?;
-    let cube = |p: Vec3| {
-        ((p - phi.origin) / (TOUCHED_CELLS * phi.cell))
-            .floor()
-            .as_ivec3()
-    };
-    let near = touches.iter().map(|touch| cube(touch.place));
-    let near: HashSet<IVec3> = near.flat_map(|cube| AROUND.map(|by| cube + by)).collect();
-    let nodes = grid.values.par_iter_mut().zip(&seen.weights).enumerate();
-    nodes.for_each(|(node, (value, weight))| {
-        if *weight < SURE_WEIGHT || near.contains(&cube(phi.position(phi.place(node)))) {
-            *value = -fusion::REACH_CELLS * phi.cell;
-        }
-    });
-    Ok(grid)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Aabb, Camera, Ray};
+    use glam::Vec3;
+
+    use crate::geometry::{Aabb, Camera};
     use crate::train::random::SlotRandom;
 
     const SIDE: u32 = 64;
@@ -140,43 +126,60 @@ mod tests {
         }
     }
 
-    #[test]
-    fn a_plane_is_continued_through_what_is_not_known() {
-        let eye = Vec3::new(0.8, 0.3, 3.0);
-        let whole = plane_from(eye, |_| true);
-        let mut random = SlotRandom::new(3, 0, 0);
-        let known = plane_from(eye, |p| p.length() > 0.3 && random.uniform() < 0.3);
-        let mut grey = vec![0.5; known.depths.len()];
-        grey[7] = f32::NAN;
-        let filled = between(&known, &grey);
-        assert_eq!(filled.depths[7], 0.0);
-        let off = filled.depths.iter().zip(&whole.depths).skip(8);
-        let worst = off.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-        assert!(worst < 0.02, "{worst}");
-        let nothing = between(&plane_from(eye, |_| false), &grey);
-        assert!(nothing.depths.iter().all(|depth| *depth == 0.0));
-    }
-
-    #[test]
-    fn the_hull_is_cut_down_to_the_guess_but_near_its_outlines() {
-        let eyes = [-0.8, -0.3, 0.3, 0.8].map(|x| Vec3::new(x, 0.0, 3.0));
-        let maps = eyes.map(|eye| plane_from(eye, |_| true));
+    /// A ball over the plane.
+    fn ball() -> ScalarGrid {
         let bounds = Aabb::from_points([Vec3::splat(-0.5), Vec3::splat(0.5)]);
         let mut hull = ScalarGrid::over(&bounds, 24, 0.0);
         for node in 0..hull.values.len() {
             hull.values[node] = hull.position(hull.place(node)).length() - 0.4;
         }
-        let touched = Vec3::new(0.4, 0.0, 0.0);
-        let touch = Touch::by(
-            &hull,
-            &Ray {
-                origin: touched - Vec3::Z,
-                direction: Vec3::Z,
-            },
+        hull
+    }
+
+    #[test]
+    fn a_plane_is_continued_through_what_is_not_known() {
+        let eye = Vec3::new(0.2, 0.1, 3.0);
+        let whole = plane_from(eye, |_| true);
+        let mut random = SlotRandom::new(3, 0, 0);
+        let known = plane_from(eye, |p| p.x.abs() > 0.08 && random.uniform() < 0.3);
+        let filled = filled(&known, &ball());
+        assert_eq!(filled.depths[0], 0.0, "beside the ball");
+        let middle = (SIDE / 2 * SIDE + SIDE / 2) as usize;
+        let off = filled.depths[middle] - whole.depths[middle];
+        assert!(off.abs() < 0.08, "{off}, of 0.4");
+    }
+
+    #[test]
+    fn the_hull_stays_where_it_is_what_maps_show_around() {
+        let nothing = plane_from(3.0 * Vec3::Z, |_| false);
+        assert!(
+            filled(&nothing, &ball())
+                .depths
+                .iter()
+                .all(|depth| *depth == 0.0)
         );
-        let guess = guess(&maps, &hull, &[touch.unwrap()], (&|| false, &|| true)).unwrap();
+        // The rim, where the plane meets the ball.
+        let rim = plane_from(3.0 * Vec3::Z, |p| (0.38..0.4).contains(&p.length()));
+        let filled = filled(&rim, &ball());
+        let middle = (SIDE / 2 * SIDE + SIDE / 2) as usize;
+        assert!(
+            (filled.depths[middle] - 2.6).abs() < 0.06,
+            "{}",
+            filled.depths[middle]
+        );
+    }
+
+    #[test]
+    fn the_hull_is_cut_down_to_the_guess() {
+        let eyes = [-0.8, -0.3, 0.3, 0.8].map(|x| Vec3::new(x, 0.0, 3.0));
+        let maps = eyes.map(|eye| plane_from(eye, |_| true));
+        let hull = ball();
+        let guess = guess(&maps, &hull, (&|| false, &|| true)).unwrap();
         let above = guess.sample(Vec3::new(0.0, 0.0, 0.1));
-        assert!((above - 0.1).abs() < 0.02, "{above}");
-        assert!(guess.sample(touched + 0.05 * Vec3::Z) < -0.1);
+        assert!((above - 0.1 + hull.cell).abs() < 0.02, "{above}");
+        assert!(
+            guess.sample(Vec3::new(0.0, 0.0, -0.3)) < -0.1,
+            "what is behind it"
+        );
     }
 }
