@@ -27,6 +27,20 @@ impl ConvexSet {
         }
     }
 
+    /// How far the most outlying of the points lies beyond such a set around the others, scene units; 0 for fewer than two.
+    pub fn outlying(points: &[Vec3]) -> f32 {
+        let gaps = fibonacci_sphere(DIRECTIONS).into_iter().map(|normal| {
+            let along = points.iter().map(|point| point.dot(normal));
+            let none = [f32::NEG_INFINITY; 2];
+            let [first, second] = along.fold(none, |[first, second], along| {
+                [first.max(along), second.max(first.min(along))]
+            });
+            first - second
+        });
+        let furthest = gaps.fold(0.0, f32::max);
+        if furthest.is_finite() { furthest } else { 0.0 }
+    }
+
     /// Distance outside it, scene units, or less; negative inside.
     pub fn outside_by(&self, point: Vec3) -> f32 {
         let limits = self.limits.iter();
@@ -58,6 +72,12 @@ mod tests {
             let beyond = set.outside_by((side + 1.0) * direction);
             assert!((0.7..0.95).contains(&beyond), "{beyond}");
         }
+        let mut points = bounds.corners().to_vec();
+        assert!(ConvexSet::outlying(&points) < 0.9, "a corner of four");
+        points.push(4.0 * Vec3::X);
+        let outlying = ConvexSet::outlying(&points);
+        assert!((outlying - 3.0).abs() < 0.1, "{outlying}");
+        assert_eq!(ConvexSet::outlying(&points[..1]), 0.0);
         assert!(ConvexSet::around(&[], 0.1).contains(Vec3::splat(1e9)));
     }
 }

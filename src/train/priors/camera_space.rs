@@ -15,8 +15,9 @@ use crate::neif::field::density_grid::DensityGrid;
 
 /// Photos that must have a place in their frames for something to be there: what one alone shows may be anywhere.
 const SHOWN_BY: usize = 2;
-/// How far around the cameras and the object that is asked, mean distances of a camera from the middle.
-const MARGIN: f32 = 0.1;
+/// How far around the cameras and the object that is asked, mean distances of a camera from the middle: as far as a camera
+/// stands beyond all others, within these limits.
+const MARGINS: [f32; 2] = [0.1, 0.6];
 /// Most photos that are asked about every cell.
 const MOST_CAMERAS: usize = 256;
 
@@ -30,10 +31,12 @@ pub(in crate::train) fn clear_camera_space(
     let mut points: Vec<Vec3> = eyes.collect();
     let distances = points.iter().map(|eye| eye.distance(frame.center));
     let mean = distances.sum::<f32>() / points.len().max(1) as f32;
+    let [least, most] = MARGINS.map(|margin| margin * mean);
+    let margin = ConvexSet::outlying(&points).clamp(least, most);
     if let Some(bounds) = dataset.object_box() {
         points.extend(bounds.corners());
     }
-    let space = ConvexSet::around(&points, MARGIN * mean);
+    let space = ConvexSet::around(&points, margin);
     let photos = some_projectors(dataset, MOST_CAMERAS);
     let is_air = |index: &usize| {
         let p_field = Vec3::from(DensityGrid::point_in_cell(*index, [0.5; 3]));

@@ -96,7 +96,7 @@ mod tests {
         // Nobody looks: nothing is known of it.
         let unknown = shown(&phi, &[]);
         assert_eq!(unknown.outside_by(Vec3::ONE), f32::NEG_INFINITY);
-        assert_eq!(within(&unknown, bounds, &phi), bounds);
+        assert!(within(&unknown, bounds, &phi).contains(0.95 * Vec3::Y));
     }
 
     #[test]

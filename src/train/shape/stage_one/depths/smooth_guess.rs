@@ -158,8 +158,15 @@ mod tests {
                 .iter()
                 .all(|depth| *depth == 0.0)
         );
-        // The rim, where the plane meets the ball.
-        let rim = plane_from(3.0 * Vec3::Z, |p| (0.38..0.4).contains(&p.length()));
+        // Maps show the ball itself, but of its middle nothing.
+        let mut rim = plane_from(3.0 * Vec3::Z, |p| p.length() > 0.3);
+        for (i, depth) in (0..SIDE * SIDE).zip(&mut rim.depths) {
+            let ray = rim
+                .camera
+                .ray((i % SIDE) as f32 + 0.5, (i / SIDE) as f32 + 0.5);
+            let at = ball().entered_by(&ray).filter(|_| *depth > 0.0);
+            *depth = at.map_or(0.0, |at| 3.0 - at.z);
+        }
         let filled = filled(&rim, &ball());
         let middle = (SIDE / 2 * SIDE + SIDE / 2) as usize;
         assert!(
