@@ -34,8 +34,6 @@ pub(super) const FEWEST_CELLS: usize = 24;
 /// Cells around the hull in which the surface can move.
 pub(super) const MARGIN_CELLS: usize = 8;
 
-/// Weight from which what the photos' patterns show is believed: that of about so many photos that see the place squarely.
-const SURE_WEIGHT: f32 = 2.0;
 /// Most cells for a mesh of points.
 const POINT_CELLS: usize = 64;
 /// Share of the largest part's area below which a part of a mesh of points is none of the object: bits of the background are near.
@@ -189,7 +187,7 @@ impl Job<'_> {
         let phi = &mut draft.phi;
         let nodes = seen.distances.iter().zip(&mut seen.weights);
         for (value, (distance, weight)) in phi.values.iter_mut().zip(nodes) {
-            if *weight < SURE_WEIGHT {
+            if *weight < fusion::SURE_WEIGHT {
                 *weight = 0.0;
             } else {
                 *value = value.max(*distance);

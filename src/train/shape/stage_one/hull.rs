@@ -93,11 +93,12 @@ pub(super) fn cut(grid: &mut ScalarGrid, bounds: &Aabb) {
 }
 
 /// Leaves nothing in `grid` below what `least` says of the place.
-pub(super) fn raise(grid: &mut ScalarGrid, least: impl Fn(Vec3) -> f32) {
-    for node in 0..grid.values.len() {
-        let least = least(grid.position(grid.place(node)));
-        grid.values[node] = grid.values[node].max(least);
-    }
+pub(super) fn raise(grid: &mut ScalarGrid, least: impl Fn(Vec3) -> f32 + Sync) {
+    let mut values = std::mem::take(&mut grid.values);
+    values.par_iter_mut().enumerate().for_each(|(node, value)| {
+        *value = value.max(least(grid.position(grid.place(node))));
+    });
+    grid.values = values;
 }
 
 /// Fills the block of nodes from `start` on; `values`: those of the block's layers in `frame`.

@@ -7,8 +7,6 @@ use crate::data::DepthMap;
 use crate::geometry::ScalarGrid;
 use crate::train::shape::stage_one::{GoOn, StageOneError};
 
-/// Weight from which the guesses made from several maps count.
-const SURE_WEIGHT: f32 = 2.0;
 /// Cells by which the hull must be off before a guess is better.
 const SLACK_CELLS: f32 = 1.0;
 
@@ -27,7 +25,7 @@ pub(in super::super) fn guess(
     let seen = fusion::fill(&views, &mut grid, &may_be, is_late, go_on, &|_| ())?;
     let (nothing, slack) = (-fusion::REACH_CELLS * phi.cell, SLACK_CELLS * phi.cell);
     for (value, weight) in grid.values.iter_mut().zip(&seen.weights) {
-        *value = if *weight < SURE_WEIGHT {
+        *value = if *weight < fusion::SURE_WEIGHT {
             nothing
         } else {
             *value - slack
