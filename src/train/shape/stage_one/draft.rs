@@ -139,14 +139,19 @@ impl Job<'_> {
         let touches = Touch::all(&coarse.phi, &coarse.evidence.silhouettes);
         let pattern = self.pattern(&mut coarse, &touches, &bounds)?;
         let extent = extent::shown(&coarse.phi, &camera_positions(self.dataset), &touches);
-        let bounds = extent::within(&extent, bounds, &coarse.phi);
+        let closer = extent::within(&extent, bounds, &coarse.phi);
+        // What hardly bounds an object seen from all around would only cut off what little of it is unseen.
+        let is_closer = closer != bounds;
+        let bounds = closer;
         let finest = bounds.extent().max_element() / (CELL_ERRORS * error_px * pixel);
         let n_finest = (finest as usize).max(FEWEST_CELLS);
         let n_cells = self.options.n_cells.min(n_finest);
         let silhouettes = coarse.evidence.silhouettes;
         let mut draft = Draft::of(silhouettes, error_px, pixel, |silhouettes| {
             let mut hull = hull_in(&bounds, silhouettes, n_cells)?;
-            hull::raise(&mut hull, |p| extent.outside_by(p));
+            if is_closer {
+                hull::raise(&mut hull, |p| extent.outside_by(p));
+            }
             Ok(hull)
         })?;
         if let Some(pattern) = &pattern {
