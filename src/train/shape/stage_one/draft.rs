@@ -136,9 +136,8 @@ impl Job<'_> {
         } else {
             error_px
         };
-        let touches = Touch::all(&coarse.phi, &coarse.evidence.silhouettes);
-        let pattern = self.pattern(&mut coarse, &touches, &bounds)?;
-        let extent = extent::shown(&coarse.phi, &camera_positions(self.dataset), &touches);
+        let pattern = self.pattern(&mut coarse, &bounds)?;
+        let extent = extent::shown(&coarse.phi, &camera_positions(self.dataset));
         let closer = extent::within(&extent, bounds, &coarse.phi);
         // What hardly bounds an object seen from all around would only cut off what little of it is unseen.
         let is_closer = closer != bounds;
@@ -161,19 +160,16 @@ impl Job<'_> {
     }
 
     /// What the photos show of the object's surface where it has a pattern, which is carved from the `coarse` surface; `None`
-    /// where they contradict its outlines, which touch it at these places.
-    fn pattern(
-        &self,
-        coarse: &mut Draft,
-        touches: &[Touch],
-        bounds: &Aabb,
-    ) -> Result<Option<Pattern>, StageOneError> {
+    /// where they contradict its outlines there.
+    fn pattern(&self, coarse: &mut Draft, bounds: &Aabb) -> Result<Option<Pattern>, StageOneError> {
         let silhouettes = &coarse.evidence.silhouettes;
         let is_late = || self.options.is_over();
         let go_on = || (self.go_on)() && !is_late();
         let PhotoMaps { maps, share } = photo_maps::maps(self.dataset, silhouettes, bounds, &go_on);
         unless_cancelled(self.go_on)?;
-        if maps.len() < fusion::MIN_MAPS || !outline_check::agree(&maps, touches, coarse.phi.cell) {
+        let touches = Touch::all(&coarse.phi, silhouettes);
+        if maps.len() < fusion::MIN_MAPS || !outline_check::agree(&maps, &touches, coarse.phi.cell)
+        {
             return Ok(None);
         }
         (self.on_news)(Making::Pattern(share));

@@ -6,7 +6,6 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::depths::outline_check::Touch;
 use crate::geometry::{Aabb, ConvexSet, ScalarGrid};
 
 /// Least cosine of the angle between the surface's normal and the direction to a camera that sees it: along the rays of its
@@ -21,21 +20,19 @@ const SLACK_CELLS: f32 = 1.0;
 /// Share of its former longest side from which a box is worth a closer look.
 const SMALLER: f32 = 0.8;
 
-/// What holds the parts of the surface `phi`, distances to it on a grid, that are seen from these places, and the places where
-/// outlines touch it; everything where there are none.
-pub(super) fn shown(phi: &ScalarGrid, eyes: &[Vec3], touches: &[Touch]) -> ConvexSet {
+/// What holds the parts of the surface `phi`, distances to it on a grid, that are seen from these places; everything where they
+/// see nothing.
+pub(super) fn shown(phi: &ScalarGrid, eyes: &[Vec3]) -> ConvexSet {
     let nodes = (0..phi.values.len()).into_par_iter();
     let near = nodes.filter(|node| phi.values[*node].abs() < phi.cell);
-    let faced = near.filter_map(|node| {
+    let points = near.filter_map(|node| {
         let at = phi.position(phi.place(node));
         let normal = wide_gradient(phi, at).try_normalize()?;
         let faces = |eye: &&Vec3| (**eye - at).normalize_or_zero().dot(normal) > FACING;
         let n_facing = eyes.iter().filter(faces).take(SEEN_BY).count();
         (n_facing == SEEN_BY).then_some(at)
     });
-    let touched = touches.par_iter().map(|touch| touch.place);
-    let points: Vec<Vec3> = faced.chain(touched).collect();
-    ConvexSet::around(&points, SLACK_CELLS * phi.cell)
+    ConvexSet::around(&points.collect::<Vec<_>>(), SLACK_CELLS * phi.cell)
 }
 
 /// The box around what of the surface `phi` lies within `extent`, where that is much smaller than `bounds`, which hold the surface.
@@ -84,7 +81,7 @@ mod tests {
     fn what_no_camera_sees_is_no_longer_than_what_they_see() {
         let phi = grid(cone);
         let eyes = [-1.0, 0.0, 1.0].map(|x| Vec3::new(x, -3.0, 0.0));
-        let extent = shown(&phi, &eyes, &[]);
+        let extent = shown(&phi, &eyes);
         for x in [-0.45, 0.0, 0.45] {
             assert!(extent.outside_by(Vec3::new(x, 0.01, 0.0)) < 0.0, "at {x}");
         }
@@ -97,7 +94,7 @@ mod tests {
             "{closer:?}"
         );
         // Nobody looks: nothing is known of it.
-        let unknown = shown(&phi, &[], &[]);
+        let unknown = shown(&phi, &[]);
         assert_eq!(unknown.outside_by(Vec3::ONE), f32::NEG_INFINITY);
         assert!(within(&unknown, bounds, &phi).contains(0.95 * Vec3::Y));
     }
@@ -107,7 +104,7 @@ mod tests {
         // With a hollow, which is seen too.
         let phi = grid(|p| (p.length() - 0.8).max(0.4 - p.distance(Vec3::new(0.0, 0.0, 0.8))));
         let eyes = fibonacci_sphere(20).into_iter().map(|d| 3.0 * d);
-        let extent = shown(&phi, &eyes.collect::<Vec<_>>(), &[]);
+        let extent = shown(&phi, &eyes.collect::<Vec<_>>());
         for direction in fibonacci_sphere(100) {
             let off = extent.outside_by(0.8 * direction);
             assert!((-0.1..0.0).contains(&off), "{off} at {direction}");

@@ -27,7 +27,7 @@ const FEWEST: usize = 100;
 /// A place where an outline touches the surface.
 #[derive(Clone, Copy, Debug)]
 pub(in super::super) struct Touch {
-    pub(in super::super) place: Vec3,
+    place: Vec3,
     /// The surface's there.
     normal: Vec3,
 }
