@@ -5,9 +5,8 @@ use rayon::prelude::*;
 
 use super::alignment::{self, outline_error_px};
 use super::depths::fusion::{Depths, Seen};
-use super::depths::outline_check::{self, Touch};
 use super::depths::photo_maps::{self, PhotoMaps};
-use super::depths::{fusion, point_maps, smooth_guess};
+use super::depths::{fusion, outline_check, point_maps, smooth_guess};
 use super::fairing::{self, Evidence};
 use super::silhouette::{self, Silhouette};
 use super::slopes::Normals;
@@ -138,17 +137,16 @@ impl Job<'_> {
         };
         let pattern = self.pattern(&mut coarse, &bounds)?;
         let extent = extent::shown(&coarse.phi, &camera_positions(self.dataset));
-        let closer = extent::within(&extent, bounds, &coarse.phi);
         // What hardly bounds an object seen from all around would only cut off what little of it is unseen.
-        let is_closer = closer != bounds;
-        let bounds = closer;
+        let closer = extent::within(&extent, bounds, &coarse.phi);
+        let bounds = closer.unwrap_or(bounds);
         let finest = bounds.extent().max_element() / (CELL_ERRORS * error_px * pixel);
         let n_finest = (finest as usize).max(FEWEST_CELLS);
         let n_cells = self.options.n_cells.min(n_finest);
         let silhouettes = coarse.evidence.silhouettes;
         let mut draft = Draft::of(silhouettes, error_px, pixel, |silhouettes| {
             let mut hull = hull_in(&bounds, silhouettes, n_cells)?;
-            if is_closer {
+            if closer.is_some() {
                 hull::raise(&mut hull, |p| extent.outside_by(p));
             }
             Ok(hull)
@@ -167,9 +165,7 @@ impl Job<'_> {
         let go_on = || (self.go_on)() && !is_late();
         let PhotoMaps { maps, share } = photo_maps::maps(self.dataset, silhouettes, bounds, &go_on);
         unless_cancelled(self.go_on)?;
-        let touches = Touch::all(&coarse.phi, silhouettes);
-        if maps.len() < fusion::MIN_MAPS || !outline_check::agree(&maps, &touches, coarse.phi.cell)
-        {
+        if maps.len() < fusion::MIN_MAPS || !outline_check::agree(&maps, &coarse.phi, silhouettes) {
             return Ok(None);
         }
         (self.on_news)(Making::Pattern(share));

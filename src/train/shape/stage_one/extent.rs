@@ -35,18 +35,16 @@ pub(super) fn shown(phi: &ScalarGrid, eyes: &[Vec3]) -> ConvexSet {
     ConvexSet::around(&points.collect::<Vec<_>>(), SLACK_CELLS * phi.cell)
 }
 
-/// The box around what of the surface `phi` lies within `extent`, where that is much smaller than `bounds`, which hold the surface.
-pub(super) fn within(extent: &ConvexSet, bounds: Aabb, phi: &ScalarGrid) -> Aabb {
+/// The box around what of the surface `phi` lies within `extent`; `None` unless it is much smaller than `bounds`, which hold the
+/// surface.
+pub(super) fn within(extent: &ConvexSet, bounds: Aabb, phi: &ScalarGrid) -> Option<Aabb> {
     let nodes = (0..phi.values.len()).filter(|node| phi.values[*node] < phi.cell);
     let points = nodes.map(|node| phi.position(phi.place(node)));
     let found = Aabb::from_points(points.filter(|p| extent.contains(*p)));
     let closer = found.widened(phi.cell);
     let longest = |bounds: &Aabb| bounds.extent().max_element();
-    if !found.is_empty() && longest(&closer) < SMALLER * longest(&bounds) {
-        closer
-    } else {
-        bounds
-    }
+    let is_smaller = longest(&closer) < SMALLER * longest(&bounds);
+    (!found.is_empty() && is_smaller).then_some(closer)
 }
 
 /// Up to a factor, the gradient across a few cells: a notch in a face that no camera sees has walls that some do.
@@ -61,6 +59,7 @@ fn wide_gradient(phi: &ScalarGrid, at: Vec3) -> Vec3 {
 mod tests {
     use super::*;
     use crate::geometry::fibonacci_sphere;
+    use crate::train::shape::stage_one::hull::raise;
 
     /// What cameras before a disc leave of it: a cone behind that.
     fn cone(p: Vec3) -> f32 {
@@ -68,12 +67,10 @@ mod tests {
         (-p.y).max(0.9 * (aside + 0.5 * p.y - 0.5))
     }
 
-    fn grid(of: impl Fn(Vec3) -> f32) -> ScalarGrid {
+    fn grid(of: impl Fn(Vec3) -> f32 + Sync) -> ScalarGrid {
         let bounds = Aabb::from_points([Vec3::splat(-1.2), Vec3::splat(1.2)]);
-        let mut grid = ScalarGrid::over(&bounds, 48, 0.0);
-        for node in 0..grid.values.len() {
-            grid.values[node] = of(grid.position(grid.place(node)));
-        }
+        let mut grid = ScalarGrid::over(&bounds, 48, f32::NEG_INFINITY);
+        raise(&mut grid, of);
         grid
     }
 
@@ -88,7 +85,7 @@ mod tests {
         let behind = extent.outside_by(Vec3::new(0.0, 0.5, 0.0));
         assert!((0.3..0.5).contains(&behind), "{behind}");
         let bounds = phi.bounds();
-        let closer = within(&extent, bounds, &phi);
+        let closer = within(&extent, bounds, &phi).expect("a smaller box");
         assert!(
             closer.max.y < 0.25 && closer.contains(Vec3::ZERO),
             "{closer:?}"
@@ -96,7 +93,8 @@ mod tests {
         // Nobody looks: nothing is known of it.
         let unknown = shown(&phi, &[]);
         assert_eq!(unknown.outside_by(Vec3::ONE), f32::NEG_INFINITY);
-        assert!(within(&unknown, bounds, &phi).contains(0.95 * Vec3::Y));
+        let whole = within(&unknown, bounds, &phi).unwrap_or(bounds);
+        assert!(whole.contains(0.95 * Vec3::Y));
     }
 
     #[test]
@@ -110,6 +108,6 @@ mod tests {
             assert!((-0.1..0.0).contains(&off), "{off} at {direction}");
         }
         let bounds = Aabb::from_points([Vec3::splat(-0.85), Vec3::splat(0.85)]);
-        assert_eq!(within(&extent, bounds, &phi), bounds);
+        assert_eq!(within(&extent, bounds, &phi), None);
     }
 }

@@ -7,7 +7,7 @@ use glam::{Affine3A, Vec3};
 use rayon::prelude::*;
 
 use crate::data::DepthMap;
-use crate::geometry::{Projector, Ray, ScalarGrid};
+use crate::geometry::{Projector, ScalarGrid};
 use crate::train::shape::stage_one::fairing::nearest_approach;
 use crate::train::shape::stage_one::silhouette::Silhouette;
 
@@ -24,50 +24,26 @@ const LEFT_CELLS: f32 = 0.5;
 /// Fewest views of places that say anything.
 const FEWEST: usize = 100;
 
-/// A place where an outline touches the surface.
-#[derive(Clone, Copy, Debug)]
-pub(in super::super) struct Touch {
-    place: Vec3,
-    /// The surface's there.
-    normal: Vec3,
-}
-
-impl Touch {
-    /// All on a surface `phi` that these outlines gave, distances to it on a grid.
-    pub(in super::super) fn all(phi: &ScalarGrid, silhouettes: &[Silhouette]) -> Vec<Self> {
-        let silhouettes = silhouettes.par_iter();
-        let touches = silhouettes.flat_map_iter(|silhouette| {
-            let outline = silhouette.outline.middles.iter();
-            outline.filter_map(|at| Self::by(phi, &silhouette.ray(*at)))
-        });
-        touches.collect()
-    }
-
-    /// The one of a ray; `None` where it touches nothing, or keeps so near to the surface that nobody knows where.
-    fn by(phi: &ScalarGrid, ray: &Ray) -> Option<Self> {
-        let place = nearest_approach(phi, ray, f32::NEG_INFINITY)?;
-        let leaves = |cells: f32| {
-            let further = place + cells * phi.cell * ray.direction;
-            phi.sample(further) > LEFT_CELLS * phi.cell
-        };
-        let touches = phi.sample(place).abs() < phi.cell;
-        (touches && leaves(CONTACT_CELLS) && leaves(-CONTACT_CELLS)).then(|| Self {
-            place,
-            normal: phi.gradient(place).normalize_or_zero(),
-        })
-    }
-}
-
-/// Whether depth maps show the surface where outlines touch it, on a grid with this cell.
-pub(in super::super) fn agree(maps: &[DepthMap], touches: &[Touch], cell: f32) -> bool {
+/// Whether depth maps show the surface where the outlines touch `phi`, distances to the surface that these gave.
+pub(in super::super) fn agree(
+    maps: &[DepthMap],
+    phi: &ScalarGrid,
+    silhouettes: &[Silhouette],
+) -> bool {
     let views: Vec<(&DepthMap, Projector)> = maps
         .iter()
         .map(|map| (map, map.camera.projector(Affine3A::IDENTITY)))
         .collect();
-    let counts = touches.par_iter().map(|touch| {
-        let off = views.iter().filter_map(|view| further_by(view, touch));
+    let touched = silhouettes.par_iter().flat_map_iter(|silhouette| {
+        let outline = silhouette.outline.middles.iter();
+        outline.filter_map(|at| touched(phi, silhouette, *at))
+    });
+    let counts = touched.map(|(place, normal)| {
+        let off = views
+            .iter()
+            .filter_map(|view| further_by(view, place, normal));
         off.fold([0, 0], |[n_agreeing, n_further], off| {
-            let is_same = off.abs() < SAME_CELLS * cell;
+            let is_same = off.abs() < SAME_CELLS * phi.cell;
             [
                 n_agreeing + usize::from(is_same),
                 n_further + usize::from(!is_same && off > 0.0),
@@ -79,10 +55,23 @@ pub(in super::super) fn agree(maps: &[DepthMap], touches: &[Touch], cell: f32) -
     n >= FEWEST && n_agreeing as f32 >= LEAST_AGREEING * n as f32
 }
 
+/// Where the ray through a place of an outline touches the surface, and its normal there; `None` where it touches nothing, or keeps
+/// so near to the surface that nobody knows where.
+fn touched(phi: &ScalarGrid, silhouette: &Silhouette, at: glam::Vec2) -> Option<(Vec3, Vec3)> {
+    let ray = silhouette.ray(at);
+    let place = nearest_approach(phi, &ray, f32::NEG_INFINITY)?;
+    let leaves = |cells: f32| {
+        let further = place + cells * phi.cell * ray.direction;
+        phi.sample(further) > LEFT_CELLS * phi.cell
+    };
+    let touches = phi.sample(place).abs() < phi.cell;
+    let is_known = touches && leaves(CONTACT_CELLS) && leaves(-CONTACT_CELLS);
+    is_known.then(|| (place, phi.gradient(place).normalize_or_zero()))
+}
+
 /// By how much what a map shows at a place of the surface is further than that, scene units; `None` where it shows nothing, or
 /// sees the place askance.
-fn further_by((map, projector): &(&DepthMap, Projector), touch: &Touch) -> Option<f32> {
-    let Touch { place, normal } = *touch;
+fn further_by((map, projector): &(&DepthMap, Projector), place: Vec3, normal: Vec3) -> Option<f32> {
     let from_eye = place - map.camera.position();
     if -from_eye.normalize_or_zero().dot(normal) < FACING {
         return None;

@@ -106,6 +106,7 @@ mod tests {
 
     use crate::geometry::{Aabb, Camera};
     use crate::train::random::SlotRandom;
+    use crate::train::shape::stage_one::hull::raise;
 
     const SIDE: u32 = 64;
 
@@ -127,10 +128,8 @@ mod tests {
     /// A ball over the plane.
     fn ball() -> ScalarGrid {
         let bounds = Aabb::from_points([Vec3::splat(-0.5), Vec3::splat(0.5)]);
-        let mut hull = ScalarGrid::over(&bounds, 24, 0.0);
-        for node in 0..hull.values.len() {
-            hull.values[node] = hull.position(hull.place(node)).length() - 0.4;
-        }
+        let mut hull = ScalarGrid::over(&bounds, 24, f32::NEG_INFINITY);
+        raise(&mut hull, |p| p.length() - 0.4);
         hull
     }
 
