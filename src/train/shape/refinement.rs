@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use super::normal_evidence::{NormalEvidence, NormalRow};
 use super::normal_offsets::{NormalOffsets, OffsetBatch};
-use super::stage_one::{self, KnownNormals, StageOneError};
+use super::stage_one::{self, KnownNormals, Refit, StageOneError};
 use crate::data::Dataset;
 use crate::data::files::tensor_file::TensorFile;
 use crate::geometry::{Aabb, Camera, Mesh, SurfaceTracer};
@@ -41,6 +41,8 @@ pub(in crate::train) struct Refinement {
     pub(in crate::train) traced: Arc<Mesh>,
     /// How sure its normals are, where it moves to them.
     pub(in crate::train) evidence: Option<NormalEvidence>,
+    /// Whether photos show its place by a pattern; looked for where that is not known.
+    has_pattern: Option<bool>,
     /// [`Dataset::object_box`].
     object_box: Aabb,
     /// The step that the trainer's mesh is of.
@@ -114,6 +116,7 @@ impl Refinement {
         Some(Self {
             offsets: NormalOffsets::new(&bounds, error_px, pixel_width(dataset)),
             evidence: moves.then(|| NormalEvidence::new(&bounds)),
+            has_pattern: None,
             object_box: bounds,
             traced: Arc::clone(mesh),
             settled_at: 0,
@@ -173,8 +176,10 @@ impl Refinement {
             errors: &at_vertices(NormalEvidence::error),
         };
         let go_on = || !cancel.load(Ordering::Relaxed);
-        match stage_one::refit(dataset, cameras, known, error_px, &go_on) {
-            Ok(mesh) => {
+        let asked = (error_px, self.has_pattern.unwrap_or(true));
+        match stage_one::refit(dataset, cameras, known, asked, &go_on) {
+            Ok(Refit { mesh, has_pattern }) => {
+                self.has_pattern = Some(has_pattern);
                 evidence.clear();
                 self.offsets.restart();
                 self.traced = with_detail(Arc::new(mesh), pixel_width(dataset));

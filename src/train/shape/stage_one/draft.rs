@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::alignment::{self, outline_error_px};
 use super::depths::fusion::{Depths, Seen};
 use super::depths::photo_maps::{self, PhotoMaps};
-use super::depths::{fusion, outline_check, point_maps, smooth_guess};
+use super::depths::{fusion, point_maps, smooth_guess};
 use super::fairing::{self, Evidence};
 use super::silhouette::{self, Silhouette};
 use super::slopes::Normals;
@@ -163,11 +163,12 @@ impl Job<'_> {
         let silhouettes = &coarse.evidence.silhouettes;
         let is_late = || self.options.is_over();
         let go_on = || (self.go_on)() && !is_late();
-        let PhotoMaps { maps, share } = photo_maps::maps(self.dataset, silhouettes, bounds, &go_on);
+        let found =
+            photo_maps::of_surface(self.dataset, silhouettes, (bounds, &coarse.phi), &go_on);
         unless_cancelled(self.go_on)?;
-        if maps.len() < fusion::MIN_MAPS || !outline_check::agree(&maps, &coarse.phi, silhouettes) {
+        let Some(PhotoMaps { maps, share }) = found else {
             return Ok(None);
-        }
+        };
         (self.on_news)(Making::Pattern(share));
         let guess = smooth_guess::guess(&maps, &coarse.phi, (&is_late, self.go_on))?;
         let pattern = Pattern { maps, guess };
@@ -179,18 +180,14 @@ impl Job<'_> {
     fn carve(&self, draft: &mut Draft, pattern: &Pattern) -> Result<(), StageOneError> {
         let Pattern { maps, guess } = pattern;
         hull::raise(&mut draft.phi, |p| guess.sample(p));
-        let views: Vec<_> = maps.iter().map(|map| Depths::known(map, None)).collect();
-        let mut grid = draft.phi.clone();
-        let (hull, cell) = (&draft.evidence.hull.values, grid.cell);
-        let may_be = |node: usize| hull[node] <= cell;
+        let hull = &draft.evidence.hull.values;
+        let may_be = |node: usize| hull[node] <= draft.phi.cell;
         let is_late = || self.options.is_over();
-        let mut seen = fusion::fill(&views, &mut grid, &may_be, &is_late, self.go_on, &|_| ())?;
+        let seen = fusion::sure(maps, &draft.phi, &may_be, (&is_late, self.go_on))?;
         let phi = &mut draft.phi;
-        let nodes = seen.distances.iter().zip(&mut seen.weights);
+        let nodes = seen.distances.iter().zip(&seen.weights);
         for (value, (distance, weight)) in phi.values.iter_mut().zip(nodes) {
-            if *weight < fusion::SURE_WEIGHT {
-                *weight = 0.0;
-            } else {
+            if *weight > 0.0 {
                 *value = value.max(*distance);
             }
         }

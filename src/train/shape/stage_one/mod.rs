@@ -36,7 +36,7 @@ use crate::train::session::plan::Budget;
 pub(in crate::train) use self::depths::fusion::looked_at;
 pub use compare::{MeshDifference, compare, silhouette_agreement};
 pub use growth::GrowthPicture;
-pub(in crate::train) use refit::{is_of_outlines, refit};
+pub(in crate::train) use refit::{Refit, is_of_outlines, refit};
 pub(in crate::train) use slopes::KnownNormals;
 
 /// Share of the largest part's area below which a part is no part of the object: a thing seen in the background, or noise.

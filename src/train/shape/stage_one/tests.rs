@@ -326,7 +326,9 @@ fn what_is_known_of_normals_opens_the_necks_of_uncertain_outlines() {
             deviations,
             errors,
         };
-        refit(&dataset, &cameras, known, 1.3, &|| goes_on)
+        let refit = refit(&dataset, &cameras, known, (1.3, true), &|| goes_on)?;
+        assert!(!refit.has_pattern, "they are white");
+        Ok(refit.mesh)
     };
     let nothing = vec![f32::INFINITY; deviations.len()];
     let unseen = vec![0.0; deviations.len()];
@@ -413,6 +415,45 @@ fn a_pattern_shows_a_hollow_that_no_outline_does() {
         distances.len() > 50 && mean < 0.015,
         "{mean} of {}",
         distances.len()
+    );
+}
+
+#[test]
+fn a_pattern_holds_a_surface_that_wrong_normals_would_move() {
+    let dataset = colored(hollow, |p, _| pattern(p));
+    let cameras = given_cameras(&dataset);
+    let mut mesh = make(&dataset).unwrap();
+    let in_hollow = CENTER + 0.35 * Vec3::Z;
+    let is_floor = |p: &Vec3| p.distance(in_hollow) < 0.2;
+    let off = |mesh: &Mesh| {
+        let floor = mesh.positions.iter().filter(|p| is_floor(p));
+        let distances: Vec<f32> = floor.map(|p| hollow(*p).abs()).collect();
+        distances.iter().sum::<f32>() / distances.len() as f32
+    };
+    let before = off(&mesh);
+    // As of a floor that leans by 27 degrees.
+    for (position, normal) in mesh.positions.iter().zip(&mut mesh.normals) {
+        if is_floor(position) {
+            *normal = (*normal + 0.5 * Vec3::X).normalize_or_zero();
+        }
+    }
+    let deviations = vec![0.4; mesh.positions.len()];
+    let errors = vec![0.0; mesh.positions.len()];
+    let moved = |asks_pattern: bool| {
+        let known = KnownNormals {
+            mesh: &mesh,
+            deviations: &deviations,
+            errors: &errors,
+        };
+        let refit = refit(&dataset, &cameras, known, (0.0, asks_pattern), &|| true).unwrap();
+        assert_eq!(refit.has_pattern, asks_pattern);
+        off(&refit.mesh)
+    };
+    let [without, with] = [moved(false), moved(true)];
+    assert!(before < 0.005, "{before}");
+    assert!(
+        with < 0.8 * without,
+        "{before} units off became {with} with the pattern, {without} without"
     );
 }
 

@@ -307,6 +307,22 @@ pub(in super::super) fn fill(
     })
 }
 
+/// What maps of photos show at the nodes of a grid like `frame` that are wanted, with weight 0 where that is not believed; the
+/// other arguments are those of [`fill`].
+pub(in super::super) fn sure(
+    maps: &[DepthMap],
+    frame: &ScalarGrid,
+    is_wanted: &(dyn Fn(usize) -> bool + Sync),
+    (is_late, go_on): (&dyn Fn() -> bool, GoOn<'_>),
+) -> Result<Seen, StageOneError> {
+    let views: Vec<_> = maps.iter().map(|map| Depths::known(map, None)).collect();
+    let mut grid = frame.clone();
+    let mut seen = fill(&views, &mut grid, is_wanted, is_late, go_on, &|_| ())?;
+    let unsure = seen.weights.iter_mut().filter(|w| **w < SURE_WEIGHT);
+    unsure.for_each(|weight| *weight = 0.0);
+    Ok(seen)
+}
+
 /// Adds what a map says of a point.
 fn observe(node: &mut Node, source: &Source<'_>, point: Vec3, reach: f32) {
     let along = source.forward.dot(point - source.eye);

@@ -6,8 +6,9 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::{fusion, outline_check};
 use crate::data::{Dataset, DepthMap};
-use crate::geometry::{Aabb, Camera};
+use crate::geometry::{Aabb, Camera, ScalarGrid};
 use crate::train::pixels::outlines::Sides;
 use crate::train::shape::stage_one::GoOn;
 use crate::train::shape::stage_one::silhouette::Silhouette;
@@ -30,8 +31,21 @@ pub(in super::super) struct PhotoMaps {
     pub(in super::super) share: f32,
 }
 
-/// Of the views with these silhouettes, in which `bounds` holds the object; without those that determine nothing, and none
-/// once `go_on`, asked before each photo, returns false.
+/// Of the views with these silhouettes, which gave the surface `phi` within `bounds`, as coarse as they are compared on
+/// (`draft::COMPARED_CELLS`). `None` where they contradict these, as the virtual images of a polished surface do, where they
+/// determine too little, and once `go_on`, asked before each photo, returns false.
+pub(in super::super) fn of_surface(
+    dataset: &Dataset,
+    silhouettes: &[Silhouette],
+    (bounds, phi): (&Aabb, &ScalarGrid),
+    go_on: GoOn<'_>,
+) -> Option<PhotoMaps> {
+    let found = maps(dataset, silhouettes, bounds, go_on);
+    let are_enough = found.maps.len() >= fusion::MIN_MAPS;
+    (are_enough && outline_check::agree(&found.maps, phi, silhouettes)).then_some(found)
+}
+
+/// The same whether or not outlines contradict them.
 pub(in super::super) fn maps(
     dataset: &Dataset,
     silhouettes: &[Silhouette],
