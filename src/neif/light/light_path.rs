@@ -329,12 +329,19 @@ pub fn backward(
     }
 }
 
-/// From the lobe variances of a path's rays to the roughness of all vertices whose lobes they passed.
-pub fn roughness_backward(lit: &[LitVertex], d_lobe_variance: &[f32], d_surfaces: &mut [Surface]) {
+/// From the lobe variances of a path's rays to the roughness of all vertices whose lobes they passed; `slope`: of the variance
+/// of a lobe by the roughness that it is of.
+pub fn roughness_backward(
+    lit: &[LitVertex],
+    d_lobe_variance: &[f32],
+    slope: impl Fn(f32, &Lobe) -> f32,
+    d_surfaces: &mut [Surface],
+) {
     let mut d_blur = Blur::default();
     for vertex in lit.iter().rev() {
         d_blur.direction += vertex.ray.map_or(0.0, |ray| d_lobe_variance[ray]);
-        d_surfaces[vertex.index].roughness += d_blur.direction * vertex.lobe.d_variance;
+        d_surfaces[vertex.index].roughness +=
+            d_blur.direction * slope(vertex.surface.roughness, &vertex.lobe);
         d_blur.arrive_backward(vertex.distance, vertex.curvature);
     }
 }

@@ -7,7 +7,7 @@ pub(in crate::neif) const DIFFUSE_SHIFT: f32 = -2.0;
 /// Shift of the roughness output: training starts at about 0.3.
 pub(in crate::neif) const ROUGHNESS_SHIFT: f32 = -0.85;
 /// Least learned roughness: below it the lobe is narrower than any pixel, and the gradient is lost.
-pub(in crate::neif) const ROUGHNESS_MIN: f32 = 0.02;
+pub(crate) const ROUGHNESS_MIN: f32 = 0.02;
 
 /// What the surface is made of at one point.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -31,11 +31,6 @@ pub(super) const N_CHUNKS: usize = 32;
 
 /// Every so many object pixels one takes part in the smoothness term.
 const SMOOTHNESS_STRIDE: usize = 4;
-/// Roughness while it is not yet learned, and how strongly it is held there. Coming from sharp lobes, environment and
-/// roughness settle on sharper ones than coming from blurred lobes: 0.2 dB more of the object than from 0.3.
-const INITIAL_ROUGHNESS: f32 = 0.1;
-const HOLD_STRENGTH: f32 = 1.0;
-
 /// Sums over a chunk's pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(in crate::train) struct ChunkLoss {
@@ -82,7 +77,7 @@ pub(in crate::train) struct Chunk {
     pub(super) slots: Vec<ObjectSlot>,
     pub(super) paths: Vec<SlotPath>,
     vertices: Vec<PathVertex>,
-    lit: Vec<LitVertex>,
+    pub(super) lit: Vec<LitVertex>,
     pub(super) backgrounds: Vec<BackgroundSample>,
     /// Ray of the first background pixel; the others follow.
     pub(super) first_background_ray: usize,
@@ -442,30 +437,6 @@ impl Chunk {
                 d_out,
                 &self.batch.radiance,
                 &mut self.batch.d_radiance,
-                &mut self.material.d_surfaces,
-            );
-        }
-    }
-
-    /// From the rays' lobe variances to the roughness of the paths' vertices.
-    fn roughness_gradients(&mut self, context: &StepContext<'_>) {
-        if context.step < u64::from(context.config.roughness_delay) {
-            // The output shares its hidden layer with the others and would drift; a spring holds it.
-            let scale = HOLD_STRENGTH / self.material.surfaces.len() as f32 / N_CHUNKS as f32;
-            for (d, surface) in self
-                .material
-                .d_surfaces
-                .iter_mut()
-                .zip(&self.material.surfaces)
-            {
-                d.roughness = scale * (surface.roughness - INITIAL_ROUGHNESS);
-            }
-            return;
-        }
-        for path in &self.paths {
-            light_path::roughness_backward(
-                &self.lit[path.lit.clone()],
-                &self.batch.d_lobe_variance,
                 &mut self.material.d_surfaces,
             );
         }

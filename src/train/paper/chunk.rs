@@ -125,7 +125,12 @@ impl Chunk {
         if let Some((material, transposed)) = context.material {
             self.smoothness_losses(context);
             for lit in self.lit.chunks_exact(1) {
-                light_path::roughness_backward(lit, &self.d_lobe_variance, &mut self.d_surfaces);
+                light_path::roughness_backward(
+                    lit,
+                    &self.d_lobe_variance,
+                    |_, lobe| lobe.d_variance,
+                    &mut self.d_surfaces,
+                );
             }
             self.d_material.resize(material.n_params(), 0.0);
             material.backward(

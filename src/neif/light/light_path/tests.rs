@@ -107,7 +107,7 @@ fn a_ray_s_width_answers_to_all_lobes_before_it() {
     };
     let (lit, _) = lit(&surfaces());
     let mut d = [Surface::default(); 3];
-    roughness_backward(&lit, &weights, &mut d);
+    roughness_backward(&lit, &weights, |_, lobe| lobe.d_variance, &mut d);
     for k in 0..3 {
         let numeric = slope(&mut surfaces(), |s| &mut s[k].roughness, 1e-3, sum);
         assert_agrees(&k.to_string(), d[k].roughness, numeric, (0.01, 1e-4));
