@@ -12,7 +12,7 @@ use super::depths::photo_maps::{self, PhotoMaps};
 use super::draft::{COMPARED_CELLS, MARGIN_CELLS, grid_around, silhouettes};
 use super::*;
 use crate::data::{Mask, Photo, Split, View};
-use crate::geometry::{Camera, Ray};
+use crate::geometry::{Aabb, Camera, Ray};
 use crate::train::pixels::outlines::tests::wander;
 use crate::train::placement::given_cameras;
 use crate::train::statistics::middle;
@@ -422,7 +422,11 @@ fn a_pattern_shows_a_hollow_that_no_outline_does() {
 fn a_pattern_holds_a_surface_that_wrong_normals_would_move() {
     let dataset = colored(hollow, |p, _| pattern(p));
     let cameras = given_cameras(&dataset);
-    let mut mesh = make(&dataset).unwrap();
+    let bounds = Aabb::from_points([CENTER - 0.5, CENTER + 0.5]);
+    let mut phi = grid_around(&bounds, COMPARED_CELLS);
+    phi.values.fill(f32::NEG_INFINITY);
+    hull::raise(&mut phi, hollow);
+    let mut mesh = surface(&dataset, &phi, SPECK).unwrap();
     let in_hollow = CENTER + 0.35 * Vec3::Z;
     let is_floor = |p: &Vec3| p.distance(in_hollow) < 0.2;
     let off = |mesh: &Mesh| {
@@ -430,14 +434,13 @@ fn a_pattern_holds_a_surface_that_wrong_normals_would_move() {
         let distances: Vec<f32> = floor.map(|p| hollow(*p).abs()).collect();
         distances.iter().sum::<f32>() / distances.len() as f32
     };
-    let before = off(&mesh);
     // As of a floor that leans by 27 degrees.
     for (position, normal) in mesh.positions.iter().zip(&mut mesh.normals) {
         if is_floor(position) {
             *normal = (*normal + 0.5 * Vec3::X).normalize_or_zero();
         }
     }
-    let deviations = vec![0.4; mesh.positions.len()];
+    let deviations = vec![0.2; mesh.positions.len()];
     let errors = vec![0.0; mesh.positions.len()];
     let moved = |asks_pattern: bool| {
         let known = KnownNormals {
@@ -445,15 +448,14 @@ fn a_pattern_holds_a_surface_that_wrong_normals_would_move() {
             deviations: &deviations,
             errors: &errors,
         };
-        let refit = refit(&dataset, &cameras, known, (0.0, asks_pattern), &|| true).unwrap();
+        let refit = refit(&dataset, &cameras, known, (0.5, asks_pattern), &|| true).unwrap();
         assert_eq!(refit.has_pattern, asks_pattern);
         off(&refit.mesh)
     };
     let [without, with] = [moved(false), moved(true)];
-    assert!(before < 0.005, "{before}");
     assert!(
-        with < 0.8 * without,
-        "{before} units off became {with} with the pattern, {without} without"
+        with < 0.75 * without,
+        "{with} units off with the pattern, {without} without"
     );
 }
 
