@@ -247,7 +247,8 @@ impl<'a> System<'a> {
         band.unevenness(&curvature, &evenness, STIFFNESS, &mut bent);
         band.laplacian_transposed(&bent, -1.0, &mut right);
         let noise = evidence.seen.as_ref().map_or(0.0, |seen| seen.noise);
-        let sure_seen = SEEN / (1.0 + (noise / (LEAST_ERROR * phi.cell)).powi(2));
+        // Evenness weighs more where outlines err, which says nothing against the maps.
+        let sure_seen = SEEN * variances / (1.0 + (noise / (LEAST_ERROR * phi.cell)).powi(2));
         let mut diagonal = vec![INERTIA; band.len()];
         for (slot, node) in band.nodes.iter().enumerate() {
             let node = *node as usize;
