@@ -31,6 +31,7 @@ pub(super) const N_CHUNKS: usize = 32;
 
 /// Every so many object pixels one takes part in the smoothness term.
 const SMOOTHNESS_STRIDE: usize = 4;
+
 /// Sums over a chunk's pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(in crate::train) struct ChunkLoss {

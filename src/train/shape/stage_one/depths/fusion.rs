@@ -25,7 +25,7 @@ const POINTS_FOR_BOUNDS: usize = 4000;
 /// Cells up to which distances are estimated from a map; noise and thickness are less.
 pub(super) const REACH_CELLS: f32 = 4.0;
 /// Weight from which what maps of photos show is believed: that of about so many that see the place squarely.
-pub(in super::super) const SURE_WEIGHT: f32 = 2.0;
+const SURE_WEIGHT: f32 = 2.0;
 /// Pixels from a place in a map to those that say how its surface is turned.
 const TURN_PX: f32 = 1.0;
 /// Cosine of the angle to the view that a surface is taken to have at least.

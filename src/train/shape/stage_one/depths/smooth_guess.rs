@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::fusion::{self, Depths};
+use super::fusion;
 use crate::data::DepthMap;
 use crate::geometry::ScalarGrid;
 use crate::train::shape::stage_one::{GoOn, StageOneError};
@@ -19,16 +19,16 @@ pub(in super::super) fn guess(
 ) -> Result<ScalarGrid, StageOneError> {
     let maps = maps.par_iter().map(|map| filled(map, phi));
     let maps: Vec<DepthMap> = maps.collect();
-    let views: Vec<_> = maps.iter().map(|map| Depths::known(map, None)).collect();
-    let mut grid = phi.clone();
     let may_be = |node: usize| phi.values[node] <= phi.cell;
-    let seen = fusion::fill(&views, &mut grid, &may_be, is_late, go_on, &|_| ())?;
+    let seen = fusion::sure(&maps, phi, &may_be, (is_late, go_on))?;
     let (nothing, slack) = (-fusion::REACH_CELLS * phi.cell, SLACK_CELLS * phi.cell);
-    for (value, weight) in grid.values.iter_mut().zip(&seen.weights) {
-        *value = if *weight < fusion::SURE_WEIGHT {
-            nothing
+    let mut grid = phi.clone();
+    let nodes = seen.distances.iter().zip(&seen.weights);
+    for (value, (distance, weight)) in grid.values.iter_mut().zip(nodes) {
+        *value = if *weight > 0.0 {
+            *distance - slack
         } else {
-            *value - slack
+            nothing
         };
     }
     Ok(grid)
