@@ -147,7 +147,10 @@ pub struct TrainConfig {
     pub unseen_pairs: usize,
     /// Weight of the difference of their light, times the share of all directions that these are; falls with what the object mirrors.
     pub evenness_weight: f32,
-    /// Steps before that is asked: while the roughness is still being found, even light makes every surface a mirror.
+    /// Weight of light brighter than white, times the share of all directions that these are, from where photos show at most what
+    /// is near, with an object; falls with what that mirrors.
+    pub glare_weight: f32,
+    /// Steps before evenness is asked: while the roughness is still being found, even light makes every surface a mirror.
     pub evenness_delay: u32,
     /// Pull of the diffuse part of what reflects like a metal towards black: no real surface has both.
     pub metal_weight: f32,
@@ -239,6 +242,7 @@ impl Default for TrainConfig {
             agreement_weight: 0.001,
             unseen_pairs: 32,
             evenness_weight: 0.1,
+            glare_weight: 0.003,
             evenness_delay: 3000,
             metal_weight: 0.01,
             clipped_radiance: 5.0,
@@ -345,8 +349,10 @@ impl TrainConfig {
                     && not_negative(self.depth_weight),
             ),
             (
-                "unseen_triples_alone or planarity_weight",
-                self.unseen_triples_alone <= 1 << 16 && not_negative(self.planarity_weight),
+                "unseen_triples_alone, planarity_weight or glare_weight",
+                self.unseen_triples_alone <= 1 << 16
+                    && not_negative(self.planarity_weight)
+                    && not_negative(self.glare_weight),
             ),
             (
                 "agreement_groups_alone or agreement_weight",

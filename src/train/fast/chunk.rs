@@ -85,8 +85,10 @@ pub(in crate::train) struct Chunk {
     pub(super) triples: Vec<Triple>,
     /// The first ray of the groups of cones that should agree, and their number.
     pub(super) agreement: (usize, usize),
-    /// The same of the pairs of rays that should bring the same light.
-    pub(super) unseen: (usize, usize),
+    /// Rays of the pairs that should bring the same light.
+    pub(super) unseen: Range<usize>,
+    /// Rays that should bring no glare.
+    pub(super) afar: Range<usize>,
     pub(super) pairs: Vec<SmoothPair>,
     errors: Vec<PixelError>,
     pub(in crate::train) tilted: TiltedRays,
@@ -149,10 +151,11 @@ impl Chunk {
         unseen::draw(context, triples, &mut self.batch, &mut self.triples);
         self.agreement = (self.batch.rays.len(), groups.len());
         agreement::draw(context, groups, &mut self.batch);
-        let pairs = self.share(context.n_unseen_pairs());
-        self.unseen = (self.batch.rays.len(), pairs.len());
         let drawn = (config.seed, context.step);
-        context.unseen.draw(drawn, pairs, &mut self.batch);
+        let pairs = self.share(context.n_unseen_pairs());
+        self.unseen = context.unseen.draw(drawn, pairs, &mut self.batch);
+        let pairs = self.share(context.n_afar_pairs());
+        self.afar = context.unseen_afar.draw(drawn, pairs, &mut self.batch);
         self.tilt_normals(context);
         let tilted = &self.tilted;
         let (seed, step, first) = (context.config.seed, context.step, self.jitter_slot);
@@ -307,6 +310,7 @@ impl Chunk {
         self.depth_losses(context);
         self.agreement_losses(context);
         self.evenness_losses(context);
+        self.glare_losses(context);
         self.object_losses(context);
         self.tilted
             .backward(&self.batch, &self.errors, &mut self.offsets);

@@ -6,7 +6,7 @@ use super::chunk::{Chunk, N_CHUNKS};
 use super::step_context::StepContext;
 use crate::train::priors::depth_evidence::{fading, misplacement};
 use crate::train::priors::distortion::distortion;
-use crate::train::priors::unseen_light::{trust_in_evenness, unevenness};
+use crate::train::priors::unseen_light::{glare, trust_in_priors, unevenness};
 use crate::train::priors::{agreement, unseen};
 use crate::train::step::loss::SMOOTHNESS_STEP;
 
@@ -62,9 +62,18 @@ impl Chunk {
     /// What no photo shows is as even as the object allows.
     pub(super) fn evenness_losses(&mut self, context: &StepContext<'_>) {
         let config = context.config;
-        let weight = config.evenness_weight * trust_in_evenness(&self.material.surfaces);
+        let weight = config.evenness_weight * trust_in_priors(&self.material.surfaces);
         let scale = weight * context.unseen.share() / config.unseen_pairs.max(1) as f32;
-        let sum = unevenness(self.unseen, scale, &mut self.batch);
+        let sum = unevenness(self.unseen.clone(), scale, &mut self.batch);
+        self.loss.priors += f64::from(scale) * sum;
+    }
+
+    /// What photos do not show behind what they show is not brighter than white for nothing.
+    pub(super) fn glare_losses(&mut self, context: &StepContext<'_>) {
+        let n_rays = 2 * context.n_afar_pairs();
+        let weight = context.config.glare_weight * trust_in_priors(&self.material.surfaces);
+        let scale = weight * context.unseen_afar.share() / n_rays.max(1) as f32;
+        let sum = glare(self.afar.clone(), scale, &mut self.batch);
         self.loss.priors += f64::from(scale) * sum;
     }
 

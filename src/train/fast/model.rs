@@ -55,6 +55,7 @@ pub struct Fast {
     pub(in crate::train) photos: Photos,
     pub(super) surface: Surface,
     unseen: UnseenDirections,
+    unseen_afar: UnseenDirections,
     pub(super) work: Work,
 }
 
@@ -159,7 +160,8 @@ impl Fast {
                 poses,
             },
             surface: Surface { tracer, refinement },
-            unseen: UnseenDirections::of(dataset, frame),
+            unseen: UnseenDirections::anywhere(dataset, frame),
+            unseen_afar: UnseenDirections::afar(dataset, frame),
             place,
         };
         Trainer::of(config, model)
@@ -193,6 +195,7 @@ impl Fast {
             finds_exposures: exposures.as_ref().is_some_and(|e| e.are_sought(now.step)),
             finds_poses: poses.as_ref().is_some_and(|p| p.are_sought(now.step)),
             unseen: &self.unseen,
+            unseen_afar: &self.unseen_afar,
             offsets: self.surface.refinement.as_ref().map(|r| &r.offsets),
             tilts: now.step >= refinement::DELAY,
             step: now.step,

@@ -32,8 +32,9 @@ pub(in crate::train) struct StepContext<'a> {
     pub(in crate::train) finds_exposures: bool,
     /// Whether the photos' poses are refined.
     pub(in crate::train) finds_poses: bool,
-    /// Where no photo looks.
+    /// Where no photo looks, and where none shows what is far away.
     pub(in crate::train) unseen: &'a UnseenDirections,
+    pub(in crate::train) unseen_afar: &'a UnseenDirections,
     /// Corrections of the normals, where they are refined, and whether they are learned yet.
     pub(in crate::train) offsets: Option<&'a NormalOffsets>,
     pub(super) tilts: bool,
@@ -49,6 +50,14 @@ impl StepContext<'_> {
             && self.unseen.share() > 0.0
             && self.step >= u64::from(self.config.evenness_delay);
         usize::from(is_asked) * self.config.unseen_pairs
+    }
+
+    /// Half as many into those in which none shows what is far away, from the first step on.
+    pub(super) fn n_afar_pairs(&self) -> usize {
+        let is_asked = self.material.is_some()
+            && self.pixels.n_backgrounds() > 0
+            && self.unseen_afar.share() > 0.0;
+        usize::from(is_asked) * self.config.unseen_pairs / 2
     }
 
     /// The gain of a training view.

@@ -4,6 +4,9 @@
 //! that no photo shows with whatever explains the last noise of the pixels. Neighbouring rays into such directions are
 //! asked to bring the same light. The error is that of a logarithm and grows in proportion to it: an edge costs no more
 //! than the same change in steps. How much is asked falls with what the object mirrors: a mirror shows its ceiling.
+//!
+//! Nor is light that hardly matters brighter than white for nothing. Where photos show what is near, but not what lies behind
+//! it, it otherwise rises tenfold while the object darkens, and glares at whoever looks there. A mirror shows its lamps, too.
 
 use std::f32::consts::{PI, TAU};
 use std::ops::Range;
@@ -36,43 +39,63 @@ const DARK: f32 = 0.02;
 const KNEE: f32 = 0.05;
 /// Mean reflectance at which a quarter is asked of what is without any.
 const DULL: f32 = 0.05;
-/// Slots of the random numbers: beyond those of the pixels, the unseen rays and the cones.
-const FIRST_SLOT: u64 = 1 << 35;
+/// Logarithm of a radiance above white from which on the error grows in proportion to it.
+const GLARE_KNEE: f32 = 0.5;
 
-/// Unit directions from the object in which no photo looks.
+/// Unit directions from the object in which photos show nothing.
 #[derive(Clone, Debug, Default)]
-pub(in crate::train) struct UnseenDirections(Vec<Vec3>);
+pub(in crate::train) struct UnseenDirections {
+    directions: Vec<Vec3>,
+    /// Of the random numbers of the rays drawn in them.
+    first_slot: u64,
+}
 
 impl UnseenDirections {
-    /// Those that no training photo has in its frame at any of the [`DISTANCES`].
-    pub(in crate::train) fn of(dataset: &Dataset, frame: &FieldFrame) -> Self {
+    /// Those in which no training photo looks: none has them in its frame at any of the [`DISTANCES`].
+    pub(in crate::train) fn anywhere(dataset: &Dataset, frame: &FieldFrame) -> Self {
+        Self::at(&DISTANCES, 1 << 35, dataset, frame)
+    }
+
+    /// Those in which no training photo shows what is far away, at the last of the [`DISTANCES`].
+    pub(in crate::train) fn afar(dataset: &Dataset, frame: &FieldFrame) -> Self {
+        Self::at(&DISTANCES[DISTANCES.len() - 1..], 1 << 36, dataset, frame)
+    }
+
+    /// Those that no training photo has in its frame at any of these distances. The slots of the random numbers are beyond those
+    /// of the pixels, the unseen rays and the cones.
+    fn at(distances: &[f32], first_slot: u64, dataset: &Dataset, frame: &FieldFrame) -> Self {
         let photos = some_projectors(dataset, MOST_PHOTOS);
         let is_unseen = |direction: &Vec3| {
-            DISTANCES.iter().all(|distance| {
+            distances.iter().all(|distance| {
                 let p_world = frame.world_from_field(*direction * *distance);
                 photos.iter().all(|photo| photo.pixel(p_world).is_none())
             })
         };
         let all = fibonacci_sphere(N_DIRECTIONS).into_iter();
-        Self(all.filter(is_unseen).collect())
+        Self {
+            directions: all.filter(is_unseen).collect(),
+            first_slot,
+        }
     }
 
     /// Share of all directions.
     pub(in crate::train) fn share(&self) -> f32 {
-        self.0.len() as f32 / N_DIRECTIONS as f32
+        self.directions.len() as f32 / N_DIRECTIONS as f32
     }
 
     /// Adds the rays of pairs number `slots` of a step to the batch: from beside the object, neighbouring and equally wide.
+    /// Returns which these are; `slots` is empty where no direction is.
     pub(in crate::train) fn draw(
         &self,
         (seed, step): (u64, u64),
         slots: Range<usize>,
         batch: &mut FieldBatch,
-    ) {
+    ) -> Range<usize> {
+        let first = batch.rays.len();
         for slot in slots {
-            let slot = FIRST_SLOT + slot as u64;
+            let slot = self.first_slot + slot as u64;
             let mut random = SlotRandom::new(seed, step, slot);
-            let middle = self.0[random.index(self.0.len())];
+            let middle = self.directions[random.index(self.directions.len())];
             let origin = AROUND * Vec3::from_array([(); 3].map(|()| 2.0 * random.uniform() - 1.0));
             let width = WIDEST * random.uniform();
             let (tangent, bitangent) = orthonormal_basis(middle);
@@ -81,30 +104,27 @@ impl UnseenDirections {
                 (middle + (tangent * phi.cos() + bitangent * phi.sin()) * r).normalize_or(middle)
             };
             let spacing = (4.0 * PI / N_DIRECTIONS as f32).sqrt();
-            let first = beside(spacing);
-            let second = (first + beside(APART) - middle).normalize_or(middle);
+            let one = beside(spacing);
+            let other = (one + beside(APART) - middle).normalize_or(middle);
             let ray = |d: Vec3| FieldRay::of_pixel(origin.to_array(), d.to_array(), 0.0, width);
-            batch.rays.extend([first, second].map(ray));
+            batch.rays.extend([one, other].map(ray));
         }
+        first..batch.rays.len()
     }
 }
 
-/// How much is asked where these are the object's surfaces: less the more of the light they mirror in the mean.
-pub(in crate::train) fn trust_in_evenness(surfaces: &[Surface]) -> f32 {
+/// How much is asked where these are the object's surfaces: less the more of the light they mirror in the mean, as they show what
+/// there is.
+pub(in crate::train) fn trust_in_priors(surfaces: &[Surface]) -> f32 {
     let tints: Vec3 = surfaces.iter().map(|surface| surface.tint).sum();
     let reflectance = tints.element_sum() / (3 * surfaces.len().max(1)) as f32;
     (DULL / (DULL + reflectance)).powi(2)
 }
 
-/// Sum over `n_pairs` pairs from ray `first` on of how much their light differs; adds `scale` times its gradient to
-/// `batch.d_radiance`.
-pub(in crate::train) fn unevenness(
-    (first, n_pairs): (usize, usize),
-    scale: f32,
-    batch: &mut FieldBatch,
-) -> f64 {
+/// Sum over pairs of `rays` of how much their light differs; adds `scale` times its gradient to `batch.d_radiance`.
+pub(in crate::train) fn unevenness(rays: Range<usize>, scale: f32, batch: &mut FieldBatch) -> f64 {
     let mut sum = 0.0;
-    for a in (0..n_pairs).map(|i| first + 2 * i) {
+    for a in rays.step_by(2) {
         for c in 0..3 {
             let light = [a, a + 1].map(|ray| batch.radiance[ray][c] + DARK);
             let log = (light[0] / light[1]).ln();
@@ -113,6 +133,23 @@ pub(in crate::train) fn unevenness(
             let d_log = scale * log / size;
             batch.d_radiance[a][c] += d_log / light[0];
             batch.d_radiance[a + 1][c] -= d_log / light[1];
+        }
+    }
+    sum
+}
+
+/// Sum over `rays` of the logarithm of their light where that is brighter than white; adds `scale` times its gradient to
+/// `batch.d_radiance`.
+pub(in crate::train) fn glare(rays: Range<usize>, scale: f32, batch: &mut FieldBatch) -> f64 {
+    let mut sum = 0.0;
+    for ray in rays {
+        for c in 0..3 {
+            let light = batch.radiance[ray][c];
+            if light > 1.0 {
+                let size = light.ln().hypot(GLARE_KNEE);
+                sum += f64::from(size - GLARE_KNEE);
+                batch.d_radiance[ray][c] += scale * light.ln() / (size * light);
+            }
         }
     }
     sum
@@ -131,33 +168,37 @@ mod tests {
         dataset.train.truncate(1);
         let camera = &dataset.train[0].camera;
         let ahead = (frame.center - camera.position()).normalize_or(Vec3::Z);
-        let unseen = UnseenDirections::of(&dataset, &frame);
+        let unseen = UnseenDirections::anywhere(&dataset, &frame);
+        let directions = &unseen.directions;
         assert!(
-            unseen.0.iter().all(|d| d.dot(ahead) < 0.9),
+            directions.iter().all(|d| d.dot(ahead) < 0.9),
             "what the photo shows"
         );
         assert!(
-            unseen.0.iter().any(|d| d.dot(ahead) < -0.9),
+            directions.iter().any(|d| d.dot(ahead) < -0.9),
             "what is behind it"
         );
         assert!((0.5..1.0).contains(&unseen.share()), "{}", unseen.share());
+        let afar = UnseenDirections::afar(&dataset, &frame);
+        assert!(directions.iter().all(|d| afar.directions.contains(d)));
     }
 
-    #[test]
-    fn gradients_agree_with_finite_differences() {
+    /// Of these rays' radiance by its gradient of weight 0.7, against differences of the sum.
+    fn assert_gradient(
+        radiance: [[f32; 3]; 3],
+        loss: impl Fn(f32, &mut FieldBatch) -> f64,
+    ) -> Vec<[f32; 3]> {
         let mut batch = FieldBatch::default();
-        batch.radiance = vec![[9.0; 3], [0.5, 0.1, 2.0], [0.6, 0.3, 2.01]];
+        batch.radiance = radiance.to_vec();
         batch.d_radiance = vec![[0.0; 3]; 3];
-        unevenness((1, 1), 0.7, &mut batch);
+        loss(0.7, &mut batch);
         let d = batch.d_radiance.clone();
-        assert_eq!(d[0], [0.0; 3], "no ray of a pair");
-        for (ray, c) in [(1, 0), (1, 1), (2, 0), (2, 1), (2, 2)] {
+        for (ray, c) in (0..9).map(|i| (i / 3, i % 3)) {
             let h = 1e-3 * batch.radiance[ray][c];
             let mut at = |s: f32| {
-                let kept = batch.radiance[ray][c];
-                batch.radiance[ray][c] += s;
-                let sum = unevenness((1, 1), 0.0, &mut batch);
-                batch.radiance[ray][c] = kept;
+                batch.radiance[ray][c] = radiance[ray][c] + s;
+                let sum = loss(0.0, &mut batch);
+                batch.radiance[ray][c] = radiance[ray][c];
                 0.7 * sum
             };
             let numeric = (at(h) - at(-h)) / f64::from(2.0 * h);
@@ -167,5 +208,23 @@ mod tests {
                 "{ray} {c}: {analytic} against {numeric}"
             );
         }
+        d
+    }
+
+    #[test]
+    fn what_differs_is_drawn_together() {
+        let radiance = [[9.0; 3], [0.5, 0.1, 2.0], [0.6, 0.3, 2.01]];
+        let d = assert_gradient(radiance, |scale, batch| unevenness(1..3, scale, batch));
+        assert_eq!(d[0], [0.0; 3], "no ray of a pair");
+        assert!(d[1][0] < 0.0 && d[2][0] > 0.0, "{d:?}");
+    }
+
+    #[test]
+    fn what_is_brighter_than_white_is_darkened_and_the_rest_left_alone() {
+        let radiance = [[9.0; 3], [0.5, 0.99, 1.2], [0.01, 3.0, 40.0]];
+        let d = assert_gradient(radiance, |scale, batch| glare(1..3, scale, batch));
+        assert_eq!(d[0], [0.0; 3], "another ray");
+        assert_eq!((d[1][0], d[1][1], d[2][0]), (0.0, 0.0, 0.0));
+        assert!(d[1][2] > 0.0 && d[2][1] > 0.0 && d[2][2] > 0.0, "{d:?}");
     }
 }
