@@ -147,11 +147,11 @@ pub struct TrainConfig {
     pub unseen_pairs: usize,
     /// Weight of the difference of their light, times the share of all directions that these are; falls with what the object mirrors.
     pub evenness_weight: f32,
-    /// Weight of light brighter than white, times the share of all directions that these are, from where photos show at most what
-    /// is near, with an object; falls with what that mirrors.
-    pub glare_weight: f32,
-    /// Steps before evenness is asked: while the roughness is still being found, even light makes every surface a mirror.
+    /// Steps before that is asked: while the roughness is still being found, even light makes every surface a mirror.
     pub evenness_delay: u32,
+    /// Weight of light brighter than white from directions in which no photo shows what is far away, with an object, times the
+    /// share of all directions that these are; falls with what the object mirrors.
+    pub glare_weight: f32,
     /// Pull of the diffuse part of what reflects like a metal towards black: no real surface has both.
     pub metal_weight: f32,
     /// Radiance that clipped light is pulled to. A photo says no more of a lamp than that it
@@ -242,8 +242,8 @@ impl Default for TrainConfig {
             agreement_weight: 0.001,
             unseen_pairs: 32,
             evenness_weight: 0.1,
-            glare_weight: 0.003,
             evenness_delay: 3000,
+            glare_weight: 0.003,
             metal_weight: 0.01,
             clipped_radiance: 5.0,
             clipped_weight: 0.1,
