@@ -18,6 +18,7 @@ use crate::train::photos::photo_rows::PhotoRows;
 use crate::train::pixels::store::{BackgroundSample, ChromaSource, ObjectPixel};
 use crate::train::priors::agreement;
 use crate::train::priors::unseen::{self, Triple};
+use crate::train::priors::unseen_light::GLARE_PAIRS;
 use crate::train::random::SlotRandom;
 use crate::train::shape::normal_offsets::OffsetBatch;
 use crate::train::shape::tilted_rays::{PixelError, TiltedRays};
@@ -83,8 +84,8 @@ pub(in crate::train) struct Chunk {
     /// Ray of the first background pixel; the others follow.
     pub(super) first_background_ray: usize,
     pub(super) triples: Vec<Triple>,
-    /// The first ray of the groups of cones that should agree, and their number.
-    pub(super) agreement: (usize, usize),
+    /// Rays of the groups of cones that should agree.
+    pub(super) agreement: Range<usize>,
     /// Rays of the pairs that should bring the same light.
     pub(super) unseen: Range<usize>,
     /// Rays that should bring no glare.
@@ -149,13 +150,13 @@ impl Chunk {
             alone(config.agreement_groups_alone),
         );
         unseen::draw(context, triples, &mut self.batch, &mut self.triples);
-        self.agreement = (self.batch.rays.len(), groups.len());
-        agreement::draw(context, groups, &mut self.batch);
+        self.agreement = agreement::draw(context, groups, &mut self.batch);
         let drawn = (config.seed, context.step);
         let pairs = self.share(context.n_unseen_pairs());
-        self.unseen = context.unseen.draw(drawn, pairs, &mut self.batch);
-        let pairs = self.share(context.n_afar_pairs());
-        self.afar = context.unseen_afar.draw(drawn, pairs, &mut self.batch);
+        self.unseen = context.unseen.anywhere.draw(drawn, pairs, &mut self.batch);
+        let groups = self.share(context.n_afar_groups());
+        let pairs = GLARE_PAIRS * groups.start..GLARE_PAIRS * groups.end;
+        self.afar = context.unseen.afar.draw(drawn, pairs, &mut self.batch);
         self.tilt_normals(context);
         let tilted = &self.tilted;
         let (seed, step, first) = (context.config.seed, context.step, self.jitter_slot);

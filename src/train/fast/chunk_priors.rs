@@ -6,7 +6,7 @@ use super::chunk::{Chunk, N_CHUNKS};
 use super::step_context::StepContext;
 use crate::train::priors::depth_evidence::{fading, misplacement};
 use crate::train::priors::distortion::distortion;
-use crate::train::priors::unseen_light::{glare, trust_in_priors, unevenness};
+use crate::train::priors::unseen_light::{GLARE_PAIRS, glare, trust_in_priors, unevenness};
 use crate::train::priors::{agreement, unseen};
 use crate::train::step::loss::SMOOTHNESS_STEP;
 
@@ -55,7 +55,7 @@ impl Chunk {
     pub(super) fn agreement_losses(&mut self, context: &StepContext<'_>) {
         let n_groups = context.config.agreement_groups_alone.max(1);
         let scale = context.config.agreement_weight / n_groups as f32;
-        let sum = agreement::disagreement(self.agreement, scale, &mut self.batch);
+        let sum = agreement::disagreement(self.agreement.clone(), scale, &mut self.batch);
         self.loss.priors += f64::from(scale) * sum;
     }
 
@@ -63,16 +63,16 @@ impl Chunk {
     pub(super) fn evenness_losses(&mut self, context: &StepContext<'_>) {
         let config = context.config;
         let weight = config.evenness_weight * trust_in_priors(&self.material.surfaces);
-        let scale = weight * context.unseen.share() / config.unseen_pairs.max(1) as f32;
+        let scale = weight * context.unseen.anywhere.share() / config.unseen_pairs.max(1) as f32;
         let sum = unevenness(self.unseen.clone(), scale, &mut self.batch);
         self.loss.priors += f64::from(scale) * sum;
     }
 
-    /// What photos do not show behind what they show is not brighter than white for nothing.
+    /// What photos do not show behind what they show is not brighter than white all over.
     pub(super) fn glare_losses(&mut self, context: &StepContext<'_>) {
-        let n_rays = 2 * context.n_afar_pairs();
+        let n_rays = 2 * GLARE_PAIRS * context.n_afar_groups();
         let weight = context.config.glare_weight * trust_in_priors(&self.material.surfaces);
-        let scale = weight * context.unseen_afar.share() / n_rays.max(1) as f32;
+        let scale = weight * context.unseen.afar.share() / n_rays.max(1) as f32;
         let sum = glare(self.afar.clone(), scale, &mut self.batch);
         self.loss.priors += f64::from(scale) * sum;
     }

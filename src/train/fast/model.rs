@@ -28,7 +28,7 @@ use crate::train::placement::{clear_density, environment_place};
 use crate::train::preparation::Prepared;
 use crate::train::priors::depth_evidence::clear_air;
 use crate::train::priors::ground::SeenGround;
-use crate::train::priors::unseen_light::UnseenDirections;
+use crate::train::priors::unseen_light::Unseen;
 use crate::train::priors::void::lay_floor;
 use crate::train::random::SlotRandom;
 use crate::train::scene_model::SceneModel as _;
@@ -54,8 +54,7 @@ pub struct Fast {
     pub(super) display: LearnedDisplay,
     pub(in crate::train) photos: Photos,
     pub(super) surface: Surface,
-    unseen: UnseenDirections,
-    unseen_afar: UnseenDirections,
+    unseen: Unseen,
     pub(super) work: Work,
 }
 
@@ -160,8 +159,7 @@ impl Fast {
                 poses,
             },
             surface: Surface { tracer, refinement },
-            unseen: UnseenDirections::anywhere(dataset, frame),
-            unseen_afar: UnseenDirections::afar(dataset, frame),
+            unseen: Unseen::new(dataset, frame),
             place,
         };
         Trainer::of(config, model)
@@ -195,7 +193,6 @@ impl Fast {
             finds_exposures: exposures.as_ref().is_some_and(|e| e.are_sought(now.step)),
             finds_poses: poses.as_ref().is_some_and(|p| p.are_sought(now.step)),
             unseen: &self.unseen,
-            unseen_afar: &self.unseen_afar,
             offsets: self.surface.refinement.as_ref().map(|r| &r.offsets),
             tilts: now.step >= refinement::DELAY,
             step: now.step,

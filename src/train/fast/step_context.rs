@@ -10,7 +10,7 @@ use crate::neif::light::display::Display;
 use crate::neif::surface::material::Material;
 use crate::train::config::TrainConfig;
 use crate::train::pixels::store::PixelStore;
-use crate::train::priors::unseen_light::UnseenDirections;
+use crate::train::priors::unseen_light::{GLARE_PAIRS, Unseen};
 use crate::train::shape::normal_offsets::NormalOffsets;
 
 /// What all chunks of a step read.
@@ -32,9 +32,7 @@ pub(in crate::train) struct StepContext<'a> {
     pub(in crate::train) finds_exposures: bool,
     /// Whether the photos' poses are refined.
     pub(in crate::train) finds_poses: bool,
-    /// Where no photo looks, and where none shows what is far away.
-    pub(in crate::train) unseen: &'a UnseenDirections,
-    pub(in crate::train) unseen_afar: &'a UnseenDirections,
+    pub(in crate::train) unseen: &'a Unseen,
     /// Corrections of the normals, where they are refined, and whether they are learned yet.
     pub(in crate::train) offsets: Option<&'a NormalOffsets>,
     pub(super) tilts: bool,
@@ -47,17 +45,18 @@ impl StepContext<'_> {
     /// Pairs of rays a step into directions in which no photo looks.
     pub(super) fn n_unseen_pairs(&self) -> usize {
         let is_asked = self.material.is_some()
-            && self.unseen.share() > 0.0
+            && self.unseen.anywhere.share() > 0.0
             && self.step >= u64::from(self.config.evenness_delay);
         usize::from(is_asked) * self.config.unseen_pairs
     }
 
-    /// Half as many into those in which none shows what is far away, from the first step on.
-    pub(super) fn n_afar_pairs(&self) -> usize {
+    /// Groups of [`GLARE_PAIRS`], half as many rays in all, into those in which none shows what is far away, from the first step
+    /// on.
+    pub(super) fn n_afar_groups(&self) -> usize {
         let is_asked = self.material.is_some()
             && self.pixels.n_backgrounds() > 0
-            && self.unseen_afar.share() > 0.0;
-        usize::from(is_asked) * self.config.unseen_pairs / 2
+            && self.unseen.afar.share() > 0.0;
+        usize::from(is_asked) * (self.config.unseen_pairs / 2).div_ceil(GLARE_PAIRS)
     }
 
     /// The gain of a training view.

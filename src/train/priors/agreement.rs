@@ -20,6 +20,8 @@ use crate::train::random::SlotRandom;
 
 /// Narrower cones of a group, in two sets of half as many.
 const NARROW: usize = 8;
+/// Cones of a group, the wide one first.
+const GROUP: usize = NARROW + 1;
 /// Their roughness as a share of the wide one's: an eighth of its variance.
 const NARROWING: f32 = 0.594_604;
 /// Range of the wide cone's roughness.
@@ -29,12 +31,14 @@ const DARK: f32 = 0.05;
 /// Slots of the random numbers: beyond those of the pixels and the unseen rays.
 const FIRST_SLOT: u64 = 1 << 34;
 
-/// Adds the rays of groups number `slots`: a wide cone each, then its narrow ones, from wherever a camera could be.
+/// Adds the rays of groups number `slots`: a wide cone each, then its narrow ones, from wherever a camera could be. Returns
+/// which these are.
 pub(in crate::train) fn draw(
     context: &StepContext<'_>,
     slots: Range<usize>,
     batch: &mut FieldBatch,
-) {
+) -> Range<usize> {
+    let first = batch.rays.len();
     let still = EnvironmentTransform::default().environment_from_world();
     for slot in slots {
         let slot = FIRST_SLOT + slot as u64;
@@ -65,6 +69,7 @@ pub(in crate::train) fn draw(
             }
         }
     }
+    first..batch.rays.len()
 }
 
 /// The concentration of a von Mises-Fisher distribution whose mean direction has this length, in `[0, 1)`
@@ -82,18 +87,18 @@ fn kappa_from_mean_length(length: f32) -> f32 {
     kappa
 }
 
-/// Sum over `n_groups` groups from ray `first` on of how far the wide cone is from the narrow ones' mean, as a share,
-/// squared; adds `scale` times its gradient by the wide ones' radiance to `batch.d_radiance`.
+/// Sum over the groups of `rays` of how far the wide cone is from the narrow ones' mean, as a share, squared; adds `scale`
+/// times its gradient by the wide ones' radiance to `batch.d_radiance`.
 ///
 /// The square is the product of the differences from two independent means: its expectation has no part of the means'
 /// own spread.
 pub(in crate::train) fn disagreement(
-    (first, n_groups): (usize, usize),
+    rays: Range<usize>,
     scale: f32,
     batch: &mut FieldBatch,
 ) -> f64 {
     let mut sum = 0.0;
-    for start in (0..n_groups).map(|i| first + i * (NARROW + 1)) {
+    for start in rays.step_by(GROUP) {
         let light = |ray: usize| Vec3::from(batch.radiance[ray]);
         let half = NARROW / 2;
         let mean = |set: usize| {
@@ -133,21 +138,21 @@ mod tests {
         let light = [wide].into_iter().chain(narrow);
         let mut batch = FieldBatch::default();
         batch.radiance.extend(light.map(|v| [v, 0.5 * v, 0.0]));
-        batch.d_radiance.resize(NARROW + 1, [0.0; 3]);
+        batch.d_radiance.resize(GROUP, [0.0; 3]);
         batch
     }
 
     #[test]
     fn a_group_that_agrees_feels_nothing() {
         let mut batch = group(2.0, [1.0, 3.0, 1.0, 3.0, 2.0, 2.0, 0.0, 4.0]);
-        assert_eq!(disagreement((0, 1), 1.0, &mut batch), 0.0);
+        assert_eq!(disagreement(0..GROUP, 1.0, &mut batch), 0.0);
         assert!(batch.d_radiance.iter().all(|d| *d == [0.0; 3]));
     }
 
     #[test]
     fn a_wide_cone_that_is_too_bright_is_darkened_and_its_narrow_ones_stay() {
         let mut batch = group(2.0, [1.0, 0.5, 1.5, 1.0, 0.0, 2.0, 1.0, 1.0]);
-        assert!(disagreement((0, 1), 1.0, &mut batch) > 0.0);
+        assert!(disagreement(0..GROUP, 1.0, &mut batch) > 0.0);
         // The optimiser goes down the gradient.
         assert!(batch.d_radiance[0][0] > 0.0 && batch.d_radiance[0][2] == 0.0);
         assert_eq!(batch.d_radiance[1..], [[0.0; 3]; NARROW]);
@@ -161,7 +166,7 @@ mod tests {
             (half(0) - wide) * (half(1) - wide)
         };
         let mut batch = group(1.2, narrow);
-        disagreement((0, 1), 1.0, &mut batch);
+        disagreement(0..GROUP, 1.0, &mut batch);
         let mean = narrow.iter().sum::<f32>() / NARROW as f32;
         let size = 0.5 * (1.2 + mean) + DARK;
         let h = 1e-2;

@@ -5,8 +5,9 @@
 //! asked to bring the same light. The error is that of a logarithm and grows in proportion to it: an edge costs no more
 //! than the same change in steps. How much is asked falls with what the object mirrors: a mirror shows its ceiling.
 //!
-//! Nor is light that hardly matters brighter than white for nothing. Where photos show what is near, but not what lies behind
-//! it, it otherwise rises tenfold while the object darkens, and glares at whoever looks there. A mirror shows its lamps, too.
+//! Nor is light that hardly matters brighter than white all over. Where photos show what is near, but not what lies behind
+//! it, it otherwise rises tenfold while the object darkens, and glares at whoever looks there. A mirror shows its lamps, too,
+//! and a lamp or the sun is a small part of what is not shown: it may be as bright as it likes.
 
 use std::f32::consts::{PI, TAU};
 use std::ops::Range;
@@ -39,45 +40,59 @@ const DARK: f32 = 0.02;
 const KNEE: f32 = 0.05;
 /// Mean reflectance at which a quarter is asked of what is without any.
 const DULL: f32 = 0.05;
+/// Pairs of rays that are looked at together for glare, and their rays: directions all over what is not shown.
+pub(in crate::train) const GLARE_PAIRS: usize = 4;
+const GLARE_GROUP: usize = 2 * GLARE_PAIRS;
 /// Logarithm of a radiance above white from which on the error grows in proportion to it.
 const GLARE_KNEE: f32 = 0.5;
 
-/// Unit directions from the object in which photos show nothing.
-#[derive(Clone, Debug, Default)]
+/// First slots of the random numbers of rays in unseen directions, beyond those of the pixels, the unseen rays and the cones.
+const ANYWHERE_SLOT: u64 = 1 << 35;
+const AFAR_SLOT: u64 = 1 << 36;
+
+/// From the object, where training photos show nothing.
+#[derive(Clone, Debug)]
+pub(in crate::train) struct Unseen {
+    /// In these directions none looks: it has them in its frame at none of the [`DISTANCES`].
+    pub(in crate::train) anywhere: UnseenDirections,
+    /// In these none shows what is far away, at the last of them.
+    pub(in crate::train) afar: UnseenDirections,
+}
+
+/// Unit directions from the object.
+#[derive(Clone, Debug)]
 pub(in crate::train) struct UnseenDirections {
     directions: Vec<Vec3>,
     /// Of the random numbers of the rays drawn in them.
     first_slot: u64,
 }
 
-impl UnseenDirections {
-    /// Those in which no training photo looks: none has them in its frame at any of the [`DISTANCES`].
-    pub(in crate::train) fn anywhere(dataset: &Dataset, frame: &FieldFrame) -> Self {
-        Self::at(&DISTANCES, 1 << 35, dataset, frame)
-    }
-
-    /// Those in which no training photo shows what is far away, at the last of the [`DISTANCES`].
-    pub(in crate::train) fn afar(dataset: &Dataset, frame: &FieldFrame) -> Self {
-        Self::at(&DISTANCES[DISTANCES.len() - 1..], 1 << 36, dataset, frame)
-    }
-
-    /// Those that no training photo has in its frame at any of these distances. The slots of the random numbers are beyond those
-    /// of the pixels, the unseen rays and the cones.
-    fn at(distances: &[f32], first_slot: u64, dataset: &Dataset, frame: &FieldFrame) -> Self {
+impl Unseen {
+    /// What the training photos do not show.
+    pub(in crate::train) fn new(dataset: &Dataset, frame: &FieldFrame) -> Self {
         let photos = some_projectors(dataset, MOST_PHOTOS);
-        let is_unseen = |direction: &Vec3| {
-            distances.iter().all(|distance| {
-                let p_world = frame.world_from_field(*direction * *distance);
-                photos.iter().all(|photo| photo.pixel(p_world).is_none())
-            })
+        let is_unseen = |direction: &Vec3, distance: f32| {
+            let p_world = frame.world_from_field(*direction * distance);
+            photos.iter().all(|photo| photo.pixel(p_world).is_none())
         };
+        let [near @ .., far] = DISTANCES;
         let all = fibonacci_sphere(N_DIRECTIONS).into_iter();
+        let afar: Vec<Vec3> = all.filter(|d| is_unseen(d, far)).collect();
+        let is_near = |d: &&Vec3| near.iter().all(|distance| is_unseen(d, *distance));
         Self {
-            directions: all.filter(is_unseen).collect(),
-            first_slot,
+            anywhere: UnseenDirections {
+                directions: afar.iter().filter(is_near).copied().collect(),
+                first_slot: ANYWHERE_SLOT,
+            },
+            afar: UnseenDirections {
+                directions: afar,
+                first_slot: AFAR_SLOT,
+            },
         }
     }
+}
 
+impl UnseenDirections {
     /// Share of all directions.
     pub(in crate::train) fn share(&self) -> f32 {
         self.directions.len() as f32 / N_DIRECTIONS as f32
@@ -138,17 +153,21 @@ pub(in crate::train) fn unevenness(rays: Range<usize>, scale: f32, batch: &mut F
     sum
 }
 
-/// Sum over `rays` of the logarithm of their light where that is brighter than white; adds `scale` times its gradient to
-/// `batch.d_radiance`.
+/// Sum over `rays` of the logarithm of their light where that is brighter than white, weighted by the share of their group
+/// that is, above a half; adds `scale` times its gradient, that share held, to `batch.d_radiance`.
 pub(in crate::train) fn glare(rays: Range<usize>, scale: f32, batch: &mut FieldBatch) -> f64 {
     let mut sum = 0.0;
-    for ray in rays {
+    for first in rays.step_by(GLARE_GROUP) {
         for c in 0..3 {
-            let light = batch.radiance[ray][c];
-            if light > 1.0 {
+            let group = first..first + GLARE_GROUP;
+            let is_bright = |ray: &usize| batch.radiance[*ray][c] > 1.0;
+            let bright: Vec<usize> = group.filter(is_bright).collect();
+            let excess = 2.0 * bright.len() as f32 / GLARE_GROUP as f32 - 1.0;
+            for ray in bright.into_iter().filter(|_| excess > 0.0) {
+                let light = batch.radiance[ray][c];
                 let size = light.ln().hypot(GLARE_KNEE);
-                sum += f64::from(size - GLARE_KNEE);
-                batch.d_radiance[ray][c] += scale * light.ln() / (size * light);
+                sum += f64::from(excess * (size - GLARE_KNEE));
+                batch.d_radiance[ray][c] += scale * excess * light.ln() / (size * light);
             }
         }
     }
@@ -168,8 +187,8 @@ mod tests {
         dataset.train.truncate(1);
         let camera = &dataset.train[0].camera;
         let ahead = (frame.center - camera.position()).normalize_or(Vec3::Z);
-        let unseen = UnseenDirections::anywhere(&dataset, &frame);
-        let directions = &unseen.directions;
+        let Unseen { anywhere, afar } = Unseen::new(&dataset, &frame);
+        let directions = &anywhere.directions;
         assert!(
             directions.iter().all(|d| d.dot(ahead) < 0.9),
             "what the photo shows"
@@ -178,22 +197,22 @@ mod tests {
             directions.iter().any(|d| d.dot(ahead) < -0.9),
             "what is behind it"
         );
-        assert!((0.5..1.0).contains(&unseen.share()), "{}", unseen.share());
-        let afar = UnseenDirections::afar(&dataset, &frame);
+        let share = anywhere.share();
+        assert!((0.5..1.0).contains(&share), "{share}");
         assert!(directions.iter().all(|d| afar.directions.contains(d)));
     }
 
     /// Of these rays' radiance by its gradient of weight 0.7, against differences of the sum.
-    fn assert_gradient(
-        radiance: [[f32; 3]; 3],
+    fn assert_gradient<const N: usize>(
+        radiance: [[f32; 3]; N],
         loss: impl Fn(f32, &mut FieldBatch) -> f64,
     ) -> Vec<[f32; 3]> {
         let mut batch = FieldBatch::default();
         batch.radiance = radiance.to_vec();
-        batch.d_radiance = vec![[0.0; 3]; 3];
+        batch.d_radiance = vec![[0.0; 3]; N];
         loss(0.7, &mut batch);
         let d = batch.d_radiance.clone();
-        for (ray, c) in (0..9).map(|i| (i / 3, i % 3)) {
+        for (ray, c) in (0..3 * N).map(|i| (i / 3, i % 3)) {
             let h = 1e-3 * batch.radiance[ray][c];
             let mut at = |s: f32| {
                 batch.radiance[ray][c] = radiance[ray][c] + s;
@@ -220,11 +239,20 @@ mod tests {
     }
 
     #[test]
-    fn what_is_brighter_than_white_is_darkened_and_the_rest_left_alone() {
-        let radiance = [[9.0; 3], [0.5, 0.99, 1.2], [0.01, 3.0, 40.0]];
-        let d = assert_gradient(radiance, |scale, batch| glare(1..3, scale, batch));
+    fn what_is_brighter_than_white_all_over_is_darkened_and_a_lamp_left_alone() {
+        // Red: three of eight; green: half of them; blue: all.
+        let ray = |i: usize| match i {
+            0 => [9.0; 3],
+            1..5 => [0.5, 0.9, 1.2],
+            5 => [0.01, 3.0, 40.0],
+            _ => [900.0, 2.0, 1.5],
+        };
+        let radiance: [[f32; 3]; 1 + GLARE_GROUP] = std::array::from_fn(ray);
+        let glare = |scale, batch: &mut FieldBatch| glare(1..1 + GLARE_GROUP, scale, batch);
+        let d = assert_gradient(radiance, glare);
         assert_eq!(d[0], [0.0; 3], "another ray");
-        assert_eq!((d[1][0], d[1][1], d[2][0]), (0.0, 0.0, 0.0));
-        assert!(d[1][2] > 0.0 && d[2][1] > 0.0 && d[2][2] > 0.0, "{d:?}");
+        let d = &d[1..];
+        assert!(d.iter().all(|d| d[0] == 0.0 && d[1] == 0.0), "{d:?}");
+        assert!(d.iter().all(|d| d[2] > 0.0), "{d:?}");
     }
 }
