@@ -12,6 +12,8 @@ use crate::train::step::loss::SMOOTHNESS_STEP;
 
 /// Mean reflectance up to which a surface may be a dielectric.
 const DIELECTRIC: f32 = 0.08;
+/// Mean reflectance from which on roughness and tint are asked to be smooth with all of the weight; below, in proportion.
+const POLISHED: f32 = 0.3;
 
 impl Chunk {
     /// Walls and floors are made of planes, from everywhere.
@@ -77,16 +79,15 @@ impl Chunk {
         self.loss.priors += f64::from(scale) * sum;
     }
 
-    /// Eq. 8 by finite differences: `|Δ roughness| + |Δ tint|` over the step, where the image is smooth.
+    /// Eq. 8 by finite differences: `|Δ roughness| + |Δ tint|` over the step, where the image is smooth. What reflects little
+    /// says as little of its roughness, and the same weight would make it all alike.
     pub(super) fn smoothness_losses(&mut self, context: &StepContext<'_>) {
         let weight = context.config.smoothness_weight
             / (SMOOTHNESS_STEP * self.pairs.len().max(1) as f32 * N_CHUNKS as f32);
         for pair in &self.pairs {
-            let weight = weight * pair.weight;
-            let (a, b) = (
-                self.material.surfaces[pair.at],
-                self.material.surfaces[pair.beside],
-            );
+            let [a, b] = [pair.at, pair.beside].map(|at| self.material.surfaces[at]);
+            let reflectance = (a.tint + b.tint).element_sum() / 6.0;
+            let weight = weight * pair.weight * (reflectance / POLISHED).min(1.0);
             let (d_roughness, d_tint) = (a.roughness - b.roughness, a.tint - b.tint);
             self.loss.smoothness +=
                 f64::from(weight * (d_roughness.abs() + d_tint.abs().element_sum()));
