@@ -87,6 +87,7 @@ impl Chunk {
         for pair in &self.pairs {
             let [a, b] = [pair.at, pair.beside].map(|at| self.material.surfaces[at]);
             let reflectance = (a.tint + b.tint).element_sum() / 6.0;
+            // Taken as a constant: otherwise tints would fall in order to be asked less.
             let weight = weight * pair.weight * (reflectance / POLISHED).min(1.0);
             let (d_roughness, d_tint) = (a.roughness - b.roughness, a.tint - b.tint);
             self.loss.smoothness +=

@@ -32,6 +32,7 @@ pub(in crate::train) struct StepContext<'a> {
     pub(in crate::train) finds_exposures: bool,
     /// Whether the photos' poses are refined.
     pub(in crate::train) finds_poses: bool,
+    /// Where photos show nothing.
     pub(in crate::train) unseen: &'a Unseen,
     /// Corrections of the normals, where they are refined, and whether they are learned yet.
     pub(in crate::train) offsets: Option<&'a NormalOffsets>,

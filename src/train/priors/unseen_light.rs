@@ -7,7 +7,7 @@
 //!
 //! Nor is light that hardly matters brighter than white all over. Where photos show what is near, but not what lies behind
 //! it, it otherwise rises tenfold while the object darkens, and glares at whoever looks there. A mirror shows its lamps, too,
-//! and a lamp or the sun is a small part of what is not shown: it may be as bright as it likes.
+//! and a lamp or the sun is a small part of what is not shown: it is as bright as the object shows it to be.
 
 use std::f32::consts::{PI, TAU};
 use std::ops::Range;
@@ -78,10 +78,10 @@ impl Unseen {
         let [near @ .., far] = DISTANCES;
         let all = fibonacci_sphere(N_DIRECTIONS).into_iter();
         let afar: Vec<Vec3> = all.filter(|d| is_unseen(d, far)).collect();
-        let is_near = |d: &&Vec3| near.iter().all(|distance| is_unseen(d, *distance));
+        let is_unseen_near = |d: &&Vec3| near.iter().all(|distance| is_unseen(d, *distance));
         Self {
             anywhere: UnseenDirections {
-                directions: afar.iter().filter(is_near).copied().collect(),
+                directions: afar.iter().filter(is_unseen_near).copied().collect(),
                 first_slot: ANYWHERE_SLOT,
             },
             afar: UnseenDirections {
@@ -153,8 +153,8 @@ pub(in crate::train) fn unevenness(rays: Range<usize>, scale: f32, batch: &mut F
     sum
 }
 
-/// Sum over `rays` of the logarithm of their light where that is brighter than white, weighted by the share of their group
-/// that is, above a half; adds `scale` times its gradient, that share held, to `batch.d_radiance`.
+/// Sum over `rays` of the logarithm of their light where that is brighter than white, weighted by how much more than half of
+/// their group is: 0 at a half, 1 where all are. Adds `scale` times its gradient, with that weight held, to `batch.d_radiance`.
 pub(in crate::train) fn glare(rays: Range<usize>, scale: f32, batch: &mut FieldBatch) -> f64 {
     let mut sum = 0.0;
     for first in rays.step_by(GLARE_GROUP) {
