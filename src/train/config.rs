@@ -149,8 +149,8 @@ pub struct TrainConfig {
     pub evenness_weight: f32,
     /// Steps before that is asked: while the roughness is still being found, even light makes every surface a mirror.
     pub evenness_delay: u32,
-    /// Weight of light brighter than white from directions in which no photo shows what is far away, with an object, times the
-    /// share of all directions that these are; falls with what the object mirrors.
+    /// Weight of light brighter than white from directions in which no photo shows what is far away, where most of that is, with
+    /// an object, times the share of all directions that these are; falls with what the object mirrors.
     pub glare_weight: f32,
     /// Pull of the diffuse part of what reflects like a metal towards black: no real surface has both.
     pub metal_weight: f32,
