@@ -143,14 +143,11 @@ pub struct TrainConfig {
     pub agreement_groups_alone: usize,
     /// Weight of their disagreement.
     pub agreement_weight: f32,
-    /// Pairs of neighbouring rays a step into directions in which no photo looks, with an object; 0 is none.
-    pub unseen_pairs: usize,
-    /// Weight of the difference of their light, times the share of all directions that these are; falls with what the object mirrors.
-    pub evenness_weight: f32,
-    /// Steps before that is asked: while the roughness is still being found, even light makes every surface a mirror.
-    pub evenness_delay: u32,
-    /// Weight of light brighter than white from directions in which no photo shows what is far away, where most of that is, with
-    /// an object, times the share of all directions that these are; falls with what the object mirrors.
+    /// Rays a step into directions in which no photo shows what is far away, with an object; 0 is none.
+    #[serde(alias = "unseen_pairs")]
+    pub glare_rays: usize,
+    /// Weight of their light brighter than white, where most of it is, times the share of all directions that these are; falls
+    /// with what the object mirrors.
     pub glare_weight: f32,
     /// Pull of the diffuse part of what reflects like a metal towards black: no real surface has both.
     pub metal_weight: f32,
@@ -240,9 +237,7 @@ impl Default for TrainConfig {
             depth_weight: 0.3,
             agreement_groups_alone: 16,
             agreement_weight: 0.001,
-            unseen_pairs: 32,
-            evenness_weight: 0.1,
-            evenness_delay: 3000,
+            glare_rays: 32,
             glare_weight: 0.003,
             metal_weight: 0.01,
             clipped_radiance: 5.0,
@@ -349,9 +344,10 @@ impl TrainConfig {
                     && not_negative(self.depth_weight),
             ),
             (
-                "unseen_triples_alone, planarity_weight or glare_weight",
+                "unseen_triples_alone, planarity_weight, glare_rays or glare_weight",
                 self.unseen_triples_alone <= 1 << 16
                     && not_negative(self.planarity_weight)
+                    && self.glare_rays <= 1 << 16
                     && not_negative(self.glare_weight),
             ),
             (

@@ -43,7 +43,7 @@ impl TrainConfig {
             final_rate: 0.01,
             background_weight: 0.1,
             unseen_triples_alone: 0,
-            unseen_pairs: 0,
+            glare_rays: 0,
             distortion_weight: 0.0,
             depth_weight: 0.0,
             agreement_groups_alone: 0,

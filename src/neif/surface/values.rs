@@ -20,6 +20,13 @@ pub struct Surface {
     pub roughness: f32,
 }
 
+impl Surface {
+    /// Mean over the colours of what it mirrors at normal incidence, in `(0, 1)`.
+    pub(crate) fn reflectance(&self) -> f32 {
+        self.tint.element_sum() / 3.0
+    }
+}
+
 #[cfg(test)]
 impl Surface {
     /// The loss of a surface whose gradient is `d`.

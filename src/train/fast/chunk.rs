@@ -16,9 +16,8 @@ use crate::neif::surface::material::MaterialBatch;
 use crate::neif::surface::values::Surface;
 use crate::train::photos::photo_rows::PhotoRows;
 use crate::train::pixels::store::{BackgroundSample, ChromaSource, ObjectPixel};
-use crate::train::priors::agreement;
 use crate::train::priors::unseen::{self, Triple};
-use crate::train::priors::unseen_light::GLARE_PAIRS;
+use crate::train::priors::{agreement, glare};
 use crate::train::random::SlotRandom;
 use crate::train::shape::normal_offsets::OffsetBatch;
 use crate::train::shape::tilted_rays::{PixelError, TiltedRays};
@@ -86,10 +85,8 @@ pub(in crate::train) struct Chunk {
     pub(super) triples: Vec<Triple>,
     /// Rays of the groups of cones that should agree.
     pub(super) agreement: Range<usize>,
-    /// Rays of the pairs that should bring the same light.
-    pub(super) unseen: Range<usize>,
     /// Rays that should bring no glare.
-    pub(super) afar: Range<usize>,
+    pub(super) glare: Range<usize>,
     pub(super) pairs: Vec<SmoothPair>,
     errors: Vec<PixelError>,
     pub(in crate::train) tilted: TiltedRays,
@@ -152,11 +149,9 @@ impl Chunk {
         unseen::draw(context, triples, &mut self.batch, &mut self.triples);
         self.agreement = agreement::draw(context, groups, &mut self.batch);
         let drawn = (config.seed, context.step);
-        let pairs = self.share(context.n_unseen_pairs());
-        self.unseen = context.unseen.anywhere.draw(drawn, pairs, &mut self.batch);
-        let groups = self.share(context.n_afar_groups());
-        let pairs = GLARE_PAIRS * groups.start..GLARE_PAIRS * groups.end;
-        self.afar = context.unseen.afar.draw(drawn, pairs, &mut self.batch);
+        let groups = self.share(context.n_glare_groups());
+        let slots = glare::GROUP * groups.start..glare::GROUP * groups.end;
+        self.glare = context.unseen.draw(drawn, slots, &mut self.batch);
         self.tilt_normals(context);
         let tilted = &self.tilted;
         let (seed, step, first) = (context.config.seed, context.step, self.jitter_slot);
@@ -310,7 +305,6 @@ impl Chunk {
         self.distortion_losses(context);
         self.depth_losses(context);
         self.agreement_losses(context);
-        self.evenness_losses(context);
         self.glare_losses(context);
         self.object_losses(context);
         self.tilted

@@ -6,8 +6,7 @@ use super::chunk::{Chunk, N_CHUNKS};
 use super::step_context::StepContext;
 use crate::train::priors::depth_evidence::{fading, misplacement};
 use crate::train::priors::distortion::distortion;
-use crate::train::priors::unseen_light::{GLARE_PAIRS, glare, trust_in_priors, unevenness};
-use crate::train::priors::{agreement, unseen};
+use crate::train::priors::{agreement, glare, unseen};
 use crate::train::step::loss::SMOOTHNESS_STEP;
 
 /// Mean reflectance up to which a surface may be a dielectric.
@@ -61,21 +60,12 @@ impl Chunk {
         self.loss.priors += f64::from(scale) * sum;
     }
 
-    /// What no photo shows is as even as the object allows.
-    pub(super) fn evenness_losses(&mut self, context: &StepContext<'_>) {
-        let config = context.config;
-        let weight = config.evenness_weight * trust_in_priors(&self.material.surfaces);
-        let scale = weight * context.unseen.anywhere.share() / config.unseen_pairs.max(1) as f32;
-        let sum = unevenness(self.unseen.clone(), scale, &mut self.batch);
-        self.loss.priors += f64::from(scale) * sum;
-    }
-
     /// What photos do not show behind what they show is not brighter than white all over.
     pub(super) fn glare_losses(&mut self, context: &StepContext<'_>) {
-        let n_rays = 2 * GLARE_PAIRS * context.n_afar_groups();
-        let weight = context.config.glare_weight * trust_in_priors(&self.material.surfaces);
-        let scale = weight * context.unseen.afar.share() / n_rays.max(1) as f32;
-        let sum = glare(self.afar.clone(), scale, &mut self.batch);
+        let n_rays = glare::GROUP * context.n_glare_groups();
+        let weight = context.config.glare_weight * glare::trust(&self.material.surfaces);
+        let scale = weight * context.unseen.share() / n_rays.max(1) as f32;
+        let sum = glare::excess(self.glare.clone(), scale, &mut self.batch);
         self.loss.priors += f64::from(scale) * sum;
     }
 
@@ -86,7 +76,7 @@ impl Chunk {
             / (SMOOTHNESS_STEP * self.pairs.len().max(1) as f32 * N_CHUNKS as f32);
         for pair in &self.pairs {
             let [a, b] = [pair.at, pair.beside].map(|at| self.material.surfaces[at]);
-            let reflectance = (a.tint + b.tint).element_sum() / 6.0;
+            let reflectance = 0.5 * (a.reflectance() + b.reflectance());
             // Taken as a constant: otherwise tints would fall in order to be asked less.
             let weight = weight * pair.weight * (reflectance / POLISHED).min(1.0);
             let (d_roughness, d_tint) = (a.roughness - b.roughness, a.tint - b.tint);
@@ -109,8 +99,8 @@ impl Chunk {
         for slot in &self.slots {
             let share = weight / slot.paths.len() as f32;
             for path in &self.paths[slot.paths.clone()] {
-                let tint = self.material.surfaces[path.points.start].tint;
-                let metal = (tint.element_sum() / 3.0 - DIELECTRIC).max(0.0);
+                let surface = &self.material.surfaces[path.points.start];
+                let metal = (surface.reflectance() - DIELECTRIC).max(0.0);
                 let d = &mut self.material.d_surfaces[path.points.start];
                 d.diffuse += Vec3::splat(share * metal);
             }

@@ -27,8 +27,8 @@ use crate::train::pixels::store::PixelStore;
 use crate::train::placement::{clear_density, environment_place};
 use crate::train::preparation::Prepared;
 use crate::train::priors::depth_evidence::clear_air;
+use crate::train::priors::glare::UnseenDirections;
 use crate::train::priors::ground::SeenGround;
-use crate::train::priors::unseen_light::Unseen;
 use crate::train::priors::void::lay_floor;
 use crate::train::random::SlotRandom;
 use crate::train::scene_model::SceneModel as _;
@@ -54,7 +54,7 @@ pub struct Fast {
     pub(super) display: LearnedDisplay,
     pub(in crate::train) photos: Photos,
     pub(super) surface: Surface,
-    unseen: Unseen,
+    unseen: UnseenDirections,
     pub(super) work: Work,
 }
 
@@ -159,7 +159,7 @@ impl Fast {
                 poses,
             },
             surface: Surface { tracer, refinement },
-            unseen: Unseen::new(dataset, frame),
+            unseen: UnseenDirections::new(dataset, frame),
             place,
         };
         Trainer::of(config, model)

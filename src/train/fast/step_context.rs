@@ -10,7 +10,7 @@ use crate::neif::light::display::Display;
 use crate::neif::surface::material::Material;
 use crate::train::config::TrainConfig;
 use crate::train::pixels::store::PixelStore;
-use crate::train::priors::unseen_light::{GLARE_PAIRS, Unseen};
+use crate::train::priors::glare::{self, UnseenDirections};
 use crate::train::shape::normal_offsets::NormalOffsets;
 
 /// What all chunks of a step read.
@@ -33,7 +33,7 @@ pub(in crate::train) struct StepContext<'a> {
     /// Whether the photos' poses are refined.
     pub(in crate::train) finds_poses: bool,
     /// Where photos show nothing.
-    pub(in crate::train) unseen: &'a Unseen,
+    pub(in crate::train) unseen: &'a UnseenDirections,
     /// Corrections of the normals, where they are refined, and whether they are learned yet.
     pub(in crate::train) offsets: Option<&'a NormalOffsets>,
     pub(super) tilts: bool,
@@ -43,21 +43,11 @@ pub(in crate::train) struct StepContext<'a> {
 }
 
 impl StepContext<'_> {
-    /// Pairs of rays a step into directions in which no photo looks.
-    pub(super) fn n_unseen_pairs(&self) -> usize {
-        let is_asked = self.material.is_some()
-            && self.unseen.anywhere.share() > 0.0
-            && self.step >= u64::from(self.config.evenness_delay);
-        usize::from(is_asked) * self.config.unseen_pairs
-    }
-
-    /// Groups of [`GLARE_PAIRS`], half as many rays in all, into those in which none shows what is far away, from the first step
-    /// on.
-    pub(super) fn n_afar_groups(&self) -> usize {
-        let is_asked = self.material.is_some()
-            && self.pixels.n_backgrounds() > 0
-            && self.unseen.afar.share() > 0.0;
-        usize::from(is_asked) * (self.config.unseen_pairs / 2).div_ceil(GLARE_PAIRS)
+    /// Groups of [`glare::GROUP`] rays a step into directions in which no photo shows what is far away.
+    pub(super) fn n_glare_groups(&self) -> usize {
+        let is_asked =
+            self.material.is_some() && self.pixels.n_backgrounds() > 0 && self.unseen.share() > 0.0;
+        usize::from(is_asked) * self.config.glare_rays.div_ceil(glare::GROUP)
     }
 
     /// The gain of a training view.

@@ -1,16 +1,16 @@
 //! What is known of the environment beyond the colours of single pixels, as losses or as air that stays empty.
 //!
 //! Before training: `depth_evidence` (plane sweep over neighbouring photos), `ground`, `void`, `line_of_sight` and
-//! `camera_space`. As losses of each step: `distortion`, `agreement`, `unseen` and `unseen_light`.
+//! `camera_space`. As losses of each step: `distortion`, `agreement`, `unseen` and `glare`.
 
 pub(super) mod agreement;
 pub(super) mod camera_space;
 pub(super) mod depth_evidence;
 pub(super) mod distortion;
+pub(super) mod glare;
 pub(super) mod ground;
 pub(super) mod line_of_sight;
 pub(super) mod unseen;
-pub(super) mod unseen_light;
 pub(super) mod void;
 
 use std::ops::Range;

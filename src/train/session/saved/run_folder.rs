@@ -40,6 +40,8 @@ const LOG: &str = "log.jsonl";
 
 /// The layout of run folders that this version writes and reads.
 pub(in crate::train::session) const FORMAT: u32 = 1;
+/// Settings of training that earlier versions of this layout noted and nothing reads any more.
+const GONE: [&str; 2] = ["evenness_weight", "evenness_delay"];
 
 /// What is wrong with a run folder.
 #[derive(Debug, thiserror::Error)]
@@ -223,7 +225,8 @@ impl RunFolder {
     pub fn config(&self) -> Result<RunConfig, RunFolderError> {
         let path = self.file(CONFIG);
         let text = std::fs::read_to_string(&path).map_err(|source| DataError::io(&path, source))?;
-        let what = match toml::from_str::<RunConfig>(&text) {
+        let read = toml::from_str::<RunConfig>(&text);
+        let what = match read.or_else(|error| without_gone(&text).ok_or(error)) {
             Err(error) => error.to_string(),
             Ok(config) if config.format != FORMAT => {
                 format!("format: {} is unknown, expected {FORMAT}", config.format)
@@ -388,6 +391,14 @@ impl RunFolder {
 /// The path from the root of the file system, without following links that may move.
 pub(in crate::train::session) fn absolute(path: &Path) -> PathBuf {
     std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
+}
+
+/// The settings of an earlier version, but for what is [`GONE`]; none where something else is wrong with them.
+fn without_gone(text: &str) -> Option<RunConfig> {
+    let mut settings: toml::Table = toml::from_str(text).ok()?;
+    let train = settings.get_mut("train")?.as_table_mut()?;
+    train.retain(|name, _| !GONE.contains(&name));
+    settings.try_into().ok()
 }
 
 /// The way from folder `from` to `to`, both absolute; none between different drives.

@@ -63,6 +63,24 @@ fn unknown_and_broken_settings_name_the_field() {
 }
 
 #[test]
+fn settings_that_are_gone_are_passed_over() {
+    let folder = tempfile::tempdir().unwrap();
+    let (run, written) = saved(folder.path(), folder.path());
+    let good = std::fs::read_to_string(folder.path().join(CONFIG)).unwrap();
+    let old = good.replace(
+        "glare_rays = 32",
+        "unseen_pairs = 32\nevenness_weight = 0.1\nevenness_delay = 3000",
+    );
+    assert_ne!(old, good);
+    std::fs::write(folder.path().join(CONFIG), &old).unwrap();
+    assert_eq!(run.config().unwrap().train, written.train);
+    let wrong = old.replace("seed = 0", "seed = \"x\"");
+    std::fs::write(folder.path().join(CONFIG), wrong).unwrap();
+    let message = run.config().unwrap_err().to_string();
+    assert!(message.contains("seed"), "{message}");
+}
+
+#[test]
 fn a_capture_that_moved_with_its_run_is_found() {
     let folder = tempfile::tempdir().unwrap();
     let before = folder.path().join("before");
