@@ -60,16 +60,16 @@ impl UnseenDirections {
         self.0.len() as f32 / N_DIRECTIONS as f32
     }
 
-    /// Adds rays number `slots` of a step to the batch, from beside the object. Returns which these are; `slots` is empty where
-    /// no direction is.
+    /// Adds the rays of a step's `groups` to the batch, [`GROUP`] each, from beside the object. Returns which these are; there is
+    /// no group where no direction is.
     pub(in crate::train) fn draw(
         &self,
         (seed, step): (u64, u64),
-        slots: Range<usize>,
+        groups: Range<usize>,
         batch: &mut FieldBatch,
     ) -> Range<usize> {
         let first = batch.rays.len();
-        for slot in slots {
+        for slot in GROUP * groups.start..GROUP * groups.end {
             let mut random = SlotRandom::new(seed, step, FIRST_SLOT + slot as u64);
             let middle = self.0[random.index(self.0.len())];
             let origin = AROUND * Vec3::from_array([(); 3].map(|()| 2.0 * random.uniform() - 1.0));

@@ -226,7 +226,7 @@ impl RunFolder {
         let path = self.file(CONFIG);
         let text = std::fs::read_to_string(&path).map_err(|source| DataError::io(&path, source))?;
         let read = toml::from_str::<RunConfig>(&text);
-        let what = match read.or_else(|error| without_gone(&text).ok_or(error)) {
+        let what = match read.or_else(|error| without_gone(&text).unwrap_or(Err(error))) {
             Err(error) => error.to_string(),
             Ok(config) if config.format != FORMAT => {
                 format!("format: {} is unknown, expected {FORMAT}", config.format)
@@ -393,12 +393,13 @@ pub(in crate::train::session) fn absolute(path: &Path) -> PathBuf {
     std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
 }
 
-/// The settings of an earlier version, but for what is [`GONE`]; none where something else is wrong with them.
-fn without_gone(text: &str) -> Option<RunConfig> {
+/// The settings of an earlier version without what is [`GONE`], or what else is wrong with them; none where nothing is gone.
+fn without_gone(text: &str) -> Option<Result<RunConfig, toml::de::Error>> {
     let mut settings: toml::Table = toml::from_str(text).ok()?;
     let train = settings.get_mut("train")?.as_table_mut()?;
+    let n = train.len();
     train.retain(|name, _| !GONE.contains(&name));
-    settings.try_into().ok()
+    (train.len() < n).then(|| settings.try_into())
 }
 
 /// The way from folder `from` to `to`, both absolute; none between different drives.

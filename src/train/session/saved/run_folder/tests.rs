@@ -74,10 +74,15 @@ fn settings_that_are_gone_are_passed_over() {
     assert_ne!(old, good);
     std::fs::write(folder.path().join(CONFIG), &old).unwrap();
     assert_eq!(run.config().unwrap().train, written.train);
-    let wrong = old.replace("seed = 0", "seed = \"x\"");
-    std::fs::write(folder.path().join(CONFIG), wrong).unwrap();
-    let message = run.config().unwrap_err().to_string();
-    assert!(message.contains("seed"), "{message}");
+    // What else is wrong is named, before and behind them.
+    for (wrong, field) in [
+        (old.replace("seed = 0", "seed = \"x\""), "seed"),
+        (old.replace("bounces = 3", "bounces = \"x\""), "bounces"),
+    ] {
+        std::fs::write(folder.path().join(CONFIG), wrong).unwrap();
+        let message = run.config().unwrap_err().to_string();
+        assert!(message.contains(field), "{message}");
+    }
 }
 
 #[test]
