@@ -97,6 +97,47 @@ fn rooms_are_small_enough_to_know() {
 }
 
 #[test]
+fn every_source_file_that_is_named_exists() {
+    let (mut files, mut texts) = (BTreeSet::new(), Vec::new());
+    for place in [
+        "src",
+        "tests",
+        "benches",
+        "examples",
+        "fuzz/fuzz_targets",
+        "docs",
+    ] {
+        walk(Path::new(place), &mut |path| {
+            files.insert(path.to_string_lossy().replace('\\', "/"));
+        });
+    }
+    texts.extend(files.iter().map(PathBuf::from));
+    texts.extend(["README.md", "ARCHITECTURE.md", "CONTRIBUTING.md"].map(PathBuf::from));
+    texts.retain(|path| path.extension().is_some_and(|e| e == "md" || e == "rs"));
+    let mut n_named = 0;
+    let mut offences = Vec::new();
+    for path in texts {
+        let text = fs::read_to_string(&path).expect("readable text");
+        // Between backticks is every second piece of a line.
+        let quoted = text
+            .lines()
+            .flat_map(|line| line.split('`').skip(1).step_by(2));
+        for name in quoted {
+            let is_path = Path::new(name).extension().is_some_and(|e| e == "rs")
+                && !name.contains(['*', '{', '<', ' ']);
+            let end = format!("/{name}");
+            n_named += usize::from(is_path);
+            let is_named = |file: &String| file == name || file.ends_with(&end);
+            if is_path && !files.iter().any(is_named) {
+                offences.push(format!("{}: {name}", path.display()));
+            }
+        }
+    }
+    assert!(n_named > 100, "the search found only {n_named} names");
+    assert!(offences.is_empty(), "{}", offences.join("\n"));
+}
+
+#[test]
 fn no_files_import_each_other_in_a_circle() {
     let modules = modules();
     let mut imports: BTreeMap<&Path, BTreeSet<&Path>> = BTreeMap::new();
@@ -289,14 +330,23 @@ fn resolved(path: &str, module: &Path) -> PathBuf {
 
 /// Calls `check` with every Rust file at or below `path`; nothing when there is none.
 fn visit(path: &Path, check: &mut dyn FnMut(&Path, &str)) {
-    if path.is_dir() {
-        for entry in fs::read_dir(path).expect("readable source folder") {
-            visit(&entry.expect("readable entry").path(), check);
+    walk(path, &mut |path| {
+        if path.extension().is_some_and(|e| e == "rs") {
+            check(
+                path,
+                &fs::read_to_string(path).expect("readable source file"),
+            );
         }
-    } else if path.is_file() && path.extension().is_some_and(|e| e == "rs") {
-        check(
-            path,
-            &fs::read_to_string(path).expect("readable source file"),
-        );
+    });
+}
+
+/// Calls `check` with every file at or below `path`; nothing when there is none.
+fn walk(path: &Path, check: &mut dyn FnMut(&Path)) {
+    if path.is_dir() {
+        for entry in fs::read_dir(path).expect("readable folder") {
+            walk(&entry.expect("readable entry").path(), check);
+        }
+    } else if path.is_file() {
+        check(path);
     }
 }
