@@ -163,8 +163,8 @@ pub struct TrainConfig {
     pub roughness_delay: u32,
     /// How often a reflection that meets the object again is followed; 0 is never, 3 the most.
     pub bounces: usize,
-    /// Whether pixels whose mirror image is discontinuous (edges within the object, strong curvature, grazing views) are
-    /// trained by quarters.
+    /// Whether pixels whose mirror image turns fast (edges within the object, strong curvature, grazing views) are trained
+    /// by several narrower beams.
     pub subpixels: bool,
     /// Steps over which the uniform share of the sample placement falls from 1 to `uniform_share`.
     pub exploration_steps: u32,

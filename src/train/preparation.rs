@@ -19,6 +19,8 @@ use crate::render::path::gbuffer::PathOptions;
 /// [`PathOptions::largest_turn`] in training: a mirror image that a pixel squeezes further in one direction than in the
 /// other is no round cone's, and what was learned from cones would be too rough and its lamps too wide.
 const TAUGHT_TURN: f32 = 0.08;
+/// [`PathOptions::most`] in training.
+const MOST_PATHS: usize = 8;
 
 /// Views from which it is estimated how masks lie about a mesh that has moved a little.
 const OUTLINE_VIEWS: usize = 24;
@@ -122,8 +124,8 @@ pub(super) fn pixel_options(
         },
         paths: PathOptions {
             max_vertices: config.bounces + 1,
-            smooth: 1,
-            discontinuous: if config.subpixels { 2 } else { 1 },
+            least: 1,
+            most: if config.subpixels { MOST_PATHS } else { 1 },
             largest_turn: TAUGHT_TURN,
         },
         outline_error_px,

@@ -10,8 +10,11 @@ use crate::neif::field::proposal::ConeRay;
 use crate::neif::field::radiance_field::FieldRay;
 use crate::neif::light::lobe::Lobe;
 use crate::render::path::scratch::ShadeScratch;
-use crate::render::path::trace::PIXEL_STD;
 use crate::render::scene::Scene;
+
+/// Standard deviation of a panorama's pixels along an axis, pixels: `1/sqrt(12)`. They are boxes beside each other, as panoramas
+/// are lamps for other programs.
+const BOX_STD: f32 = 0.288_675_13;
 
 /// What a panorama shows.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -94,8 +97,7 @@ fn panorama_row(
     let origin = frame.field_from_world(motion.point(view.at)).to_array();
     let width = row.len();
     let lobe = (view.roughness > 0.0).then(|| Lobe::from_roughness(view.roughness));
-    // A pixel is a box of π/height radians.
-    let spread = PI / height as f32 * PIXEL_STD;
+    let spread = PI / height as f32 * BOX_STD;
     scratch.rays.clear();
     for x in 0..width {
         let place = Vec2::new(

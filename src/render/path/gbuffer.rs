@@ -2,46 +2,51 @@
 
 use std::ops::Range;
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
-use super::trace::{MAX_VERTICES, PathStore, PixelHit, Seen, trace_path, trace_pixel};
+use super::trace::{
+    MAX_VERTICES, PIXEL_SIDE, PathStore, PixelHit, Seen, trace_beam, trace_path, trace_pixel,
+};
 use crate::geometry::{Camera, SurfaceTracer};
 use crate::neif::light::light_path::PathVertex;
 
 /// Sub-samples per axis of a silhouette pixel.
 const SUBSAMPLES: usize = 4;
-/// [`PathOptions::largest_turn`] of pictures; `gpu/gbuffer.wgsl` has its cosine.
-const SHOWN_TURN: f32 = 0.25;
 
 /// How finely and how far pixels are traced.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PathOptions {
     /// Most vertices of a path, in `1..=MAX_VERTICES`.
     pub max_vertices: usize,
-    /// Paths per axis of a pixel whose neighbours see nearly the same: 1, 2 or 4.
-    pub smooth: usize,
-    /// Paths per axis of a pixel whose mirror image is discontinuous, or that the silhouette passes: 1, 2 or 4.
-    pub discontinuous: usize,
-    /// Turn of the mirror direction to the next pixel, radians, above which a pixel's mirror image counts as discontinuous.
+    /// Least paths of a pixel that the object covers, a power of 2.
+    pub least: usize,
+    /// Most paths of a pixel, a power of 2 in `1..=16`.
+    pub most: usize,
+    /// Turn of the mirror direction from one side of a path's beam to the other, radians, above which a pixel gets more of them.
     pub largest_turn: f32,
 }
 
 impl PathOptions {
-    /// One path a pixel, four where that is not enough: for pictures in motion.
+    /// One path a pixel, two or four where that is not enough: for pictures in motion.
     pub const PLAIN: Self = Self {
         max_vertices: MAX_VERTICES,
-        smooth: 1,
-        discontinuous: 2,
-        largest_turn: SHOWN_TURN,
+        least: 1,
+        most: 4,
+        largest_turn: 0.25,
     };
-    /// Four paths a pixel, sixteen where that is not enough: for pictures that stay. A reflection in a curved mirror is
+    /// Four paths a pixel, up to sixteen where that is not enough: for pictures that stay. A reflection in a curved mirror is
     /// smaller than the mirror; one path a pixel measured 0.7 dB worse over all object pixels.
     pub const FINE: Self = Self {
         max_vertices: MAX_VERTICES,
-        smooth: 2,
-        discontinuous: 4,
-        largest_turn: SHOWN_TURN,
+        least: 4,
+        most: 16,
+        largest_turn: 0.03,
     };
+
+    /// Paths per axis of a pixel that the silhouette passes.
+    fn edge_side(self) -> usize {
+        if self.most < 16 { 2 } else { 4 }
+    }
 }
 
 /// Traced pixels of some rows of a camera's image.
@@ -125,25 +130,16 @@ impl GBuffer {
             points.clear();
             if is_wanted(self.first + i as u32) {
                 let (x, y) = ((i % width) as f32, (rows.start as usize + i / width) as f32);
-                self.coverage[i] = match (centers.kind(i, options.largest_turn), options) {
-                    (PixelKind::Empty, _) => 0.0,
-                    (
-                        PixelKind::Edge,
-                        PathOptions {
-                            discontinuous: n, ..
-                        },
-                    ) => subsample_edge(tracer, camera, (x, y), n.max(2), &mut points),
-                    (
-                        PixelKind::Discontinuous,
-                        PathOptions {
-                            discontinuous: n, ..
-                        },
-                    )
-                    | (PixelKind::Smooth, PathOptions { smooth: n, .. }) => {
-                        if n > 1 {
-                            subsample(tracer, camera, (x, y), n, &mut points);
-                        } else {
-                            points.extend(centers.at(i).copied());
+                self.coverage[i] = match centers.kind(i) {
+                    PixelKind::Empty => 0.0,
+                    PixelKind::Edge => {
+                        subsample_edge(tracer, camera, (x, y), options.edge_side(), &mut points)
+                    }
+                    PixelKind::Inner => {
+                        let turn = centers.turn(i);
+                        match turn.paths(options) {
+                            [1, 1] => points.extend(centers.at(i).copied()),
+                            n => subsample(tracer, camera, (x, y), (turn.axis, n), &mut points),
                         }
                         1.0
                     }
@@ -179,10 +175,43 @@ enum PixelKind {
     Empty,
     /// The object's silhouette passes here or beside.
     Edge,
-    /// Object all around, but what it mirrors here does not hang together with what it mirrors beside.
-    Discontinuous,
-    /// One ray stands for the pixel.
-    Smooth,
+    /// Object all around.
+    Inner,
+}
+
+/// How the mirror direction turns from a pixel to its neighbours.
+struct Turn {
+    /// The direction in the picture in which it turns fastest, unit.
+    axis: Vec2,
+    /// By how much a pixel along the axis and across it, radians (where it is small).
+    by: [f32; 2],
+}
+
+impl Turn {
+    /// From the larger of the differences to either side along x and along y.
+    fn new(dx: Vec3, dy: Vec3) -> Self {
+        let (xx, xy, yy) = (dx.length_squared(), dx.dot(dy), dy.length_squared());
+        let (mean, apart) = (0.5 * (xx + yy), (0.5 * (xx - yy)).hypot(xy));
+        Self {
+            axis: Vec2::from_angle(0.5 * (2.0 * xy).atan2(xx - yy)),
+            by: [mean + apart, (mean - apart).max(0.0)].map(f32::sqrt),
+        }
+    }
+
+    /// Paths along the axis and across it: halves of what is widest until it is narrow enough.
+    fn paths(&self, options: PathOptions) -> [usize; 2] {
+        let (mut n, mut by) = ([1, 1], self.by);
+        while 2 * n[0] * n[1] <= options.most {
+            let is_narrow = by[0].max(by[1]) <= options.largest_turn;
+            if is_narrow && n[0] * n[1] >= options.least {
+                break;
+            }
+            let wider = usize::from(by[1] > by[0]);
+            n[wider] *= 2;
+            by[wider] *= 0.5;
+        }
+        n
+    }
 }
 
 impl Centers {
@@ -223,53 +252,60 @@ impl Centers {
         self.point(i + self.width)
     }
 
-    fn kind(&self, i: usize, largest_turn: f32) -> PixelKind {
+    /// Pixels above, below, to the left and to the right of pixel `i`, from the row before the first; itself beside the picture.
+    fn beside(&self, i: usize) -> [usize; 4] {
         let (at, x) = (i + self.width, i % self.width);
-        let beside = [
+        [
             at - self.width,
             at + self.width,
             at - usize::from(x > 0),
             at + usize::from(x + 1 < self.width),
-        ];
-        let center = self.point(at);
-        if beside
-            .iter()
-            .any(|&j| self.point(j).is_some() != center.is_some())
-        {
-            return PixelKind::Edge;
+        ]
+    }
+
+    fn kind(&self, i: usize) -> PixelKind {
+        let is_seen = self.at(i).is_some();
+        let is_alike = |j: usize| self.point(j).is_some() == is_seen;
+        match (self.beside(i).into_iter().all(is_alike), is_seen) {
+            (false, _) => PixelKind::Edge,
+            (true, true) => PixelKind::Inner,
+            (true, false) => PixelKind::Empty,
         }
-        let Some(center) = center else {
-            return PixelKind::Empty;
+    }
+
+    fn turn(&self, i: usize) -> Turn {
+        let mirrored = |seen: &Seen| seen.point.reflected();
+        let center = self.at(i).map_or(Vec3::ZERO, mirrored);
+        let [above, below, left, right] = self.beside(i).map(|j| {
+            self.point(j)
+                .map_or(Vec3::ZERO, |seen| mirrored(seen) - center)
+        });
+        let larger = |back: Vec3, on: Vec3| {
+            if on.length_squared() < back.length_squared() {
+                -back
+            } else {
+                on
+            }
         };
-        let least_cos = largest_turn.cos();
-        let hangs_together =
-            |other: &Seen| center.point.reflected().dot(other.point.reflected()) > least_cos;
-        let is_smooth = |j: &usize| self.point(*j).is_some_and(hangs_together);
-        if beside.iter().all(is_smooth) {
-            PixelKind::Smooth
-        } else {
-            PixelKind::Discontinuous
-        }
+        Turn::new(larger(left, right), larger(above, below))
     }
 }
 
-/// The points seen through the `n` by `n` equal squares of pixel `(x, y)`.
+/// The points seen through the beams of pixel `(x, y)`: so many along the axis and across it.
 fn subsample(
     tracer: &SurfaceTracer,
     camera: &Camera,
     (x, y): (f32, f32),
-    n: usize,
+    (axis, n): (Vec2, [usize; 2]),
     points: &mut Vec<Seen>,
 ) {
-    let side = 1.0 / n as f32;
-    for k in 0..n * n {
-        let (u, v) = ((k % n) as f32 + 0.5, (k / n) as f32 + 0.5);
-        points.extend(trace_pixel(
-            tracer,
-            camera,
-            (x + u * side, y + v * side),
-            side,
-        ));
+    let sides = [axis, axis.perp()];
+    let beam = [0, 1].map(|k| sides[k] / n[k] as f32);
+    for k in 0..n[0] * n[1] {
+        let share = |i: usize, n: usize| PIXEL_SIDE * ((i as f32 + 0.5) / n as f32 - 0.5);
+        let offset = share(k % n[0], n[0]) * sides[0] + share(k / n[0], n[1]) * sides[1];
+        let at_px = Vec2::new(x + 0.5, y + 0.5) + offset;
+        points.extend(trace_beam(tracer, camera, at_px, beam));
     }
 }
 
@@ -287,23 +323,80 @@ fn subsample_edge(
     for square in 0..n * n {
         hits.clear();
         for k in 0..n_inside * n_inside {
-            let offset = |s: usize, i: usize| (s * n_inside + i) as f32 + 0.5;
-            let at = (
-                x + offset(square % n, k % n_inside) / SUBSAMPLES as f32,
-                y + offset(square / n, k / n_inside) / SUBSAMPLES as f32,
+            let share = |s: usize, i: usize| ((s * n_inside + i) as f32 + 0.5) / SUBSAMPLES as f32;
+            let place = Vec2::new(
+                share(square % n, k % n_inside),
+                share(square / n, k / n_inside),
             );
-            hits.extend(PixelHit::trace(tracer, camera, at).map(|hit| (at, hit)));
+            let at_px = Vec2::new(x + 0.5, y + 0.5) + (place - 0.5) * PIXEL_SIDE;
+            hits.extend(PixelHit::trace(tracer, camera, at_px).map(|hit| (at_px, hit)));
         }
-        let mean = |f: fn(&((f32, f32), PixelHit)) -> f32| {
-            hits.iter().map(f).sum::<f32>() / hits.len().max(1) as f32
-        };
-        let (u, v) = (mean(|h| h.0.0), mean(|h| h.0.1));
-        let distance = |at: (f32, f32)| (at.0 - u).powi(2) + (at.1 - v).powi(2);
+        let sum: Vec2 = hits.iter().map(|hit| hit.0).sum();
+        let mean = sum / hits.len().max(1) as f32;
+        let distance = |at_px: Vec2| at_px.distance_squared(mean);
         let nearest = hits
             .iter()
             .min_by(|a, b| distance(a.0).total_cmp(&distance(b.0)));
-        points.extend(nearest.map(|(at, hit)| hit.seen(tracer, camera, *at, 1.0 / n as f32)));
+        let sides = Vec2::AXES.map(|axis| axis / n as f32);
+        points.extend(nearest.map(|(at_px, hit)| hit.seen(tracer, camera, *at_px, sides)));
         n_hits += hits.len();
     }
     n_hits as f32 / (SUBSAMPLES * SUBSAMPLES) as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::trace::PIXEL_STD;
+    use super::*;
+    use crate::render::test_scene::{camera, scene};
+
+    #[test]
+    fn a_pixel_has_more_paths_along_the_axis_on_which_its_mirror_image_turns() {
+        let taught = PathOptions {
+            least: 1,
+            most: 8,
+            largest_turn: 0.08,
+            ..PathOptions::PLAIN
+        };
+        // By 0.4 rad a pixel down the diagonal, and not at all across.
+        let side = 0.4 / 2.0_f32.sqrt();
+        let squeezed = Turn::new(side * Vec3::Z, side * Vec3::Z);
+        assert!(squeezed.axis.distance(Vec2::ONE.normalize()) < 1e-5);
+        assert!((squeezed.by[0] - 0.4).abs() < 1e-6 && squeezed.by[1] < 1e-3);
+        assert_eq!(squeezed.paths(taught), [8, 1]);
+        assert_eq!(squeezed.paths(PathOptions::FINE), [16, 1]);
+        assert_eq!(squeezed.paths(PathOptions::PLAIN), [2, 1]);
+        let round = Turn::new(0.1 * Vec3::X, 0.15 * Vec3::Y);
+        assert!(round.axis.abs().distance(Vec2::Y) < 1e-5);
+        assert_eq!(round.paths(taught), [2, 2]);
+        let flat = Turn::new(1e-3 * Vec3::X, 1e-3 * Vec3::Y);
+        assert_eq!(flat.paths(taught), [1, 1]);
+        assert_eq!(flat.paths(PathOptions::FINE), [2, 2]);
+    }
+
+    #[test]
+    fn beams_of_a_pixel_cover_what_it_averages() {
+        let scene = scene();
+        let tracer = &scene.object.as_ref().expect("an object").tracer;
+        let camera = camera(40, 30);
+        let (x, y) = (20.0, 15.0);
+        let mut seen = Vec::new();
+        let axis = Vec2::from_angle(0.7);
+        subsample(tracer, &camera, (x, y), (axis, [8, 2]), &mut seen);
+        assert_eq!(seen.len(), 16);
+        let at: Vec<Vec2> = seen
+            .iter()
+            .filter_map(|seen| camera.project(seen.point.position))
+            .collect();
+        let center = Vec2::new(x + 0.5, y + 0.5);
+        let mean = at.iter().sum::<Vec2>() / 16.0;
+        assert!(mean.distance(center) < 1e-3, "{mean} is not {center}");
+        for (direction, n) in [(axis, 8.0), (axis.perp(), 2.0)] {
+            let square = |at: &Vec2| (*at - center).dot(direction).powi(2);
+            let between = at.iter().map(square).sum::<f32>() / 16.0;
+            // Each beam is as much narrower, so that together they have the pixel's variance.
+            let all = between + (PIXEL_STD / n).powi(2);
+            assert!((all.sqrt() - PIXEL_STD).abs() < 1e-3, "{}", all.sqrt());
+        }
+    }
 }

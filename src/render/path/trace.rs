@@ -3,14 +3,17 @@
 //! Surfaces stay where they are while stage two trains, so trainer and renderer trace each pixel once and keep this;
 //! where normals are refined, once for each mesh with better ones.
 
-use glam::{Quat, Vec3};
+use glam::{Quat, Vec2, Vec3};
 
 use crate::geometry::{Camera, Fan, Hit, Ray, SurfaceTracer, orthonormal_basis};
 use crate::neif::light::light_path::{Blocked, PathVertex, RING_ANGLES, RING_RAYS};
 use crate::neif::light::shading::SurfacePoint;
 
-/// Standard deviation of a uniform pixel, pixels: `1/sqrt(12)`.
-pub const PIXEL_STD: f32 = 0.288_675_13;
+/// Side of the square whose mean a pixel is, pixels: as wide as Blender's filter (Blackman-Harris, three pixels from end to
+/// end); lenses and demosaicing blur as much or more.
+pub const PIXEL_SIDE: f32 = 1.44;
+/// Its standard deviation along an axis, pixels: `PIXEL_SIDE / sqrt(12)`.
+pub const PIXEL_STD: f32 = 0.288_675_13 * PIXEL_SIDE;
 /// Most vertices of a path. Between five touching balls one pixel in six meets the object a second time, one in
 /// sixteen a third, and few a fourth.
 pub const MAX_VERTICES: usize = 4;
@@ -59,42 +62,46 @@ pub struct PixelHit {
 }
 
 impl PixelHit {
-    /// Traces the ray through `(x_px, y_px)`.
-    pub fn trace(
-        tracer: &SurfaceTracer,
-        camera: &Camera,
-        (x_px, y_px): (f32, f32),
-    ) -> Option<Self> {
-        let ray = camera.ray(x_px, y_px);
+    /// Traces the ray through `at_px`.
+    pub fn trace(tracer: &SurfaceTracer, camera: &Camera, at_px: Vec2) -> Option<Self> {
+        let ray = camera.ray(at_px.x, at_px.y);
         let hit = tracer.intersect(&ray, 0.0, f32::INFINITY)?;
         Some(Self { ray, hit })
     }
 
-    /// The point met by a ray through `(x_px, y_px)`; `size_px` is the side of the square whose beam is meant.
+    /// The point met by a ray through `at_px`, with a beam whose `sides` are shares of a pixel.
     pub fn seen(
         &self,
         tracer: &SurfaceTracer,
         camera: &Camera,
-        (x_px, y_px): (f32, f32),
-        size_px: f32,
+        at_px: Vec2,
+        sides: [Vec2; 2],
     ) -> Seen {
-        let neighbours = [
-            camera.ray(x_px + size_px, y_px),
-            camera.ray(x_px, y_px + size_px),
-        ];
+        let neighbours = sides.map(|side| camera.ray(at_px.x + side.x, at_px.y + side.y));
         seen(tracer, &self.hit, &self.ray, &neighbours)
     }
 }
 
-/// The first hit of the ray through `at_px`; `size_px` is the side of the square whose beam is meant.
+/// The first hit of the ray through `at_px`, with the beam of a pixel `size_px` times as wide.
 pub fn trace_pixel(
     tracer: &SurfaceTracer,
     camera: &Camera,
     at_px: (f32, f32),
     size_px: f32,
 ) -> Option<Seen> {
+    let sides = Vec2::AXES.map(|axis| size_px * axis);
+    trace_beam(tracer, camera, at_px.into(), sides)
+}
+
+/// The first hit of the ray through `at_px`, with a beam whose `sides` are shares of a pixel.
+pub fn trace_beam(
+    tracer: &SurfaceTracer,
+    camera: &Camera,
+    at_px: Vec2,
+    sides: [Vec2; 2],
+) -> Option<Seen> {
     let hit = PixelHit::trace(tracer, camera, at_px)?;
-    Some(hit.seen(tracer, camera, at_px, size_px))
+    Some(hit.seen(tracer, camera, at_px, sides))
 }
 
 /// What a ray that leaves the surface at `origin` meets of it.

@@ -171,7 +171,7 @@ impl Chunk {
             context
                 .pixels
                 .unpack_paths(&pixel, &mut self.vertices, |_| ());
-            // The mirror image is not followed further, nor by quarters.
+            // The mirror image is not followed further, nor by several beams.
             self.vertices.truncate(first + 1);
             let vertex = self.vertices[first];
             self.slots.push(ObjectSlot {

@@ -50,7 +50,7 @@ impl Sides {
             }
             (Some(mask), _) => Self::of_coverage(&mask.coverage),
             (None, Some(tracer)) => {
-                let coverage = traced_coverage(tracer, camera, 1, |_| true);
+                let coverage = traced_coverage(tracer, camera, |_| true);
                 Self {
                     object: coverage.iter().map(|share| *share > 0.0).collect(),
                     background: coverage.iter().map(|share| *share <= 0.0).collect(),
@@ -103,7 +103,7 @@ fn traced_near(
     reach: f32,
 ) -> Mask {
     let is_near = |pixel: u32| outline.distance[pixel as usize].abs() < reach;
-    let traced = traced_coverage(tracer, camera, 2, is_near);
+    let traced = traced_coverage(tracer, camera, is_near);
     let share = |(pixel, share): (usize, &f32)| {
         if is_near(pixel as u32) {
             (255.0 * share).round() as u8
@@ -117,16 +117,15 @@ fn traced_near(
     }
 }
 
-/// `[n_pixels]` share of each wanted pixel that the mesh covers, by `subpixels * subpixels` rays where its silhouette passes.
+/// `[n_pixels]` share of each wanted pixel that the mesh covers.
 fn traced_coverage(
     tracer: &SurfaceTracer,
     camera: &Camera,
-    subpixels: usize,
     is_wanted: impl Fn(u32) -> bool,
 ) -> Vec<f32> {
     let options = PathOptions {
         max_vertices: 1,
-        discontinuous: subpixels,
+        most: 1,
         ..PathOptions::PLAIN
     };
     let of_rows = |rows| GBuffer::trace_some(tracer, camera, rows, options, &is_wanted);

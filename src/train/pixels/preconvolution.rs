@@ -1,8 +1,8 @@
 //! Pre-convolved backgrounds: each photo's background blurred in linear light, the object left out.
 //!
 //! The ladder of the paper's "multiscale pre-convolved representation" with standard deviations 1, 2, 4, 8, 16
-//! pixels. The paper prints a cone of `3 sigma r0`; matching the blurred pixel needs `r0 sqrt(1 + 12 sigma²)`, i.e. a
-//! variance of `sigma² + 1/12` pixels². Levels from 4 pixels on are stored at half the resolution each.
+//! pixels. The paper prints a cone of `3 sigma r0`; matching the blurred pixel needs the variance of both, `sigma²` and
+//! that of what a pixel averages. Levels from 4 pixels on are stored at half the resolution each.
 
 use glam::{Vec3, Vec4};
 
@@ -10,6 +10,7 @@ use super::pixel_set::PixelSet;
 use super::srgb_codes::SrgbCodes;
 use crate::color::{linear_from_srgb, srgb_from_linear};
 use crate::data::Photo;
+use crate::render::path::trace::PIXEL_STD;
 use crate::train::step::loss::{CLIPPED, unclipped};
 
 /// Least share of background under the kernel for a blurred pixel to count.
@@ -130,7 +131,7 @@ impl BlurredImage {
 
     /// Standard deviation of what a sample averages, pixels of the photo: the blur and the pixel itself.
     pub(super) fn std_px(&self) -> f32 {
-        (self.sigma_px * self.sigma_px + 1.0 / 12.0).sqrt()
+        self.sigma_px.hypot(PIXEL_STD)
     }
 
     /// The `k`-th sample, sRGB in `[0, 1]`.

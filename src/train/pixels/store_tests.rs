@@ -3,6 +3,8 @@
 use std::collections::HashSet;
 use std::sync::Arc;
 
+use glam::Vec2;
+
 use super::block_chroma::block_around;
 use super::store::{ChromaSource, ObjectPixel, PixelStore};
 use super::traced_pixels::TracedPixels;
@@ -160,7 +162,8 @@ fn targets_follow_their_cameras() {
         store.set_cameras(&given);
         let mut pixel = store.draw_object(&mut random);
         vertices.clear();
-        store.unpack_paths(&pixel, &mut vertices, |_| ());
+        let mut starts = Vec::new();
+        store.unpack_paths(&pixel, &mut vertices, |path| starts.push(path.start));
         let begin = vertices[0].point.position;
         let before = pixel.target;
         store.follow_camera(&mut pixel, begin);
@@ -171,7 +174,9 @@ fn targets_follow_their_cameras() {
         }
         // Half a pixel to the right: a quarter of the difference of the neighbours.
         let view = &dataset.train[pixel.view];
-        let at = given[pixel.view].project(begin).unwrap();
+        // Its paths begin around the pixel's centre.
+        let seen = |start: &usize| given[pixel.view].project(vertices[*start].point.position);
+        let at = starts.iter().filter_map(seen).sum::<Vec2>() / starts.len() as f32;
         let i = at.y as usize * 64 + at.x as usize;
         let [left, right] = [i - 1, i + 1].map(|i| view.photo.srgb(i));
         store.set_cameras(&moved);

@@ -54,7 +54,7 @@ pub(super) struct BandTables {
 impl BandSize {
     /// For a picture: as many rows as tables of `most_bytes` hold.
     pub(super) fn of(width: u32, height: u32, options: PathOptions, most_bytes: u64) -> Self {
-        let paths_per_pixel = options.smooth.max(options.discontinuous).max(2).pow(2) as u32;
+        let paths_per_pixel = options.most as u32;
         let largest = (MAX_VERTICES as u64 + 1) * RAY_BYTES;
         let most_paths = MOST_PATHS.min(most_bytes / largest);
         let paths_per_row = u64::from(paths_per_pixel) * u64::from(width.max(1));

@@ -32,9 +32,9 @@ impl Frame {
         frame.camera(camera);
         frame.integers([camera.width, camera.height, rows.start, rows.len() as u32]);
         let n_samples = scene.environment.n_samples() as u32;
-        let [smooth, discontinuous, most] =
-            [options.smooth, options.discontinuous, options.max_vertices].map(|n| n as u32);
-        frame.integers([smooth, discontinuous, most, n_samples]);
+        let paths = [options.least, options.most, options.max_vertices];
+        let [least, most, n_vertices] = paths.map(|n| n as u32);
+        frame.integers([least, most, n_vertices, n_samples]);
         let behind = match (scene.shows_background(layer), scene.shown_background()) {
             (false, _) => 0,
             (true, Background::Blurred) => 2,
@@ -50,7 +50,7 @@ impl Frame {
         let screen = scene.shown(layer);
         let is_neutral = u32::from(screen.tone_map == ToneMap::Neutral);
         frame.integers([has_object, behind, shown, is_neutral]);
-        frame.ball(object);
+        frame.ball(object, options.largest_turn);
         frame.motion(&scene.environment, &motion);
         frame.cube(object);
         // The light that the diffuse part follows; where it follows none, it stays as it was learned.
@@ -96,11 +96,12 @@ impl Frame {
         self.floats(Vec4::new(camera.fx, camera.fy, camera.cx, camera.cy));
     }
 
-    fn ball(&mut self, object: Option<&ObjectTables>) {
+    fn ball(&mut self, object: Option<&ObjectTables>, largest_turn: f32) {
         let (center, radius) = object.map_or((Vec3::ZERO, 1.0), |object| object.ball);
         self.floats(center.extend(radius));
         let (start, n_leaves) = object.map_or((0.0, 0), |o| (o.self_distance, o.n_leaves));
-        self.floats(Vec4::new(start, 3.0 * n_leaves as f32, 0.0, 0.0));
+        let row = Vec4::new(start, 3.0 * n_leaves as f32, largest_turn, 0.0);
+        self.floats(row);
     }
 
     fn motion(&mut self, environment: &Environment, motion: &EnvironmentFromWorld) {

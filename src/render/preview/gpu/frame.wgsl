@@ -12,14 +12,15 @@ struct Frame {
     lens: vec4<f32>,
     // Width and height of the picture, first row of the band, rows of the band.
     size: vec4<u32>,
-    // Paths per axis of a smooth and of a discontinuous pixel, most vertices of a path, samples a ray.
+    // Least and most paths of a pixel, most vertices of a path, samples a ray.
     options: vec4<u32>,
     // Whether there is an object, what is behind it (BEHIND_*), which layer (LAYER_*); samples of a ray where the caller
     // gives rays, else whether the tone map is neutral.
     flags: vec4<u32>,
     // Centre and radius of the ball that the mesh is scaled to.
     ball: vec4<f32>,
-    // Start of a ray that leaves the surface (world units), rows of ball-space corners before the world's, unused.
+    // Start of a ray that leaves the surface (world units), rows of ball-space corners before the world's, turn across a beam
+    // above which a pixel gets more of them (radians).
     start: vec4<f32>,
     // Rows of the map from world points to field coordinates.
     field_x: vec4<f32>,

@@ -2,8 +2,6 @@
 
 // Sub-samples per axis of a silhouette pixel.
 const SUBSAMPLES: u32 = 4u;
-// Cosine of the turn of the mirror direction to the next pixel above which a pixel is sampled by squares.
-const LEAST_COS: f32 = 0.9689124;
 
 // Where a path starts.
 struct PathStart {
@@ -38,7 +36,7 @@ fn trace_centers(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_work
     }
     // The first row lies above the band, perhaps above the picture.
     let y = f32(frame.size.z) + f32(i / width) - 0.5;
-    centers[i] = trace_pixel(vec2(f32(i % width) + 0.5, y), 1.0);
+    centers[i] = trace_beam(vec2(f32(i % width) + 0.5, y), vec2(1.0, 0.0), vec2(0.0, 1.0));
 }
 
 @compute @workgroup_size(64)
@@ -56,17 +54,13 @@ fn start_paths(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgr
         let beside = array<u32, 4>(at - width, at + width, at - select(0u, 1u, x > 0u), at + select(0u, 1u, x + 1u < width));
         let center = centers[at];
         var is_edge = false;
-        var is_discontinuous = false;
         for (var k = 0u; k < 4u; k++) {
-            let other = centers[beside[k]];
-            is_edge |= other.is_seen != center.is_seen;
-            is_discontinuous |= dot(reflected(center), reflected(other)) <= LEAST_COS;
+            is_edge |= centers[beside[k]].is_seen != center.is_seen;
         }
         if is_edge {
-            pixel = edge_paths(place, max(frame.options.y, 2u));
+            pixel = edge_paths(place, select(2u, 4u, frame.options.y >= 16u));
         } else if center.is_seen > 0.0 {
-            let n = select(frame.options.x, frame.options.y, is_discontinuous);
-            pixel = inner_paths(place, n, center);
+            pixel = inner_paths(place, center, turn_at(at, beside));
         }
     }
     if frame.flags.y != BEHIND_NOTHING && pixel.coverage < 1.0 {
@@ -83,24 +77,71 @@ fn turn_of(place: vec2<u32>, path: u32) -> f32 {
     return turn - floor(turn / TAU) * TAU;
 }
 
-// The points seen through `n` by `n` squares of a pixel that the object covers.
-fn inner_paths(place: vec2<u32>, n: u32, center: SurfacePoint) -> Pixel {
-    let first = atomicAdd(&counters.n_paths, n * n);
-    if n == 1u {
+// How the mirror direction turns from a pixel to its neighbours: the direction in which it does fastest, and by how much a
+// pixel along that and across it.
+struct Turn {
+    axis: vec2<f32>,
+    by: vec2<f32>,
+}
+
+// From the larger of the differences to either side along x and along y.
+fn turn_at(at: u32, beside: array<u32, 4>) -> Turn {
+    let center = reflected(centers[at]);
+    let above = reflected(centers[beside[0]]) - center;
+    let below = reflected(centers[beside[1]]) - center;
+    let left = reflected(centers[beside[2]]) - center;
+    let right = reflected(centers[beside[3]]) - center;
+    let dx = select(right, -left, dot(right, right) < dot(left, left));
+    let dy = select(below, -above, dot(below, below) < dot(above, above));
+    let xx = dot(dx, dx);
+    let xy = dot(dx, dy);
+    let yy = dot(dy, dy);
+    let mean = 0.5 * (xx + yy);
+    let apart = length(vec2(0.5 * (xx - yy), xy));
+    // `atan2(0, 0)` is not defined here.
+    let angle = select(0.0, 0.5 * atan2(2.0 * xy, xx - yy), apart > 0.0);
+    return Turn(vec2(cos(angle), sin(angle)), sqrt(vec2(mean + apart, max(mean - apart, 0.0))));
+}
+
+// Paths along the axis and across it: halves of what is widest until it is narrow enough.
+fn paths_of(turn: Turn) -> vec2<u32> {
+    var n = vec2(1u, 1u);
+    var by = turn.by;
+    while 2u * n.x * n.y <= frame.options.y {
+        if max(by.x, by.y) <= frame.start.z && n.x * n.y >= frame.options.x {
+            break;
+        }
+        if by.y > by.x {
+            n.y *= 2u;
+            by.y *= 0.5;
+        } else {
+            n.x *= 2u;
+            by.x *= 0.5;
+        }
+    }
+    return n;
+}
+
+// The points seen through the beams of a pixel that the object covers, whose mirror direction turns so.
+fn inner_paths(place: vec2<u32>, center: SurfacePoint, turn: Turn) -> Pixel {
+    let n = paths_of(turn);
+    let first = atomicAdd(&counters.n_paths, n.x * n.y);
+    if n.x * n.y == 1u {
         starts[first] = PathStart(center, turn_of(place, 0u), 0.0, 0.0, 0.0);
         return Pixel(1.0, first, 1u, NONE);
     }
-    let side = 1.0 / f32(n);
+    let across = vec2(-turn.axis.y, turn.axis.x);
     var count = 0u;
-    for (var k = 0u; k < n * n; k++) {
-        let at = vec2<f32>(place) + (vec2(f32(k % n), f32(k / n)) + 0.5) * side;
-        let point = trace_pixel(at, side);
+    for (var k = 0u; k < n.x * n.y; k++) {
+        let share = PIXEL_SIDE * ((vec2(f32(k % n.x), f32(k / n.x)) + 0.5) / vec2<f32>(n) - 0.5);
+        let at = vec2<f32>(place) + 0.5 + share.x * turn.axis + share.y * across;
+        let point = trace_beam(at, turn.axis / f32(n.x), across / f32(n.y));
         if point.is_seen > 0.0 {
             starts[first + count] = PathStart(point, turn_of(place, count), 0.0, 0.0, 0.0);
             count++;
         }
     }
-    clear_paths(first + count, first + n * n);
+    clear_paths(first + count, first + n.x * n.y);
     return Pixel(1.0, first, count, NONE);
 }
 
@@ -138,7 +179,7 @@ fn edge_paths(place: vec2<u32>, n: u32) -> Pixel {
                 nearest = at;
             }
         }
-        let point = trace_pixel(nearest, 1.0 / f32(n));
+        let point = trace_beam(nearest, vec2(1.0 / f32(n), 0.0), vec2(0.0, 1.0 / f32(n)));
         if point.is_seen > 0.0 {
             starts[first + count] = PathStart(point, turn_of(place, count), 0.0, 0.0, 0.0);
             count++;
@@ -149,8 +190,9 @@ fn edge_paths(place: vec2<u32>, n: u32) -> Pixel {
 }
 
 fn subsample_at(place: vec2<u32>, corner_of_square: vec2<u32>, k: u32, n_inside: u32) -> vec2<f32> {
-    let offset = vec2<f32>(corner_of_square + vec2(k % n_inside, k / n_inside)) + 0.5;
-    return vec2<f32>(place) + offset / f32(SUBSAMPLES);
+    let square = corner_of_square + vec2(k % n_inside, k / n_inside);
+    let share = (vec2<f32>(square) + 0.5) / f32(SUBSAMPLES);
+    return vec2<f32>(place) + 0.5 + (share - 0.5) * PIXEL_SIDE;
 }
 
 fn clear_paths(first: u32, end: u32) {

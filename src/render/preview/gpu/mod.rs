@@ -99,7 +99,7 @@ impl GpuRenderer {
             let commands = band.encode(gpu, programs, environment, object);
             gpu.queue.submit([commands.finish()]);
             // Bands of a picture that stays are long, and something newer may come.
-            if options.smooth > 1 {
+            if options.least > 1 {
                 wait(gpu)?;
             }
         }

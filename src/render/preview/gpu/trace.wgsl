@@ -1,6 +1,7 @@
 // What a pixel sees of the mesh, and the lobes' rays that meet it again: `render/trace.rs`.
 
-const PIXEL_STD: f32 = 0.28867513;
+const PIXEL_SIDE: f32 = 1.44;
+const PIXEL_STD: f32 = 0.28867513 * PIXEL_SIDE;
 const RING_RAYS: u32 = 4u;
 
 // A surface point: geometry only, as `SurfacePoint`.
@@ -37,14 +38,14 @@ fn seen(hit: Hit, ray: Ray, ray_dx: Ray, ray_dy: Ray) -> SurfacePoint {
     return SurfacePoint(hit.position, per_px.x, hit.normal, per_px.y, -ray.direction, 1.0);
 }
 
-// The first point met by the ray through `at` (pixels); `size` is the side of the square whose beam is meant.
-fn trace_pixel(at: vec2<f32>, size: f32) -> SurfacePoint {
+// The first point met by the ray through `at` (pixels), with a beam whose sides are shares of a pixel.
+fn trace_beam(at: vec2<f32>, along: vec2<f32>, across: vec2<f32>) -> SurfacePoint {
     let ray = camera_ray(at);
     let hit = intersect(ray);
     if !hit.is_hit {
         return SurfacePoint();
     }
-    return seen(hit, ray, camera_ray(at + vec2(size, 0.0)), camera_ray(at + vec2(0.0, size)));
+    return seen(hit, ray, camera_ray(at + along), camera_ray(at + across));
 }
 
 fn next_vertex(at: SurfacePoint, direction: vec3<f32>, hit: Hit) -> PathVertex {
