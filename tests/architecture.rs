@@ -113,7 +113,11 @@ fn every_source_file_that_is_named_exists() {
     }
     texts.extend(files.iter().map(PathBuf::from));
     texts.extend(["README.md", "ARCHITECTURE.md", "CONTRIBUTING.md"].map(PathBuf::from));
-    texts.retain(|path| path.extension().is_some_and(|e| e == "md" || e == "rs"));
+    texts.retain(|path| {
+        let kinds = ["md", "rs", "wgsl"];
+        path.extension()
+            .is_some_and(|e| kinds.iter().any(|kind| e == *kind))
+    });
     let mut n_named = 0;
     let mut offences = Vec::new();
     for path in texts {

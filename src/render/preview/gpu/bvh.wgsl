@@ -1,4 +1,4 @@
-// Rays against the mesh by the eight-wide hierarchy of `geometry/wide_bvh.rs`, in ball space.
+// Rays against the mesh by the eight-wide hierarchy of `geometry/tracing/wide_bvh.rs`, in ball space.
 // Ylitalo, Karras, Laine 2017; triangles by the edge-consistent test of Embree's Plücker intersector.
 
 // Deepest path through the tree, as on the processor.

@@ -1,5 +1,5 @@
-// The picture: light gathered along the paths (`neif/light_path.rs`), object over background by coverage in linear
-// light, then the display transform (`render/shade.rs`, `neif/display.rs`).
+// The picture: light gathered along the paths (`neif/light/light_path.rs`), object over background by coverage in linear
+// light, then the display transform (`render/path/shade.rs`, `neif/light/display.rs`).
 
 // One RGBA8 word a pixel of the whole picture.
 @group(0) @binding(15) var<storage, read_write> picture: array<u32>;
@@ -47,7 +47,7 @@ fn display(linear: f32) -> f32 {
     return select(0.0, min(pow(max(srgb, 1e-12), frame.specular.w), 1.0), srgb > 0.0);
 }
 
-// Khronos PBR Neutral (`render/tone_map.rs`).
+// Khronos PBR Neutral (`render/output/tone_map.rs`).
 fn neutral(given: vec3<f32>) -> vec3<f32> {
     let light = clamp(given, vec3(0.0), vec3(1e6));
     let least = min(light.x, min(light.y, light.z));

@@ -1,4 +1,4 @@
-// Which pixels the object covers, and the points from which its light paths start: `render/gbuffer.rs`.
+// Which pixels the object covers, and the points from which its light paths start: `render/path/gbuffer.rs`.
 
 // Sub-samples per axis of a silhouette pixel.
 const SUBSAMPLES: u32 = 4u;

@@ -1,4 +1,4 @@
-// A multi-resolution hash grid: trilinear features of a point in the unit cube, four a level (`neif/hash_grid.rs`).
+// A multi-resolution hash grid: trilinear features of a point in the unit cube, four a level (`neif/networks/hash_grid.rs`).
 // instant-ngp, Eq. 4 of arXiv:2201.05989; level weights after Zip-NeRF, Sec. 3.1 of arXiv:2304.06706.
 //
 // A pattern that is made twice: NAME stands for the field, LEVELS for its number of levels, BINDING for its place.

@@ -1,5 +1,5 @@
 // The light paths of a band: points that a reflection meets one after the other, and the rays that their lobes need
-// (`neif/light_path.rs`, `neif/lobe.rs`); what they bring is put together in `compose.wgsl`.
+// (`neif/light/light_path.rs`, `neif/light/lobe.rs`); what they bring is put together in `compose.wgsl`.
 
 const KAPPA_ALPHA2: f32 = 0.35;
 const KAPPA_MAX: f32 = 1e6;

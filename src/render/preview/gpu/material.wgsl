@@ -1,4 +1,4 @@
-// The surface field M(x) and the edit of the whole object: `neif/material.rs`, `neif/edit.rs`.
+// The surface field M(x) and the edit of the whole object: `neif/surface/material.rs`, `neif/surface/edit.rs`.
 
 const DIFFUSE_SHIFT: f32 = -2.0;
 const ROUGHNESS_SHIFT: f32 = -0.85;

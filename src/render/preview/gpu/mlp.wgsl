@@ -1,4 +1,4 @@
-// A network with one hidden layer of ReLUs (`neif/mlp.rs`), one input in registers.
+// A network with one hidden layer of ReLUs (`neif/networks/mlp.rs`), one input in registers.
 //
 // A pattern that is made once a network: NAME stands for it, INPUTS and OUTPUTS for its widths in fours, HIDDEN for its
 // hidden width, BINDING for its place. A hidden unit's rows are its input weights, its output weights and its bias, so

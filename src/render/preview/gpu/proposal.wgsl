@@ -1,5 +1,5 @@
 // Where along a ray the samples go: the inverse distribution of weights composited from the cached density
-// (`neif/proposal.rs`, `neif/density_grid.rs`), and the contraction of far space (`neif/contraction.rs`, Eq. 10 of arXiv:2111.12077).
+// (`neif/field/proposal.rs`, `neif/field/density_grid.rs`), and the contraction of far space (`neif/field/contraction.rs`, Eq. 10 of arXiv:2111.12077).
 
 const OUTER_SIDE: f32 = 96.0;
 const INNER_SIDE: f32 = 128.0;
@@ -12,7 +12,7 @@ const REACH: f32 = 48.0;
 const UNIFORM_SHARE: f32 = 0.05;
 
 // Two cells of the running mean of the density a word, in bf16; 0 is empty for good. Then the floor: its normal and the
-// offset along it, a normal of 0 where there is none (`neif/floor.rs`).
+// offset along it, a normal of 0 where there is none (`neif/field/floor.rs`).
 @group(0) @binding(3) var<storage, read> density_cells: array<u32>;
 
 // The first word after the cells.

@@ -1,5 +1,5 @@
 // Linear radiance along the rays of a band: samples placed, encoded, composited as features, and one colour network a
-// ray (`neif/radiance_field.rs`, `neif/composite.rs`; Eq. 1 and 3 of the paper).
+// ray (`neif/field/radiance_field.rs`, `neif/field/composite.rs`; Eq. 1 and 3 of the paper).
 
 const LOBE_START: f32 = 0.006;
 const LOG_RADIANCE_MAX: f32 = 12.0;

@@ -1,4 +1,4 @@
-// A point where a ray meets the mesh, and ray differentials there: `geometry/bvh.rs` and `geometry/footprint.rs`.
+// A point where a ray meets the mesh, and ray differentials there: `geometry/tracing/bvh.rs` and `geometry/tracing/footprint.rs`.
 // Igehy 1999, "Tracing Ray Differentials", by finite differences of the neighbouring pixels' rays.
 
 const MAX_DIRECTION_CHANGE: f32 = 2.0;

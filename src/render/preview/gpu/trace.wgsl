@@ -1,4 +1,4 @@
-// What a pixel sees of the mesh, and the lobes' rays that meet it again: `render/trace.rs`.
+// What a pixel sees of the mesh, and the lobes' rays that meet it again: `render/path/trace.rs`.
 
 const PIXEL_SIDE: f32 = 1.44;
 const PIXEL_STD: f32 = 0.28867513 * PIXEL_SIDE;
