@@ -11,7 +11,7 @@ use crate::geometry::{Camera, SurfaceTracer};
 use crate::neif::light::light_path::PathVertex;
 
 /// Sub-samples per axis of a silhouette pixel.
-const SUBSAMPLES: usize = 4;
+pub(in crate::render) const SUBSAMPLES: usize = 4;
 
 /// How finely and how far pixels are traced.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -310,7 +310,7 @@ fn subsample(
 }
 
 /// Coverage of pixel `(x, y)`; in each of its `n` by `n` squares the hit nearest to the covered part's centre.
-fn subsample_edge(
+pub(in crate::render) fn subsample_edge(
     tracer: &SurfaceTracer,
     camera: &Camera,
     (x, y): (f32, f32),

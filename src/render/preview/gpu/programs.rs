@@ -10,6 +10,7 @@ use wgpu::{
 use super::device::Gpu;
 use crate::neif::field::radiance_field::FieldConfig;
 use crate::neif::surface::material::MaterialConfig;
+use crate::render::path::trace::{PIXEL_SIDE, PIXEL_STD};
 
 // What a binding holds: the numbers in the WGSL files.
 pub(super) const FRAME: usize = 0;
@@ -74,6 +75,8 @@ pub(super) fn source(environment: &FieldConfig, material: Option<&MaterialConfig
          const MATERIAL_LEVELS: u32 = {surface_levels}u;\n\
          const environment_LEAST_WEIGHT: f32 = {:?};\n\
          const material_LEAST_WEIGHT: f32 = {surface_weight:?};\n\
+         const PIXEL_SIDE: f32 = {PIXEL_SIDE:?};\n\
+         const PIXEL_STD: f32 = {PIXEL_STD:?};\n\
          const IS_FAR: bool = {};\n\
          const IS_INTEGRATED: bool = {};\n\
          const IS_VIEW_DEPENDENT: bool = {};\n\

@@ -1,7 +1,5 @@
 // What a pixel sees of the mesh, and the lobes' rays that meet it again: `render/path/trace.rs`.
 
-const PIXEL_SIDE: f32 = 1.44;
-const PIXEL_STD: f32 = 0.28867513 * PIXEL_SIDE;
 const RING_RAYS: u32 = 4u;
 
 // A surface point: geometry only, as `SurfacePoint`.

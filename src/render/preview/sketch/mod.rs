@@ -13,7 +13,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use rayon::prelude::*;
 
 use self::points::PointCloud;
-use self::surface::{Cover, Surface, SurfaceKey};
+use self::surface::{Surface, SurfaceKey};
 use self::tone::Tone;
 use super::band::opaque_bytes;
 use super::progressive::{PassOutput, Recomputed};
@@ -216,7 +216,7 @@ impl Sketch {
         }
         self.points.project(job);
         // With the object hidden, the environment behind it is wanted as well.
-        let is_open = |i: usize| !layer.shows_object() || surface.covers[i] == Cover::Open;
+        let is_open = |i: usize| !layer.shows_object() || surface.coverage[i] < 1.0;
         let missing = self.points.missing(&job.camera, is_open);
         let light = job.follow(&missing);
         self.points.add(&missing, &light);
@@ -298,19 +298,19 @@ impl Sketch {
                     for (i, out) in out.iter_mut().enumerate() {
                         let at = band * 4 * width + i;
                         let object = surface.value(at, values).filter(|_| layer.shows_object());
-                        let (coverage, first) = object.map_or((0.0, 0.0), |value| (1.0, value[0]));
-                        if let Some(color) = diagnostic_color(scene, layer, coverage, first) {
+                        let coverage = object.map_or(0.0, |_| surface.coverage[at]);
+                        let object = object.unwrap_or_default();
+                        if let Some(color) = diagnostic_color(scene, layer, coverage, object[0]) {
                             *out = opaque_bytes(color);
                             continue;
                         }
-                        let value = match object {
-                            Some(value) => value,
-                            None if shows_background => {
-                                let light = self.points.light(at, width);
-                                std::array::from_fn(|c| light[c] * gain[c])
+                        let mut value = object.map(|value| coverage * value);
+                        if shows_background && coverage < 1.0 {
+                            let light = self.points.light(at, width);
+                            for c in 0..3 {
+                                value[c] += (1.0 - coverage) * light[c] * gain[c];
                             }
-                            None => [0.0; 3],
-                        };
+                        }
                         let [r, g, b] = tone.bytes(value);
                         *out = [r, g, b, 255];
                     }

@@ -1,15 +1,16 @@
-//! The object in a sketch: its outline pixel by pixel, its light at every second pixel of each axis.
+//! The object in a sketch: its outline pixel by pixel, smooth unless in motion, its light at every second pixel of each axis.
 
 use std::sync::Arc;
 
 use glam::Vec2;
 use rayon::prelude::*;
 
-use super::Job;
+use super::{Job, Purpose};
 use crate::geometry::{Camera, SurfaceTracer};
 use crate::neif::light::light_path::PathVertex;
 use crate::neif::light::lobe_cones::PathOfPixel;
 use crate::render::highlight::cover_values;
+use crate::render::path::gbuffer::{SUBSAMPLES, subsample_edge};
 use crate::render::path::scratch::TILE;
 use crate::render::path::shade::{PathView, shade_paths};
 use crate::render::path::trace::{MAX_VERTICES, PathStore, Seen, trace_path, trace_pixel};
@@ -24,7 +25,7 @@ const LARGEST_RISE: f32 = 0.5;
 
 /// What a pixel shows of the object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Cover {
+enum Cover {
     /// Nothing: the environment.
     Open,
     /// The sample with this index.
@@ -37,8 +38,10 @@ pub(super) enum Cover {
 #[derive(Debug, Default)]
 pub(super) struct Surface {
     width: u32,
-    /// What each pixel shows.
-    pub(super) covers: Vec<Cover>,
+    /// What each pixel shows of the object.
+    covers: Vec<Cover>,
+    /// Share of each pixel that the object covers, `[0, 1]`; in motion all or nothing.
+    pub(super) coverage: Vec<f32>,
     /// Those of the lattice first, row by row, then what the lattice misses.
     samples: Vec<Seen>,
     lattice: Lattice,
@@ -83,6 +86,14 @@ struct Row {
     n_traced: usize,
 }
 
+/// A pixel that the outline passes.
+struct OutlinePixel {
+    index: usize,
+    coverage: f32,
+    /// A point within it, if any of it is covered.
+    seen: Option<Seen>,
+}
+
 /// Every second pixel of each axis.
 #[derive(Debug, Default)]
 struct Lattice {
@@ -112,6 +123,7 @@ impl Surface {
             return Self {
                 width,
                 covers: vec![Cover::Open; n],
+                coverage: vec![0.0; n],
                 ..Self::default()
             };
         };
@@ -126,6 +138,11 @@ impl Surface {
         };
         surface.trace_lattice(job, tracer);
         surface.trace_between(job, tracer);
+        let share = |cover: &Cover| f32::from(u8::from(*cover != Cover::Open));
+        surface.coverage = surface.covers.iter().map(share).collect();
+        if job.purpose != Purpose::Motion {
+            surface.smooth_outline(job, tracer);
+        }
         surface.trace_paths(job, key, tracer);
         surface
     }
@@ -208,6 +225,51 @@ impl Surface {
             .iter()
             .all(|i| is_one_surface(first, &self.samples[*i as usize]))
             .then_some(Cover::Between)
+    }
+
+    /// Finds how much of the pixels on both sides of the outline the object covers.
+    fn smooth_outline(&mut self, job: &Job<'_>, tracer: &SurfaceTracer) {
+        let rows: Vec<Vec<OutlinePixel>> = (0..job.camera.height)
+            .into_par_iter()
+            .map(|y| job.meter.time(|| self.outline_of_row(job, tracer, y)))
+            .collect();
+        for pixel in rows.into_iter().flatten() {
+            self.n_traced += SUBSAMPLES * SUBSAMPLES;
+            self.coverage[pixel.index] = pixel.coverage;
+            if self.covers[pixel.index] == Cover::Open
+                && let Some(seen) = pixel.seen
+            {
+                self.covers[pixel.index] = Cover::Sample(self.samples.len() as u32);
+                self.samples.push(seen);
+            }
+        }
+    }
+
+    fn outline_of_row(&self, job: &Job<'_>, tracer: &SurfaceTracer, y: u32) -> Vec<OutlinePixel> {
+        let [width, height] = [self.width, job.camera.height].map(|n| n as usize);
+        let row = y as usize * width;
+        let mut points = Vec::new();
+        let mut outline = Vec::new();
+        for x in 0..width {
+            let index = row + x;
+            let is_open = |i: usize| self.covers[i] == Cover::Open;
+            let is_outside = is_open(index);
+            let is_other = |i: usize| is_open(i) != is_outside;
+            let is_passed = (x > 0 && is_other(index - 1))
+                || (x + 1 < width && is_other(index + 1))
+                || (y > 0 && is_other(index - width))
+                || (row + width < width * height && is_other(index + width));
+            if is_passed {
+                points.clear();
+                let corner = (x as f32, y as f32);
+                outline.push(OutlinePixel {
+                    index,
+                    coverage: subsample_edge(tracer, &job.camera, corner, 1, &mut points),
+                    seen: points.pop(),
+                });
+            }
+        }
+        outline
     }
 
     fn trace_paths(&mut self, job: &Job<'_>, key: &SurfaceKey, tracer: &SurfaceTracer) {
