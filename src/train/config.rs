@@ -100,6 +100,9 @@ pub struct TrainConfig {
     pub material: MaterialConfig,
     /// Learning rate of grid values.
     pub grid_rate: f32,
+    /// Weight of half the square of each grid value in the loss of a step that changes it, at first; it falls as the square of
+    /// the learning rates. What the photos determine little stays smooth: Adam's steps are as long there as anywhere.
+    pub grid_decay: f32,
     /// Learning rate of network weights.
     pub network_rate: f32,
     /// Learning rate of the display gamma.
@@ -218,6 +221,7 @@ impl Default for TrainConfig {
                 rgb_tint: true,
             },
             grid_rate: 1e-2,
+            grid_decay: 4e-7,
             network_rate: 1e-2,
             gamma_rate: 5e-4,
             photo_exposures: PhotoFit::Auto,
@@ -331,7 +335,10 @@ impl TrainConfig {
                 "grid_rate or network_rate",
                 positive(self.grid_rate) && positive(self.network_rate),
             ),
-            ("gamma_rate", not_negative(self.gamma_rate)),
+            (
+                "gamma_rate or grid_decay",
+                not_negative(self.gamma_rate) && not_negative(self.grid_decay),
+            ),
             (
                 "final_rate",
                 positive(self.final_rate) && self.final_rate <= 1.0,

@@ -39,6 +39,7 @@ impl TrainConfig {
             samples_per_ray: 128,
             samples_per_ray_alone: 128,
             render_samples: 128,
+            grid_decay: 0.0,
             network_rate: 5e-4,
             final_rate: 0.01,
             background_weight: 0.1,

@@ -84,15 +84,18 @@ impl Adam {
         let (a_head, a_tail) = of.averaged.split_at_mut(rates.n_head.min(n_averaged));
         let head = ([p_head, m_head, v_head, g_head], &mut [][..], a_head);
         let tail = ([p_tail, m_tail, v_tail, g_tail], of.tail_bf16, a_tail);
-        for (rate, (vectors, copy, means)) in [(rates.head, head), (rates.tail, tail)] {
-            let rate_epsilon = [rate * unbias, epsilon];
+        for (rate, decay, (vectors, copy, means)) in [
+            (rates.head, 0.0, head),
+            (rates.tail, rates.tail_decay, tail),
+        ] {
+            let numbers = [rate * unbias, epsilon, decay];
             let [p, m, v, g] = vectors.map(|values| values.chunks_mut(BLOCK));
             let (mut copies, mut means) = (copy.chunks_mut(BLOCK), means.chunks_mut(BLOCK));
             for ((p, m), (v, g)) in p.zip(m).zip(v.zip(g)) {
                 let copy = copies.next().unwrap_or_default();
                 let means = means.next().unwrap_or_default();
                 jobs.push(Box::new(move || {
-                    adam_block(p, m, v, g, rate_epsilon);
+                    adam_block(p, m, v, g, numbers);
                     store_bf16(p, copy);
                     if mean_share > 0.0 {
                         average(p, mean_share, means);
@@ -129,6 +132,8 @@ pub(in crate::train) struct Rates {
     pub head: f32,
     /// The rate of the rest.
     pub tail: f32,
+    /// Weight of half the square of each of the rest in the loss of the steps that have a gradient for it.
+    pub tail_decay: f32,
 }
 
 dispatch! {
@@ -148,7 +153,7 @@ fn store_bf16_body<I: Isa>(values: &[f32], out: &mut [u16]) {
 }
 
 dispatch! {
-    fn adam_block(params: &mut [f32], first: &mut [f32], second: &mut [f32], gradient: &mut [f32], rate_epsilon: [f32; 2]) = adam_body
+    fn adam_block(params: &mut [f32], first: &mut [f32], second: &mut [f32], gradient: &mut [f32], numbers: [f32; 3]) = adam_body
 }
 
 #[inline(always)]
@@ -161,9 +166,8 @@ fn adam_body<I: Isa>(
     first: &mut [f32],
     second: &mut [f32],
     gradient: &mut [f32],
-    rate_epsilon: [f32; 2],
+    [rate, epsilon, decay]: [f32; 3],
 ) {
-    let [rate, epsilon] = rate_epsilon;
     let lines = params
         .chunks_mut(LINE)
         .zip(first.chunks_mut(LINE))
@@ -174,6 +178,9 @@ fn adam_body<I: Isa>(
             continue;
         }
         for (((p, m), v), g) in params.iter_mut().zip(first).zip(second).zip(gradient) {
+            // What the photos say nothing about is not drawn to zero.
+            let drawn = if *g == 0.0 { 0.0 } else { decay * *p };
+            *g += drawn;
             *m += (1.0 - BETA1) * (*g - *m);
             *v += (1.0 - BETA2) * (*g * *g - *v);
             *p -= rate * *m / (v.sqrt() + epsilon);
@@ -196,6 +203,7 @@ mod tests {
             n_head: 1,
             head: 0.01,
             tail: 0.1,
+            tail_decay: 0.02,
         };
         for step in 1..=20_u64 {
             let gradient: Vec<f32> = (0..3).map(|i| ((step * 3 + i) as f32).sin()).collect();
@@ -217,7 +225,8 @@ mod tests {
             assert!((means[2] - quarter).abs() < 1e-6, "the running mean");
             assert_eq!(copy[1], bf16_from_f32(params[2]), "the tail's copy");
             for i in 0..3 {
-                let g = f64::from(gradient[i]);
+                let decay = if i == 0 { 0.0 } else { 0.02 };
+                let g = f64::from(gradient[i]) + decay * reference[i];
                 m[i] = 0.9 * m[i] + 0.1 * g;
                 v[i] = 0.99 * v[i] + 0.01 * g * g;
                 let (mh, vh) = (
@@ -239,18 +248,20 @@ mod tests {
 
     #[test]
     fn untouched_parameters_stay() {
-        let mut params = vec![3.0; 10];
-        let mut adam = Adam::new(10);
-        adam.update(
-            &mut params,
-            &mut [0.0; 10],
-            Rates {
-                n_head: 0,
-                head: 0.0,
-                tail: 1.0,
-            },
-            1,
-        );
-        assert_eq!(params, vec![3.0; 10]);
+        let rates = Rates {
+            n_head: 0,
+            head: 0.0,
+            tail: 1.0,
+            tail_decay: 0.5,
+        };
+        let mut first_touched = [0.0; 10];
+        first_touched[0] = 1.0;
+        for (mut gradient, n_touched) in [([0.0; 10], 0), (first_touched, 1)] {
+            let mut params = vec![3.0; 10];
+            Adam::new(10).update(&mut params, &mut gradient, rates, 1);
+            let (touched, untouched) = params.split_at(n_touched);
+            assert!(touched.iter().all(|p| *p < 3.0), "{params:?}");
+            assert!(untouched.iter().all(|p| *p == 3.0), "{params:?}");
+        }
     }
 }

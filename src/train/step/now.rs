@@ -24,19 +24,25 @@ impl Now<'_> {
         self.step * self.config.object_pixels as u64
     }
 
-    /// What warm-up and decay leave of a learning rate.
+    /// What the decay leaves of a learning rate.
     fn decay(&self) -> f32 {
+        self.config.final_rate.powf(self.progress.clamp(0.0, 1.0))
+    }
+
+    /// What warm-up and decay leave of a learning rate.
+    fn share(&self) -> f32 {
         let warmup = (self.updates as f32 / self.config.warmup_steps.max(1) as f32).min(1.0);
-        warmup * self.config.final_rate.powf(self.progress.clamp(0.0, 1.0))
+        warmup * self.decay()
     }
 
     /// The rates of a field whose first `n_head` parameters are networks and the others a grid.
     pub(super) fn rates(&self, n_head: usize) -> Rates {
-        let decay = self.decay();
+        let share = self.share();
         Rates {
             n_head,
-            head: decay * self.config.network_rate,
-            tail: decay * self.config.grid_rate,
+            head: share * self.config.network_rate,
+            tail: share * self.config.grid_rate,
+            tail_decay: self.decay().powi(2) * self.config.grid_decay,
         }
     }
 
@@ -44,8 +50,9 @@ impl Now<'_> {
     pub(super) fn gamma_rate(&self) -> Rates {
         Rates {
             n_head: 1,
-            head: self.decay() * self.config.gamma_rate,
+            head: self.share() * self.config.gamma_rate,
             tail: 0.0,
+            tail_decay: 0.0,
         }
     }
 }
