@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use super::band::Band;
 use crate::geometry::{Mesh, ScalarGrid};
-use crate::train::statistics::middle_or;
+use crate::train::statistics::{cauchy_weight, middle_or};
 
 /// Least standard deviation of a normal, radians: below, its place on the grid is not known well enough.
 const LEAST_DEVIATION: f32 = 0.015;
@@ -16,7 +16,8 @@ const EQUALLY_SURE: f32 = 0.5;
 const LEAST_WEIGHT: f32 = 1e-4;
 /// Share of the evenness that is asked of a surface whose normals are known.
 const KNOWN_EVENNESS: f32 = 0.3;
-/// Error of pixels, in those that are usual, from which photos contradict the surface: half the evenness is asked then.
+/// Error of pixels, in those that are usual, at which photos contradict the surface: half the evenness is asked there, and its
+/// normals weigh half, as they were learned in the wrong place.
 const CONTRADICTED: f32 = 3.0;
 /// Cells about the mesh in which its pixels' errors count.
 const SPREAD: usize = 5;
@@ -58,14 +59,16 @@ impl Normals {
         let mut nodes = vec![Around::default(); grid.values.len()];
         for (vertex, position) in mesh.positions.iter().enumerate() {
             let deviation = (TRUSTED * seen.deviations[vertex]).max(LEAST_DEVIATION);
+            let error = errors[vertex] / usual;
             let weight = EQUALLY_SURE * (outline_error / deviation).powi(2);
+            let weight = weight * cauchy_weight(error, CONTRADICTED);
             let weight = if weight < LEAST_WEIGHT { 0.0 } else { weight };
             let corners = grid.corners(*position);
             for (node, share) in corners.nodes.iter().zip(corners.weights) {
                 let around = &mut nodes[*node];
                 around.normal += share * weight * mesh.normals[vertex];
                 around.weight += share * weight;
-                around.error += share * errors[vertex] / usual;
+                around.error += share * error;
                 around.share += share;
             }
         }
@@ -87,8 +90,7 @@ impl Normals {
         let errors = self.errors_within(band);
         let asked = |(node, error): (&u32, f32)| {
             let weight = weight(node);
-            let contradicted = 1.0 + (error / CONTRADICTED).powi(2);
-            (1.0 + KNOWN_EVENNESS * weight) / (1.0 + weight) / contradicted
+            (1.0 + KNOWN_EVENNESS * weight) / (1.0 + weight) * cauchy_weight(error, CONTRADICTED)
         };
         band.nodes.iter().zip(errors).map(asked).collect()
     }

@@ -351,6 +351,14 @@ fn what_is_known_of_normals_opens_the_necks_of_uncertain_outlines() {
         "{without} units off with outlines alone, {after}"
     );
     assert!(angle < 1.5, "normals {angle} degrees off");
+    // Those of the necks are as sure of themselves, but where photos contradict them they do not hold the surface.
+    let mistaken = vec![0.02; deviations.len()];
+    let (held, _) = off(refit(&mistaken, &unseen, true));
+    let (let_go, _) = off(refit(&mistaken, &contradicted, true));
+    assert!(
+        let_go < 0.9 * held,
+        "{held} units off where photos contradict it became {let_go}"
+    );
     let cancelled = refit(&deviations, &unseen, false);
     assert!(matches!(cancelled, Err(StageOneError::Cancelled)));
 }
