@@ -252,15 +252,9 @@ impl Centers {
         self.point(i + self.width)
     }
 
-    /// Pixels above, below, to the left and to the right of pixel `i`, from the row before the first; itself beside the picture.
+    /// Pixels beside pixel `i`, from the row before the first.
     fn beside(&self, i: usize) -> [usize; 4] {
-        let (at, x) = (i + self.width, i % self.width);
-        [
-            at - self.width,
-            at + self.width,
-            at - usize::from(x > 0),
-            at + usize::from(x + 1 < self.width),
-        ]
+        beside(i + self.width, [self.width, self.at.len() / self.width])
     }
 
     fn kind(&self, i: usize) -> PixelKind {
@@ -289,6 +283,17 @@ impl Centers {
         };
         Turn::new(larger(left, right), larger(above, below))
     }
+}
+
+/// Pixels above, below, to the left and to the right of pixel `i` of a picture of so many columns and rows; itself beside the picture.
+pub(in crate::render) fn beside(i: usize, [width, height]: [usize; 2]) -> [usize; 4] {
+    let (x, y) = (i % width, i / width);
+    [
+        i - width * usize::from(y > 0),
+        i + width * usize::from(y + 1 < height),
+        i - usize::from(x > 0),
+        i + usize::from(x + 1 < width),
+    ]
 }
 
 /// The points seen through the beams of pixel `(x, y)`: so many along the axis and across it.

@@ -10,7 +10,7 @@ use crate::geometry::{Camera, SurfaceTracer};
 use crate::neif::light::light_path::PathVertex;
 use crate::neif::light::lobe_cones::PathOfPixel;
 use crate::render::highlight::cover_values;
-use crate::render::path::gbuffer::{SUBSAMPLES, subsample_edge};
+use crate::render::path::gbuffer::{SUBSAMPLES, beside, subsample_edge};
 use crate::render::path::scratch::TILE;
 use crate::render::path::shade::{PathView, shade_paths};
 use crate::render::path::trace::{MAX_VERTICES, PathStore, Seen, trace_path, trace_pixel};
@@ -246,20 +246,14 @@ impl Surface {
     }
 
     fn outline_of_row(&self, job: &Job<'_>, tracer: &SurfaceTracer, y: u32) -> Vec<OutlinePixel> {
-        let [width, height] = [self.width, job.camera.height].map(|n| n as usize);
-        let row = y as usize * width;
+        let size = [self.width, job.camera.height].map(|n| n as usize);
+        let is_open = |i: usize| self.covers[i] == Cover::Open;
         let mut points = Vec::new();
         let mut outline = Vec::new();
-        for x in 0..width {
-            let index = row + x;
-            let is_open = |i: usize| self.covers[i] == Cover::Open;
-            let is_outside = is_open(index);
-            let is_other = |i: usize| is_open(i) != is_outside;
-            let is_passed = (x > 0 && is_other(index - 1))
-                || (x + 1 < width && is_other(index + 1))
-                || (y > 0 && is_other(index - width))
-                || (row + width < width * height && is_other(index + width));
-            if is_passed {
+        for x in 0..size[0] {
+            let index = y as usize * size[0] + x;
+            let is_other = |i: usize| is_open(i) != is_open(index);
+            if beside(index, size).into_iter().any(is_other) {
                 points.clear();
                 let corner = (x as f32, y as f32);
                 outline.push(OutlinePixel {
