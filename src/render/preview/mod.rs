@@ -13,5 +13,5 @@ pub mod priority;
 pub mod progressive;
 pub mod request;
 pub mod sketch;
-mod thread_clock;
+pub mod thread_clock;
 pub mod worker;

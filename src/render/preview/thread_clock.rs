@@ -4,7 +4,7 @@ use std::time::Duration;
 
 /// Processor time that the calling thread has used.
 #[cfg(unix)]
-pub(super) fn thread_cpu() -> Duration {
+pub fn thread_cpu() -> Duration {
     let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
     Duration::new(
         u64::try_from(time.tv_sec).unwrap_or(0),
@@ -14,7 +14,7 @@ pub(super) fn thread_cpu() -> Duration {
 
 /// Elsewhere the time that has passed must do.
 #[cfg(not(unix))]
-pub(super) fn thread_cpu() -> Duration {
+pub fn thread_cpu() -> Duration {
     static START: std::sync::LazyLock<std::time::Instant> =
         std::sync::LazyLock::new(std::time::Instant::now);
     START.elapsed()

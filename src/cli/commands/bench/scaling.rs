@@ -11,6 +11,7 @@ use std::time::Instant;
 
 use neif::data::{Dataset, Splits};
 use neif::neif::networks::hash_grid::GridConfig;
+use neif::render::preview::thread_clock::thread_cpu;
 use neif::train::config::TrainConfig;
 use neif::train::{Fast, TaskClock, Trainer};
 use rayon::prelude::*;
@@ -19,7 +20,7 @@ use serde_json::json;
 
 use super::Common;
 use super::train::{STEADY, time_in_turns, warmed_up};
-use super::trial::{on_threads, quantile, rounded, thread_cpu_nanos};
+use super::trial::{on_threads, quantile, rounded};
 use crate::cli::failure::Failure;
 use crate::cli::{interrupt, output};
 
@@ -71,7 +72,7 @@ impl Recorder {
 
 impl TaskClock for Recorder {
     fn now(&self) -> u64 {
-        thread_cpu_nanos()
+        thread_cpu().as_nanos() as u64
     }
 
     fn begin(&self, name: &'static str) {
@@ -302,11 +303,11 @@ fn recorded(trainer: &mut Trainer<Fast>) -> (Vec<Pass>, f64) {
 
 /// What it takes to read the clock, nanoseconds.
 fn clock_nanos() -> f64 {
-    let start = thread_cpu_nanos();
+    let start = thread_cpu();
     for _ in 0..READINGS {
-        black_box(thread_cpu_nanos());
+        black_box(thread_cpu());
     }
-    thread_cpu_nanos().saturating_sub(start) as f64 / f64::from(READINGS)
+    thread_cpu().saturating_sub(start).as_nanos() as f64 / f64::from(READINGS)
 }
 
 /// What a pass costs on two of this machine's cores beyond its tasks, nanoseconds; 0 where there is one.

@@ -167,20 +167,6 @@ pub(super) fn process_cpu_secs() -> f64 {
     START.elapsed().as_secs_f64()
 }
 
-/// Processor time of the calling thread, nanoseconds.
-#[cfg(unix)]
-pub(super) fn thread_cpu_nanos() -> u64 {
-    use rustix::time::{ClockId, clock_gettime};
-    let time = clock_gettime(ClockId::ThreadCPUTime);
-    time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
-}
-
-/// Elsewhere the wall clock must do.
-#[cfg(not(unix))]
-pub(super) fn thread_cpu_nanos() -> u64 {
-    (process_cpu_secs() * 1e9) as u64
-}
-
 /// A quantile of some values; 0 without any.
 pub(super) fn quantile(values: &[f64], share: f64) -> f64 {
     let mut sorted = values.to_vec();
