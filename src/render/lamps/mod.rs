@@ -30,6 +30,8 @@ use crate::render::path::trace::is_hidden;
 
 /// Directions in which lamps are looked for: 2.2 degrees apart.
 const N_LOOKS: usize = 16_384;
+/// Solid angle, in looks, of the cone that limits how bright a look may be.
+const WIDER: f32 = 9.0;
 /// Looks evaluated together.
 const PIECE: usize = 256;
 /// Radiance from which light is a lamp's, in means of the darker 95 hundredths of the directions.
@@ -87,8 +89,9 @@ impl Lamps {
     /// Looks around from the middle of the environment's inner box; `None` when cancelled.
     pub(super) fn of(environment: &Environment, cancel: &AtomicBool) -> Option<Self> {
         let directions = fibonacci_sphere(N_LOOKS);
-        let seen = look_around(environment, &directions, cancel)?;
+        let mut seen = look_around(environment, &directions, 1.0, cancel)?;
         let white = white(environment, &seen);
+        limit(environment, &directions, &mut seen, white, cancel)?;
         let frame = environment.frame();
         let is_far = environment.is_far();
         let looks: Vec<Look> = directions
@@ -254,10 +257,10 @@ fn below(radiance: Vec3, white: f32) -> Vec3 {
 fn look_around(
     environment: &Environment,
     directions: &[Vec3],
+    wider: f32,
     cancel: &AtomicBool,
 ) -> Option<Vec<(Vec3, f32)>> {
-    let solid_angle = 4.0 * std::f32::consts::PI / directions.len() as f32;
-    let variance = solid_angle / (4.0 * std::f32::consts::PI);
+    let variance = wider / N_LOOKS as f32;
     let origin = Vec3::ZERO;
     let is_picture = matches!(environment.field(), EnvironmentField::Distant(_));
     let pieces: Option<Vec<Vec<(Vec3, f32)>>> = directions
@@ -286,6 +289,27 @@ fn look_around(
         )
         .collect();
     Some(pieces?.into_iter().flatten().collect())
+}
+
+/// Limits what is brighter than `white` to what a wider cone around it sees, as if all of that came from there.
+///
+/// A thin ray may see a speck of any radiance: photos do not say by how much white is exceeded, and hardly any looks as finely.
+fn limit(
+    environment: &Environment,
+    directions: &[Vec3],
+    seen: &mut [(Vec3, f32)],
+    white: f32,
+    cancel: &AtomicBool,
+) -> Option<()> {
+    let bright: Vec<usize> = (0..seen.len())
+        .filter(|i| seen[*i].0.max_element() > white)
+        .collect();
+    let toward: Vec<Vec3> = bright.iter().map(|i| directions[*i]).collect();
+    let wide = look_around(environment, &toward, WIDER, cancel)?;
+    for (i, (around, _)) in bright.into_iter().zip(wide) {
+        seen[i].0 = seen[i].0.min(WIDER * around);
+    }
+    Some(())
 }
 
 /// Most radiance of a colour that is not a lamp's.

@@ -19,6 +19,11 @@ const RIM: f32 = 0.996_9;
 
 /// A grey sky with a disc of a lamp about `toward`.
 fn sky(toward: Vec3) -> Environment {
+    sky_of(toward, RIM)
+}
+
+/// The same with a lamp of any size: the cosine of its half angle.
+fn sky_of(toward: Vec3, rim: f32) -> Environment {
     let width = 512;
     let config = DistantConfig {
         width,
@@ -33,7 +38,7 @@ fn sky(toward: Vec3) -> Environment {
                 PI * (0.5 - (i / width) as f32 / (width / 2) as f32 - 1.0 / width as f32);
             let (sin, cos) = elevation.sin_cos();
             let d = Vec3::new(cos * azimuth.cos(), cos * azimuth.sin(), sin);
-            [if d.dot(toward) > RIM { LAMP } else { 0.1 }; 3]
+            [if d.dot(toward) > rim { LAMP } else { 0.1 }; 3]
         })
         .collect();
     let light = DistantLight::new(config, &pixels).expect("a sane picture");
@@ -42,6 +47,19 @@ fn sky(toward: Vec3) -> Environment {
 
 fn still() -> EnvironmentFromWorld {
     EnvironmentTransform::default().environment_from_world()
+}
+
+#[test]
+fn a_lamp_as_small_as_a_look_keeps_its_light() {
+    let toward = Vec3::new(1.0, 2.0, 2.0) / 3.0;
+    let rim = 1.0 - 2.0 / N_LOOKS as f32;
+    let lamps = Lamps::of(&sky_of(toward, rim), &NEVER).expect("not cancelled");
+    let facing = lamps.points(&still()).irradiance(None, Vec3::ZERO, toward);
+    let share = facing / (LAMP * 2.0 * PI * (1.0 - rim));
+    assert!(
+        share.min_element() > 0.6 && share.max_element() < 1.5,
+        "{share}"
+    );
 }
 
 #[test]
