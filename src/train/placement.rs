@@ -11,7 +11,7 @@ use crate::neif::field::contraction::FieldFrame;
 use crate::neif::field::density_grid::DensityGrid;
 use crate::neif::light::environment::EnvironmentPlace;
 
-/// Cells of air around a mesh that is not exact: ghosts are one or two cells thick.
+/// Cells of air around the object: ghosts are one or two cells thick.
 const AIR_CELLS: f32 = 2.5;
 /// Cells over the object's lowest point up to which there may be what it stands on.
 const TABLE_CELLS: f32 = 3.0;
@@ -46,17 +46,16 @@ pub(super) fn field_frame(dataset: &Dataset, scale: f32) -> FieldFrame {
     }
 }
 
-/// A fresh density cache that is void inside the mesh, around it where the mesh is not `exact`, and between the mesh and
-/// the cameras that see it.
+/// A fresh density cache that is void inside the mesh, around it but for what it stands on, and between the mesh and the
+/// cameras that see it.
 ///
-/// A mesh of outlines fills hollows. What the photos show in them is no mirror image of anything that the filled surface
-/// sees, and the environment would put a ghost right before it that is.
+/// What hangs right before the surface is a ghost: an error of shape or shading, explained by something that is mirrored
+/// there. A mesh of outlines fills hollows, which asks for many.
 pub(super) fn clear_density(
     dataset: &Dataset,
     tracer: Option<&SurfaceTracer>,
     frame: &FieldFrame,
     up: Vec3,
-    exact: bool,
 ) -> DensityGrid {
     let mut density = DensityGrid::default();
     if let Some(tracer) = tracer {
@@ -65,15 +64,13 @@ pub(super) fn clear_density(
             let p_world = frame.world_from_field(Vec3::from(p));
             bounds.contains(p_world) && is_inside(tracer, p_world)
         });
-        if !exact {
-            let heights = tracer.mesh().positions.iter().map(|p| p.dot(up));
-            let lowest = heights.fold(f32::INFINITY, f32::min);
-            let table = lowest + TABLE_CELLS * DensityGrid::inner_cell() * frame.half_side;
-            density.widen_void(AIR_CELLS, |p| {
-                let p_world = frame.world_from_field(Vec3::from(p));
-                p_world.dot(up) > table
-            });
-        }
+        let heights = tracer.mesh().positions.iter().map(|p| p.dot(up));
+        let lowest = heights.fold(f32::INFINITY, f32::min);
+        let table = lowest + TABLE_CELLS * DensityGrid::inner_cell() * frame.half_side;
+        density.widen_void(AIR_CELLS, |p| {
+            let p_world = frame.world_from_field(Vec3::from(p));
+            p_world.dot(up) > table
+        });
         clear_lines_of_sight(&mut density, dataset, frame, tracer);
     }
     clear_camera_space(&mut density, dataset, frame);

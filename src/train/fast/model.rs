@@ -117,7 +117,7 @@ impl Fast {
         // A background that is left out says nothing of exposures.
         let has_background = config.background != PhotoFit::Off;
         let has_haze = has_background && tracer.is_some() && exposures_differ(dataset);
-        let mut density = clear_density(dataset, traced, frame, place.up, refinement.is_none());
+        let mut density = clear_density(dataset, traced, frame, place.up);
         density.seen = Some(SeenGrid::default());
         if let Some(depths) = &pixels.depths {
             clear_air(&mut density, depths, frame);
