@@ -3,8 +3,8 @@
 //! Over a stretch of surface of one colour the diffuse radiance varies as the irradiance does. Pairs of neighbouring
 //! probes therefore compare `ln C_d` with `ln E`, where `E` is the sum of the lamps, each times its unknown gain, and
 //! of everything else; a forgiving error lets the pairs across an edge of paint disagree (Retinex, Land and
-//! `McCann` 1971, with the light known up to a few gains). What lobes gather has no albedo that is unknown. Where nothing
-//! constrains the gains, a weak prior leaves them at 1.
+//! `McCann` 1971, with the light known up to a few gains). What lobes gather has no albedo that is unknown. Where
+//! little constrains the gains, a prior leaves them at 1.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -17,10 +17,14 @@ const NOISE: f32 = 0.15;
 const DIM: f32 = 0.02;
 /// Share of the mean irradiance below which there is no light.
 const DARK: f32 = 0.005;
-/// Weight of the squared logarithm of a part's gain, in pairs.
-const PRIOR: f32 = 0.02;
-/// The same for its difference from the mean of all, as long as that is small, and what is small: lamps are as clipped as each
-/// other unless something indicates otherwise.
+/// How many pairs a lobe is worth: nothing of it is unknown but the gains, and it is seen where it is bright.
+const LOBE: f32 = 10.0;
+/// Weight of the squared logarithm of a part's gain, in pairs, as long as that is small, and what is small: a lamp may be
+/// clipped by far. Pairs that err together are many and say little, and an object that mirrors most of its light must not put
+/// lamps out by how its diffuse rest varies.
+const PRIOR: f32 = 6.0;
+const AS_LEARNED: f32 = 0.2;
+/// The same for its difference from the mean of all: lamps are as clipped as each other unless something indicates otherwise.
 const EVENNESS: f32 = 1.0;
 const EVEN: f32 = 0.5;
 /// The same for the difference of a colour's gain from that of all.
@@ -56,7 +60,7 @@ pub(in crate::render) fn lamp_gains(
     pairs.extend(lobes.iter().enumerate().map(|(i, lobe)| Pair {
         a: lit.len() + i,
         b: None,
-        weight: lobe.trust,
+        weight: LOBE * lobe.trust,
     }));
     lit.extend(lobes);
     let problem = Problem {
@@ -156,11 +160,14 @@ impl Problem<'_> {
         for ((slope, log), gain) in slope.iter_mut().zip(logs).zip(&gains) {
             let grey = log.element_sum() / 3.0;
             let (color, uneven) = (*log - grey, *log - mean);
-            sum += PRIOR * grey * grey + COLOR_PRIOR * color.length_squared();
+            let gained = 1.0 + grey * grey / (AS_LEARNED * AS_LEARNED);
             let unlike = 1.0 + uneven.length_squared() / (EVEN * EVEN);
+            sum += PRIOR * AS_LEARNED * AS_LEARNED * gained.ln();
             sum += EVENNESS * EVEN * EVEN * unlike.ln();
+            sum += COLOR_PRIOR * color.length_squared();
             // The mean counts as given.
-            let by_prior = PRIOR / 3.0 * grey + COLOR_PRIOR * color + EVENNESS / unlike * uneven;
+            let by_prior =
+                PRIOR / (3.0 * gained) * grey + COLOR_PRIOR * color + EVENNESS / unlike * uneven;
             *slope = *slope * *gain + 2.0 * by_prior;
         }
         (sum, slope)

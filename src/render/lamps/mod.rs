@@ -253,7 +253,7 @@ fn below(radiance: Vec3, white: f32) -> Vec3 {
     }
 }
 
-/// Radiance and distance (field units) in each direction.
+/// Radiance and distance (field units) in each direction, through cones `wider` than a look in solid angle.
 fn look_around(
     environment: &Environment,
     directions: &[Vec3],

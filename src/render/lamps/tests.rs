@@ -165,6 +165,29 @@ fn what_has_no_diffuse_part_leaves_lamps_as_they_were_learned() {
 }
 
 #[test]
+fn what_shading_says_faintly_puts_no_lamp_out_and_lobes_outvote_it() {
+    let mesh = ellipsoid(Vec3::ZERO, Vec3::splat(0.5), 32);
+    let probes = Probes::on_mesh(&mesh, 1000);
+    let shading = |trust: f32| {
+        let mut lit = shaded(&probes, Vec3::new(0.6, 0.0, 0.8), Vec3::splat(0.3));
+        for place in &mut lit {
+            place.trust = trust;
+        }
+        lit
+    };
+    let faint = lamp_gains(&probes, shading(0.1), Vec::new(), 1)[0];
+    assert!(faint.min_element() > 0.9, "{faint}");
+    let lobe = LitPlace {
+        radiance: Vec3::splat(0.5),
+        trust: 0.01,
+        rest: Vec3::splat(0.2),
+        lamps: vec![Vec3::splat(0.3)],
+    };
+    let outvoted = lamp_gains(&probes, shading(1.0), vec![lobe; 100], 1)[0];
+    assert!(outvoted.min_element() > 0.9, "{outvoted}");
+}
+
+#[test]
 fn lobes_show_how_bright_a_lamp_is_and_what_is_known_of_one_part_goes_for_the_next() {
     let mesh = ellipsoid(Vec3::ZERO, Vec3::splat(0.5), 16);
     let probes = Probes::on_mesh(&mesh, 20);
