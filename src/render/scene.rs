@@ -181,6 +181,13 @@ impl Scene {
         self.diffuse_light.as_ref()?.light.highlights.as_ref()
     }
 
+    /// Factor of what several cones of the object's lobes gather, by learned roughness; 1 where it is not known.
+    pub(super) fn wide_gain(&self, learned: f32) -> Vec3 {
+        self.diffuse_light
+            .as_ref()
+            .map_or(Vec3::ONE, |lit| lit.light.wide_gain(learned))
+    }
+
     /// Puts the object in another environment. Its own, read from a file again, stays its own: what was learned of it holds.
     pub fn swap_environment(&mut self, environment: Arc<Environment>) {
         let own = self.trained_in.as_ref();

@@ -114,6 +114,8 @@ pub struct SplitLobe {
     pub from_object_squared: Vec3,
     /// What the lobe gathers from lamps that the cones do not see.
     pub from_lamps: Vec3,
+    /// Factor of all that they gather.
+    pub gain: Vec3,
     /// Weight of this light against that of the one cone, `[0, 1]`.
     pub weight: f32,
 }
@@ -282,7 +284,8 @@ impl SplitLobe {
             squares += light * light;
         }
         let variance = (squares - mean * mean * share).max(Vec3::ZERO);
-        (mean + self.from_lamps, variance.map(f32::sqrt))
+        let light = self.gain * (mean + self.from_lamps);
+        (light, self.gain * variance.map(f32::sqrt))
     }
 }
 

@@ -193,6 +193,11 @@ pub struct DiffuseLight {
 }
 
 impl DiffuseLight {
+    /// Factor of what several cones of the object's lobes gather, by learned roughness.
+    pub(in crate::render) fn wide_gain(&self, learned: f32) -> Vec3 {
+        self.trained.lamps.wide.gain(learned)
+    }
+
     /// Gathers the light of a moved or another environment, or takes that of the captured one as it was, but not its gain:
     /// the ratio is proportional to that. `None` when cancelled; `gathered` then keeps what was done, for the same arguments.
     pub(super) fn gather(
@@ -289,8 +294,9 @@ fn brightened(lamps: &Lamps, rest: &SurfaceLight, key: &LightKey) -> Lamps {
     let shaded = shaded.collect();
     let own = (&*key.trained_in, lamps, &points);
     let lobes = lit_lobes(&key.object, own, &places, &still);
-    let gains = lamp_gains(&probes, shaded, lobes, parts.len());
-    lamps.gained(&parts, &gains)
+    let constraints = lobes.iter().map(|lobe| lobe.place.clone()).collect();
+    let gains = lamp_gains(&probes, shaded, constraints, parts.len());
+    lamps.gained(&parts, &gains, &lobes)
 }
 
 /// Irradiance of every probe, from the radiance along its rays and what the object sends instead.

@@ -8,7 +8,7 @@ use std::f32::consts::TAU;
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::{Lamps, LitPlace, MovedLamps, Place};
+use super::{Compared, Lamps, LitPlace, MovedLamps, Place};
 use crate::geometry::{SurfaceTracer, irradiance_directions, orthonormal_basis};
 use crate::neif::field::radiance_field::{FieldBatch, FieldRay};
 use crate::neif::light::environment::{EnvironmentField, LightScratch};
@@ -50,7 +50,7 @@ pub(in crate::render) fn lit_lobes(
     (environment, lamps, points): (&Environment, &Lamps, &MovedLamps),
     places: &[Place],
     motion: &EnvironmentFromWorld,
-) -> Vec<LitPlace> {
+) -> Vec<LitLobe> {
     let taught = places.par_iter().enumerate().filter_map(|(number, place)| {
         let roughness = object.material.perceptual(place.surface).roughness;
         let mirrored = 1.0 - place.diffuse_share();
@@ -90,6 +90,31 @@ pub(in crate::render) fn lit_lobes(
         .map_init(Default::default, light_of)
         .flatten()
         .collect()
+}
+
+/// What a lobe of the object gathers in its own light.
+#[derive(Clone, Debug)]
+pub(in crate::render) struct LitLobe {
+    /// Learned roughness.
+    roughness: f32,
+    /// How much it is believed as a whole.
+    trust: f32,
+    /// The constraint that it puts on lamps.
+    pub(in crate::render) place: LitPlace,
+}
+
+impl LitLobe {
+    /// Its one cone against several in the light of lamps with these gains.
+    pub(super) fn compared(&self, gains: &[Vec3]) -> Compared {
+        let lamps = self.place.lamps.iter().zip(gains);
+        let several = self.place.rest + lamps.map(|(light, gain)| *light * *gain).sum::<Vec3>();
+        let logarithm = |v: Vec3| v.max(Vec3::splat(1e-3)).map(f32::ln);
+        Compared {
+            roughness: self.roughness,
+            trust: self.trust,
+            brighter: logarithm(self.place.radiance) - logarithm(several),
+        }
+    }
 }
 
 impl TaughtLobe {
@@ -133,7 +158,7 @@ impl TaughtLobe {
         (lamps, points): (&Lamps, &MovedLamps),
         one: [f32; 3],
         narrow: &[[f32; 3]],
-    ) -> LitPlace {
+    ) -> LitLobe {
         let rest = narrow.iter().map(|&light| lamps.below(light.into()));
         let rest = rest.sum::<Vec3>() / narrow.len().max(1) as f32;
         let mut by_part = vec![Vec3::ZERO; points.points.len()];
@@ -143,11 +168,15 @@ impl TaughtLobe {
         // It constrains the lamps by as much as they contribute to its light.
         let from_lamps = by_part.iter().sum::<Vec3>().element_sum();
         let share = from_lamps / (from_lamps + rest.element_sum()).max(f32::MIN_POSITIVE);
-        LitPlace {
-            radiance: one.into(),
-            trust: (self.mirrored * share).powi(2),
-            rest,
-            lamps: by_part,
+        LitLobe {
+            roughness: self.roughness[1],
+            trust: self.mirrored.powi(2),
+            place: LitPlace {
+                radiance: one.into(),
+                trust: (self.mirrored * share).powi(2),
+                rest,
+                lamps: by_part,
+            },
         }
     }
 }

@@ -10,6 +10,7 @@ mod lobes;
 mod places;
 #[cfg(test)]
 mod tests;
+mod wide_cones;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -19,8 +20,9 @@ use rayon::prelude::*;
 use gains::LitPlace;
 pub(super) use gains::lamp_gains;
 pub(super) use highlights::Highlights;
-pub(super) use lobes::lit_lobes;
+pub(super) use lobes::{LitLobe, lit_lobes};
 pub(super) use places::Place;
+use wide_cones::{Compared, WideCones};
 
 use crate::geometry::{SurfaceTracer, fibonacci_sphere};
 use crate::neif::field::radiance_field::{FieldBatch, FieldRay};
@@ -67,6 +69,8 @@ pub(crate) struct Lamps {
     looks: Vec<Look>,
     /// By how much all together are brighter or darker than they were learned, octaves.
     correction: f32,
+    /// What the object's lobes are like in this light, where it was trained in it.
+    pub(super) wide: WideCones,
 }
 
 /// One look at the environment.
@@ -117,6 +121,7 @@ impl Lamps {
             is_far,
             looks,
             correction: 0.0,
+            wide: WideCones::default(),
         })
     }
 
@@ -130,9 +135,11 @@ impl Lamps {
         parts(&self.looks, N_PARTS)
     }
 
-    /// Multiplies each part by its gain, a colour.
-    pub(super) fn gained(&self, parts: &[Vec<usize>], gains: &[Vec3]) -> Self {
+    /// Multiplies each part by its gain, a colour, and compares the object's `lobes` in that light.
+    pub(super) fn gained(&self, parts: &[Vec<usize>], gains: &[Vec3], lobes: &[LitLobe]) -> Self {
         let mut gained = self.clone();
+        let compared: Vec<Compared> = lobes.iter().map(|lobe| lobe.compared(gains)).collect();
+        gained.wide = WideCones::of(&compared);
         for (part, gain) in parts.iter().zip(gains) {
             for &look in part {
                 gained.looks[look].excess *= *gain;

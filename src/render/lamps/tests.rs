@@ -235,7 +235,7 @@ fn a_wide_lobe_gathers_lamps_from_their_points_and_a_mirror_from_its_cones() {
     let lamps = Arc::new(Lamps::of(&sky(Vec3::Z), &NEVER).expect("not cancelled"));
     assert!(Highlights::new(&lamps, &still()).is_none(), "as learned");
     let parts = lamps.parts();
-    let lamps = Arc::new(lamps.gained(&parts, &vec![Vec3::splat(4.0); parts.len()]));
+    let lamps = Arc::new(lamps.gained(&parts, &vec![Vec3::splat(4.0); parts.len()], &[]));
     let highlights = Highlights::new(&lamps, &still()).expect("a lamp");
     let (seen, dim) = ([LAMP; 3], [0.3, 0.2, 0.1]);
     for roughness in [0.3, 0.6] {

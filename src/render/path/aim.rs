@@ -35,6 +35,7 @@ pub(in crate::render) fn aim_lobes(
     let motion = scene.transform.environment_from_world();
     let aim = Aim {
         object,
+        scene,
         motion: &motion,
         frame: scene.environment.frame(),
         sharpest: scene.environment.sharpest_variance(),
@@ -58,6 +59,7 @@ pub(in crate::render) fn aim_lobes(
 /// From surfaces to the rays that their lobes need.
 struct Aim<'a> {
     object: &'a ObjectModel,
+    scene: &'a Scene,
     motion: &'a EnvironmentFromWorld,
     frame: &'a FieldFrame,
     /// Variance that the environment asks for on top of a lobe's.
@@ -87,7 +89,8 @@ impl Aim<'_> {
         } else {
             1.0
         };
-        let weight = self.split_weight(roughness, learned[start], moved);
+        let first_learned = learned[start];
+        let weight = self.split_weight(roughness, first_learned, moved);
         let surface = |k: usize| {
             let mut surface = surfaces[start + k];
             let is_taught = !is_new(k) || k == 0 && weight < 1.0;
@@ -108,7 +111,12 @@ impl Aim<'_> {
                 return None;
             }
             let split = self.split_lobe(path, roughness, (first, of_pixel), rays, blocked)?;
-            Some(SplitLobe { weight, ..split })
+            let gain = self.scene.wide_gain(first_learned);
+            Some(SplitLobe {
+                gain,
+                weight,
+                ..split
+            })
         };
         let n = light_path::aim(path, surface, self.motion, self.frame, split, rays, lit);
         first..first + n
@@ -171,6 +179,7 @@ impl Aim<'_> {
             from_object: Vec3::ZERO,
             from_object_squared: Vec3::ZERO,
             from_lamps: Vec3::ZERO,
+            gain: Vec3::ONE,
             weight: 1.0,
         })
     }

@@ -206,7 +206,10 @@ impl Paths<'_> {
                 sum += walker.throughput * surface.diffuse * (Vec3::ONE - fresnel);
                 WalkerLobe {
                     roughness: surface.roughness,
-                    throughput: walker.throughput * fresnel * *gain,
+                    throughput: walker.throughput
+                        * fresnel
+                        * *gain
+                        * self.scene.wide_gain(*learned),
                     thin: thin_ray(self.object, surface.roughness, *learned, sharpest),
                 }
             })
