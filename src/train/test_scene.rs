@@ -24,8 +24,8 @@ const DIFFUSE: Vec3 = Vec3::new(0.02, 0.05, 0.10);
 /// Settings for fields that suit so small a scene.
 pub(super) fn small_fields() -> TrainConfig {
     let mut config = TrainConfig {
-        object_pixels: 128,
-        background_pixels: 128,
+        object_pixels: 64,
+        background_pixels: 64,
         preconvolved_levels: 3,
         // The sphere is a metal with a diffuse part.
         metal_weight: 0.0,

@@ -106,7 +106,7 @@ fn a_glossy_sphere_in_a_box_is_learned() {
     let dataset = sphere_in_a_box(30, 48);
     let mut trainer = trainer(&small_fields(), &dataset);
     let before = validation_psnr(&trainer, &dataset);
-    train(&mut trainer, 1200);
+    train(&mut trainer, 900);
     let [object, background] = validation_psnr(&trainer, &dataset);
     assert!(before[0] < 22.0, "untrained: {before:?}");
     assert!(
@@ -186,7 +186,7 @@ fn what_reflects_like_a_metal_loses_its_diffuse_part() {
             },
             &dataset,
         );
-        train(&mut trainer, 300);
+        train(&mut trainer, 200);
         let material = trainer.model.material.expect("there is an object").value;
         let points: Vec<Vec3> = dataset.mesh.as_ref().expect("a mesh").positions.clone();
         let mut batch = MaterialBatch::default();

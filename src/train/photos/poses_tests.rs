@@ -71,13 +71,13 @@ fn shaken_cameras_are_put_right_and_kept() {
     let (dataset, right) = shaken(40, 48);
     let given = given_cameras(&dataset);
     let mut first = trainer(&dataset, PhotoFit::On);
-    let due = RETRACE_AT.map(|at| (at * 1500.0) as u32);
-    for step in 0..1500 {
+    let due = RETRACE_AT.map(|at| (at * 1000.0) as u32);
+    for step in 0..1000 {
         // As in a run: the object's light paths begin at the corrected cameras.
         if due.contains(&step) {
             retrace(&mut first, &dataset);
         }
-        first.step(step as f32 / 1500.0);
+        first.step(step as f32 / 1000.0);
     }
     let checkpoint = first.checkpoint();
     let poses = first.model.poses().unwrap();
@@ -119,8 +119,8 @@ fn cameras_begin_where_outlines_show_them_to_be() {
 fn cameras_that_are_right_stay_as_they_are_until_found_wrong() {
     let right = sphere_in_a_box(40, 48);
     let mut trainer = trainer(&right, PhotoFit::Auto);
-    for step in 0..700 {
-        trainer.step(step as f32 / 700.0);
+    for step in 0..510 {
+        trainer.step(step as f32 / 510.0);
     }
     let mut poses = trainer
         .model

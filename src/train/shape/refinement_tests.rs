@@ -65,16 +65,16 @@ fn bent_normals_are_straightened_by_what_they_mirror() {
     let dataset = bent_sphere(30, 48);
     let before = error_deg(dataset.mesh.as_deref().unwrap());
     let mut refined = trainer(Normals::Refined, &dataset);
-    train(&mut refined, 0..400, 1200);
+    train(&mut refined, 0..250, 750);
     retrace(&mut refined, &dataset);
-    train(&mut refined, 400..1200, 1200);
+    train(&mut refined, 250..750, 750);
     let after = error_deg(&mesh(&mut refined));
     assert!(
         after < 0.5 * before,
         "{before:.2} degrees became {after:.2}"
     );
     let mut given = trainer(Normals::Given, &dataset);
-    train(&mut given, 0..120, 1200);
+    train(&mut given, 0..120, 750);
     assert_eq!(error_deg(&mesh(&mut given)), before, "a given mesh stays");
 }
 
