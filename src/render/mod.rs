@@ -20,10 +20,10 @@ mod standing;
 #[cfg(test)]
 pub(crate) mod test_scene;
 
-pub use self::output::bake::{BakedSurface, bake, radiance_as_albedo};
+pub use self::output::bake::{BakedSurface, bake};
 pub use self::output::camera_path::CameraPath;
 pub use self::output::film::{Destination, FileKind, Film, FilmError, Shot};
-pub use self::output::panorama::{PanoramaView, panorama, panorama_of};
+pub use self::output::panorama::{PanoramaView, environment_map, panorama, panorama_of};
 pub use self::output::parts::{Backdrop, Parts, PartsOptions, render_parts};
 pub use self::output::picture::{SeenThere, environment_at, render, render_reference, render_with};
 pub use self::output::raster::Picture;
@@ -38,7 +38,7 @@ pub use self::preview::drawn_by::{DrawnBy, GpuChoice};
 pub use self::preview::request::PreviewScene;
 pub use self::preview::worker::{Passes, Preview, PreviewFrame};
 pub use background::{BLUR_STD, Background};
-pub use irradiance::{DiffuseLights, trained_light};
+pub use irradiance::{DiffuseLights, TrainedLight, trained_light};
 pub use neilf::render_neilf;
 pub use point::{PointValues, PointView, lobe_half_width, point_values};
 pub use scene::{Layer, Scene};

@@ -7,7 +7,7 @@ use glam::Vec3;
 use super::preview::progressive::Progressive;
 use super::preview::request::Quality;
 use super::test_scene::{self, NEVER, camera, environment, object_of};
-use super::{GBuffer, Layer, PathOptions, PreviewScene, Scene, bake, radiance_as_albedo};
+use super::{GBuffer, Layer, PathOptions, PreviewScene, Scene, bake};
 use crate::geometry::meshes::test_mesh::{ellipsoid, together};
 use crate::geometry::{Atlas, Camera};
 use crate::neif::surface::material::MaterialBatch;
@@ -153,7 +153,7 @@ fn baked_textures_follow_a_region() {
     let object = scene.object.as_ref().unwrap();
     let atlas = Atlas::new(object.tracer.mesh(), 128, 1).unwrap();
     let edits = (&scene.edit, &scene.regions);
-    let baked = bake(object, edits, &atlas, 1, &radiance_as_albedo);
+    let baked = bake(object, edits, &atlas, 1, None);
     let texels = atlas.texels(object.tracer.mesh());
     assert!(texels.len() > 100, "{} texels", texels.len());
     for texel in texels {

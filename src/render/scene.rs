@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::background::Background;
 use super::ground::Ground;
 use super::irradiance::{
-    DiffuseLights, KeyedLight, LightKey, Resolution, shows_light, trained_light,
+    DiffuseLights, KeyedLight, LightKey, Resolution, TrainedLight, shows_light, trained_light,
 };
 use super::lamps::Highlights;
 use super::named::unknown;
@@ -124,22 +124,27 @@ impl Scene {
     /// The environment alone, without the traces that the object left in its own; `None` when cancelled.
     pub fn emptied(&self, cancel: &AtomicBool) -> Option<Self> {
         let has_ground = self.object.is_some() && self.has_own_light() && self.trained_in.is_some();
-        let baked = if has_ground {
-            trained_light(self, cancel)?.baked_ground().cloned()
-        } else {
-            None
-        };
-        Some(Self {
+        if !has_ground {
+            return Some(self.emptied_of(None));
+        }
+        let light = trained_light(self, cancel)?;
+        Some(self.emptied_of(Some(&light)))
+    }
+
+    /// [`Self::emptied`] of an object whose light in its own environment, where the scene stands, is known.
+    pub fn emptied_of(&self, light: Option<&TrainedLight>) -> Self {
+        let baked = light.and_then(TrainedLight::baked_ground);
+        Self {
             object: None,
             diffuse_light: None,
             ground: baked.map(|baked| {
                 Arc::new(Ground {
-                    baked: Some(baked),
+                    baked: Some(Arc::clone(baked)),
                     shadow: None,
                 })
             }),
             ..self.clone()
-        })
+        }
     }
 
     /// Factor of the diffuse part at a surface point with its unit normal, with the edges of shadows where it `is_seen`

@@ -10,7 +10,7 @@ use glam::Vec3;
 use neif::data::{Dataset, LoadOptions, Splits, View, bundled_assets};
 use neif::neif::RoughnessEdit;
 use neif::render::output::turntable::turning_point;
-use neif::render::{Layer, Picture, Scene, panorama, render};
+use neif::render::{Layer, Picture, Scene, environment_map, render, trained_light};
 use neif::train::config::TrainConfig;
 use neif::train::measure::eval::{Measures, evaluate_views, mean_of_views};
 use neif::train::session::options::SessionOptions;
@@ -188,9 +188,9 @@ impl Gallery {
     }
 
     fn panorama(&mut self, scene: &Scene) -> Result<(), Failure> {
-        let empty = scene.emptied(self.cancel).ok_or(Failure::Interrupted)?;
+        let light = trained_light(scene, self.cancel);
         let at = turning_point(scene);
-        let picture = panorama(&empty, at, 0.0, PANORAMA_WIDTH, self.cancel);
+        let picture = environment_map(scene, light.as_deref(), at, PANORAMA_WIDTH, self.cancel);
         let picture = picture.ok_or(Failure::Interrupted)?;
         let about = "the environment as the object's middle sees it, without the object's shadow";
         for (name, kind) in [

@@ -6,7 +6,7 @@ use std::time::Instant;
 use glam::Vec3;
 use neif::color::srgb_from_linear;
 use neif::data::{ExrSample, write_exr, write_png_srgb};
-use neif::render::{Picture, panorama as render_panorama};
+use neif::render::{Picture, environment_map, panorama as render_panorama, trained_light};
 use neif::train::session::options::SessionOptions;
 
 use super::env_import::EnvImportArgs;
@@ -110,8 +110,13 @@ pub(crate) fn panorama(args: &PanoramaArgs) -> Result<(), Failure> {
     let kind = PanoramaFile::of(&args.out).ok_or_else(unknown)?;
     let scene = scenes::open_environment_scene(&args.environment)?;
     let cancel = interrupt::install()?;
-    let scene = scene.emptied(cancel).ok_or(Failure::Interrupted)?;
-    let picture = render_panorama(&scene, args.at, args.roughness, args.width, cancel);
+    let light = trained_light(&scene, cancel);
+    let picture = if args.roughness > 0.0 {
+        let empty = scene.emptied_of(light.as_deref());
+        render_panorama(&empty, args.at, args.roughness, args.width, cancel)
+    } else {
+        environment_map(&scene, light.as_deref(), args.at, args.width, cancel)
+    };
     let picture = picture.ok_or(Failure::Interrupted)?;
     kind.write(&args.out, &picture)?;
     output::line(&args.out.display().to_string())?;

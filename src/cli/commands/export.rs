@@ -5,13 +5,11 @@ use std::path::{Path, PathBuf};
 use glam::{EulerRot, Quat, Vec3};
 use neif::color::srgb_from_linear;
 use neif::data::{Texture, TexturedMesh, write_textured_glb};
-use neif::geometry::{Atlas, Texel};
-use neif::neif::surface::region::ObjectEdit;
-use neif::neif::{EnvironmentTransform, ObjectModel};
+use neif::neif::EnvironmentTransform;
 use neif::render::output::metallic_roughness::{DIELECTRIC, MetallicRoughness};
 use neif::render::output::turntable::turning_point;
 use neif::render::{
-    BakedSurface, Scene, Unwrapped, bake, panorama, radiance_as_albedo, trained_light,
+    BakedSurface, Scene, TrainedLight, Unwrapped, bake, environment_map, trained_light,
 };
 
 use super::env::PanoramaFile;
@@ -62,46 +60,24 @@ pub(crate) fn run(args: &ExportArgs) -> Result<(), Failure> {
             "--texture-size {size}: too small for this mesh of {n} triangles"
         ))
     })?;
-    let baked = baked(
-        &run.scene,
-        object,
-        &args.material.edit()?,
-        unwrapped.own_atlas(),
-    )?;
+    let edit = args.material.edit()?;
+    let cancel = interrupt::install()?;
+    // The paper's own model has none: it keeps its diffuse part whatever the light.
+    let light = trained_light(&run.scene, cancel);
+    interrupt::check()?;
+    let (edits, atlas) = ((&edit.whole, &edit.regions), unwrapped.own_atlas());
+    let baked = bake(object, edits, atlas, PADDING_PX, light.as_deref());
     let upright = z_up_from_world(run.scene.environment.up());
     let mesh = textured(&unwrapped, &baked, upright);
     write_textured_glb(&args.out, &mesh)?;
     output::line(&args.out.display().to_string())?;
     if !args.no_environment {
         let file = environment_file(&args.out);
-        write_environment(&run.scene, upright, args.environment_width, &file)?;
+        let light = light.as_deref();
+        write_environment(&run.scene, light, (upright, args.environment_width), &file)?;
         output::line(&file.display().to_string())?;
     }
     Ok(())
-}
-
-/// Textures of the edited material; the base colour is what the light at the surface leaves of the baked diffuse part.
-fn baked(
-    scene: &Scene,
-    object: &ObjectModel,
-    edit: &ObjectEdit,
-    atlas: &Atlas,
-) -> Result<BakedSurface, Failure> {
-    let cancel = interrupt::install()?;
-    let light = trained_light(scene, cancel);
-    interrupt::check()?;
-    let albedo = |texels: &[Texel], diffuse: &[Vec3]| match &light {
-        Some(light) => {
-            let pairs = texels.iter().zip(diffuse);
-            let albedo =
-                pairs.map(|(at, diffuse)| light.surface.albedo(at.position, at.normal, *diffuse));
-            albedo.collect()
-        }
-        // The paper's own model keeps its diffuse part whatever the light.
-        None => radiance_as_albedo(texels, diffuse),
-    };
-    let edits = (&edit.whole, &edit.regions);
-    Ok(bake(object, edits, atlas, PADDING_PX, &albedo))
 }
 
 /// `a/b.glb` becomes `a/b_environment.exr`.
@@ -172,8 +148,8 @@ fn srgb_code(linear: f32) -> u8 {
 /// What the object's centre sees, in Blender's convention: top +z, centre +x.
 fn write_environment(
     scene: &Scene,
-    z_up_from_world: Quat,
-    width: u32,
+    light: Option<&TrainedLight>,
+    (z_up_from_world, width): (Quat, u32),
     file: &Path,
 ) -> Result<(), Failure> {
     let cancel = interrupt::install()?;
@@ -183,10 +159,12 @@ fn write_environment(
         ..EnvironmentTransform::default()
     };
     let at = z_up_from_world * turning_point(scene);
-    let empty = scene.emptied(cancel).ok_or(Failure::Interrupted)?;
-    let empty = Scene { transform, ..empty };
-    let picture = panorama(&empty, at, 0.0, width, cancel).ok_or(Failure::Interrupted)?;
-    PanoramaFile::Exr.write(file, &picture)
+    let turned = Scene {
+        transform,
+        ..scene.clone()
+    };
+    let picture = environment_map(&turned, light, at, width, cancel);
+    PanoramaFile::Exr.write(file, &picture.ok_or(Failure::Interrupted)?)
 }
 
 #[cfg(test)]

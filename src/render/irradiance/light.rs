@@ -19,7 +19,7 @@ use crate::neif::surface::material::MaterialBatch;
 use crate::neif::surface::values::Surface;
 use crate::neif::{Environment, EnvironmentTransform, SurfaceField};
 use crate::render::ground::{BakedGround, Captured, Ground, Shadow};
-use crate::render::lamps::{Highlights, Lamps, Place, lamp_gains, lit_lobes};
+use crate::render::lamps::{Highlights, Lamps, Place, WideCones, lamp_gains, lit_lobes};
 
 /// Places at which shading is looked at to estimate the lamps' brightness.
 const N_SHADED: usize = 4096;
@@ -149,6 +149,16 @@ impl TrainedWork {
 }
 
 impl TrainedLight {
+    /// The lamps of the environment, as bright as they are estimated.
+    pub(in crate::render) fn lamps(&self) -> &Lamps {
+        &self.lamps
+    }
+
+    /// By how much the one cone of a lobe is brighter than the several that stand for the same lobe, by learned roughness.
+    pub(in crate::render) fn wide_gain(&self, learned: f32) -> Vec3 {
+        self.lamps.wide.gain(learned)
+    }
+
     /// What is done to the surfaces around the object in the environment of `key`; `None` when cancelled.
     fn ground_in(&self, key: &LightKey, lamps: &Lamps, cancel: &AtomicBool) -> Option<Arc<Ground>> {
         let is_own = Arc::ptr_eq(&key.trained_in, &key.environment);
@@ -195,7 +205,7 @@ pub struct DiffuseLight {
 impl DiffuseLight {
     /// Factor of what several cones of the object's lobes gather, by learned roughness.
     pub(in crate::render) fn wide_gain(&self, learned: f32) -> Vec3 {
-        self.trained.lamps.wide.gain(learned)
+        self.trained.wide_gain(learned)
     }
 
     /// Gathers the light of a moved or another environment, or takes that of the captured one as it was, but not its gain:
@@ -291,12 +301,15 @@ fn brightened(lamps: &Lamps, rest: &SurfaceLight, key: &LightKey) -> Lamps {
         })
         .collect();
     let shaded = places.par_iter().map(|place| place.shaded(tracer, &points));
-    let shaded = shaded.collect();
+    let shaded: Vec<_> = shaded.collect();
     let own = (&*key.trained_in, lamps, &points);
     let lobes = lit_lobes(&key.object, own, &places, &still);
-    let constraints = lobes.iter().map(|lobe| lobe.place.clone()).collect();
-    let gains = lamp_gains(&probes, shaded, constraints, parts.len());
-    lamps.gained(&parts, &gains, &lobes)
+    let constraints: Vec<_> = lobes.iter().map(|lobe| &lobe.place).collect();
+    let gains = lamp_gains(&probes, &shaded, &constraints, parts.len());
+    let compared: Vec<_> = lobes.iter().map(|lobe| lobe.compared(&gains)).collect();
+    let mut lamps = lamps.gained(&parts, &gains);
+    lamps.wide = WideCones::of(&compared);
+    lamps
 }
 
 /// Irradiance of every probe, from the radiance along its rays and what the object sends instead.

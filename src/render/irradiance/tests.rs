@@ -6,13 +6,15 @@ use std::sync::atomic::AtomicBool;
 
 use glam::Vec3;
 
-use super::light::TrainedLight;
+use super::light::{Gathered, TrainedLight, TrainedWork};
 use super::*;
+use crate::color::linear_from_srgb;
 use crate::geometry::Mesh;
 use crate::geometry::meshes::test_mesh::{ellipsoid, together};
 use crate::neif::{Environment, EnvironmentTransform, ObjectModel, RoughnessEdit};
-use crate::render::test_scene::{NEVER, environment, fog, object_of, scene};
-use crate::render::{Layer, Scene};
+use crate::render::lamps::{Compared, Lamps, WideCones};
+use crate::render::test_scene::{NEVER, camera, environment, fog, object_of, picture, scene};
+use crate::render::{Layer, LobeShape, Picture, ReferenceOptions, Scene, render_reference};
 
 fn ball() -> Arc<ObjectModel> {
     object_of(ellipsoid(Vec3::ZERO, Vec3::splat(0.5), 32), 3)
@@ -293,5 +295,72 @@ fn an_edit_of_roughness_asks_for_lamps_and_leaves_the_diffuse_part_alone() {
     assert!(lit.diffuse_light.is_some() && lit.ground.is_none());
     for normal in normals() {
         assert_eq!(response(&lit, 0.5 * normal, normal), Vec3::ONE);
+    }
+}
+
+/// A smooth ball without a diffuse part, made rough, and how much brighter its one cones are than several.
+fn made_rough(brighter: Vec3) -> Scene {
+    let furnace = fog(-1.0, 0.0);
+    let mut scene = Scene::new(Some(ball()), Arc::clone(&furnace));
+    scene.edit.roughness = RoughnessEdit::Constant(1.0);
+    scene.edit.diffuse_gain = Vec3::ZERO;
+    let object = scene.object.clone().expect("the ball");
+    let lobe = |k: i32| Compared {
+        roughness: k as f32 / 1000.0,
+        trust: 1000.0,
+        brighter: brighter.map(f32::ln),
+    };
+    let lobes: Vec<Compared> = (0..1000).map(lobe).collect();
+    let mut lamps = Lamps::of(&furnace, &NEVER).expect("not cancelled");
+    lamps.wide = WideCones::of(&lobes);
+    let lamps = Arc::new(lamps);
+    let key = LightKey::of(&scene, false).expect("a new roughness asks for light");
+    let transport = Transport::trace(&object.tracer, Resolution::FINE, &NEVER);
+    let transport = Arc::new(transport.expect("not cancelled"));
+    let trained = TrainedWork::new(transport, &object.material)
+        .run(&key, Some(Arc::clone(&lamps)), &NEVER)
+        .expect("not cancelled");
+    let light = DiffuseLight::gather(
+        &Arc::new(trained),
+        (&key, &lamps),
+        &mut Gathered::default(),
+        &NEVER,
+    );
+    scene.diffuse_light = Some(KeyedLight {
+        key,
+        resolution: Resolution::FINE,
+        light: Arc::new(light.expect("not cancelled")),
+    });
+    scene
+}
+
+#[test]
+fn what_wide_cones_show_goes_for_several_and_for_the_reference() {
+    let factor = Vec3::new(1.4, 1.0, 0.7);
+    let [plain, brighter] = [Vec3::ONE, factor].map(made_rough);
+    let total = |picture: &Picture| {
+        let linear = picture
+            .pixels
+            .iter()
+            .map(|p| Vec3::from(p.map(linear_from_srgb)));
+        linear.sum::<Vec3>()
+    };
+    let cones = |scene: &Scene| total(&picture(scene, &camera(24, 16), Layer::Specular));
+    let by_reference = |scene: &Scene| {
+        let options = ReferenceOptions {
+            n_paths: 64,
+            lobe: LobeShape::Ggx,
+        };
+        let seen = render_reference(scene, &camera(24, 16), options, &NEVER, &|_| {});
+        total(&seen.expect("not cancelled"))
+    };
+    // The reference's picture has the fog around the ball too.
+    let found = [
+        cones(&brighter) / cones(&plain),
+        (by_reference(&brighter) - by_reference(&plain)) / cones(&plain) + Vec3::ONE,
+    ];
+    for found in found {
+        let off = (found - factor).abs().max_element();
+        assert!(off < 0.02, "{found} instead of {factor}");
     }
 }

@@ -49,20 +49,28 @@ pub(in crate::render) struct LitPlace {
     pub(in crate::render) lamps: Vec<Vec3>,
 }
 
+impl LitPlace {
+    /// What it would be on a white surface if lamps were brighter by these gains.
+    pub(super) fn light(&self, gains: &[Vec3]) -> Vec3 {
+        let lamps = self.lamps.iter().zip(gains);
+        self.rest + lamps.map(|(light, gain)| *light * *gain).sum::<Vec3>()
+    }
+}
+
 /// Gains of each of `n_parts` of the lamps, a colour, from the diffuse light `lit` of each of the `probes` and from `lobes`.
 pub(in crate::render) fn lamp_gains(
     probes: &Probes,
-    mut lit: Vec<LitPlace>,
-    lobes: Vec<LitPlace>,
+    lit: &[LitPlace],
+    lobes: &[&LitPlace],
     n_parts: usize,
 ) -> Vec<Vec3> {
-    let mut pairs = pairs(probes, &lit);
+    let mut pairs = pairs(probes, lit);
     pairs.extend(lobes.iter().enumerate().map(|(i, lobe)| Pair {
         a: lit.len() + i,
         b: None,
         weight: LOBE * lobe.trust,
     }));
-    lit.extend(lobes);
+    let lit: Vec<&LitPlace> = lit.iter().chain(lobes.iter().copied()).collect();
     let problem = Problem {
         lit: &lit,
         pairs: &pairs,
@@ -119,7 +127,7 @@ fn pairs(probes: &Probes, lit: &[LitPlace]) -> Vec<Pair> {
 }
 
 struct Problem<'a> {
-    lit: &'a [LitPlace],
+    lit: &'a [&'a LitPlace],
     pairs: &'a [Pair],
 }
 
@@ -127,14 +135,8 @@ impl Problem<'_> {
     /// Error of the logarithms of gains, and its slope.
     fn error(&self, logs: &[Vec3]) -> (f32, Vec<Vec3>) {
         let gains: Vec<Vec3> = logs.iter().map(|log| log.map(f32::exp)).collect();
-        let light: Vec<Vec3> = self
-            .lit
-            .par_iter()
-            .map(|probe| {
-                let lamps = probe.lamps.iter().zip(&gains);
-                probe.rest + lamps.map(|(light, gain)| *light * *gain).sum::<Vec3>()
-            })
-            .collect();
+        let light = self.lit.par_iter().map(|place| place.light(&gains));
+        let light: Vec<Vec3> = light.collect();
         let dark = DARK * light.iter().sum::<Vec3>() / light.len().max(1) as f32;
         let logarithm = |v: Vec3| v.max(Vec3::splat(1e-6)).map(f32::ln);
         let albedo: Vec<Vec3> = light

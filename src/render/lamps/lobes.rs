@@ -105,9 +105,8 @@ pub(in crate::render) struct LitLobe {
 
 impl LitLobe {
     /// Its one cone against several in the light of lamps with these gains.
-    pub(super) fn compared(&self, gains: &[Vec3]) -> Compared {
-        let lamps = self.place.lamps.iter().zip(gains);
-        let several = self.place.rest + lamps.map(|(light, gain)| *light * *gain).sum::<Vec3>();
+    pub(in crate::render) fn compared(&self, gains: &[Vec3]) -> Compared {
+        let several = self.place.light(gains);
         let logarithm = |v: Vec3| v.max(Vec3::splat(1e-3)).map(f32::ln);
         Compared {
             roughness: self.roughness,

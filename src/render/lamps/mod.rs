@@ -7,6 +7,7 @@
 mod gains;
 mod highlights;
 mod lobes;
+mod panorama;
 mod places;
 #[cfg(test)]
 mod tests;
@@ -20,9 +21,10 @@ use rayon::prelude::*;
 use gains::LitPlace;
 pub(super) use gains::lamp_gains;
 pub(super) use highlights::Highlights;
-pub(super) use lobes::{LitLobe, lit_lobes};
+pub(super) use lobes::lit_lobes;
+pub(super) use panorama::PanoramaPixel;
 pub(super) use places::Place;
-use wide_cones::{Compared, WideCones};
+pub(super) use wide_cones::{Compared, WideCones};
 
 use crate::geometry::{SurfaceTracer, fibonacci_sphere};
 use crate::neif::field::radiance_field::{FieldBatch, FieldRay};
@@ -32,6 +34,8 @@ use crate::render::path::trace::is_hidden;
 
 /// Directions in which lamps are looked for: 2.2 degrees apart.
 const N_LOOKS: usize = 16_384;
+/// Solid angle of a look, steradians.
+const LOOK: f32 = 4.0 * std::f32::consts::PI / N_LOOKS as f32;
 /// Solid angle, in looks, of the cone that limits how bright a look may be.
 const WIDER: f32 = 9.0;
 /// Looks evaluated together.
@@ -80,6 +84,8 @@ struct Look {
     place: Vec3,
     /// Radiance above white.
     excess: Vec3,
+    /// The same as it was learned.
+    learned: Vec3,
     distance: f32,
 }
 
@@ -112,6 +118,7 @@ impl Lamps {
                         frame.center + distance * direction
                     },
                     excess,
+                    learned: excess,
                     distance,
                 })
             })
@@ -135,11 +142,9 @@ impl Lamps {
         parts(&self.looks, N_PARTS)
     }
 
-    /// Multiplies each part by its gain, a colour, and compares the object's `lobes` in that light.
-    pub(super) fn gained(&self, parts: &[Vec<usize>], gains: &[Vec3], lobes: &[LitLobe]) -> Self {
+    /// Multiplies each part by its gain, a colour.
+    pub(super) fn gained(&self, parts: &[Vec<usize>], gains: &[Vec3]) -> Self {
         let mut gained = self.clone();
-        let compared: Vec<Compared> = lobes.iter().map(|lobe| lobe.compared(gains)).collect();
-        gained.wide = WideCones::of(&compared);
         for (part, gain) in parts.iter().zip(gains) {
             for &look in part {
                 gained.looks[look].excess *= *gain;
@@ -387,7 +392,6 @@ fn cut(looks: &[Look], mut part: Vec<usize>) -> (Vec<usize>, Vec<usize>) {
 
 /// The point that stands for a part.
 fn point(looks: &[Look], part: &[usize], is_far: bool) -> LampPoint {
-    let solid_angle = 4.0 * std::f32::consts::PI / N_LOOKS as f32;
     let (mut place, mut strength, mut weights) = (Vec3::ZERO, Vec3::ZERO, 0.0);
     for &i in part {
         let look = &looks[i];
@@ -398,7 +402,7 @@ fn point(looks: &[Look], part: &[usize], is_far: bool) -> LampPoint {
         };
         place += look.energy() * look.place;
         weights += look.energy();
-        strength += look.excess * (solid_angle * distance2);
+        strength += look.excess * (LOOK * distance2);
     }
     let place = place / weights.max(f32::MIN_POSITIVE);
     let distance2 =
@@ -410,7 +414,7 @@ fn point(looks: &[Look], part: &[usize], is_far: bool) -> LampPoint {
             place
         },
         strength,
-        extent2: distance2 * solid_angle * part.len() as f32,
-        solid_angle: solid_angle * part.len() as f32,
+        extent2: distance2 * LOOK * part.len() as f32,
+        solid_angle: LOOK * part.len() as f32,
     }
 }

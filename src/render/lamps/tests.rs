@@ -14,11 +14,11 @@ use crate::render::irradiance::Probes;
 use crate::render::test_scene::NEVER;
 
 /// Radiance of the lamp, and the cosine of its half angle: a disc of 0.0195 steradians.
-const LAMP: f32 = 400.0;
-const RIM: f32 = 0.996_9;
+pub(super) const LAMP: f32 = 400.0;
+pub(super) const RIM: f32 = 0.996_9;
 
 /// A grey sky with a disc of a lamp about `toward`.
-fn sky(toward: Vec3) -> Environment {
+pub(super) fn sky(toward: Vec3) -> Environment {
     sky_of(toward, RIM)
 }
 
@@ -142,7 +142,7 @@ fn shading_shows_how_bright_a_lamp_is_whatever_is_painted_on_the_object() {
     let probes = Probes::on_mesh(&mesh, 1000);
     for gain in [Vec3::ONE, Vec3::new(60.0, 50.0, 40.0), Vec3::splat(0.3)] {
         let lit = shaded(&probes, Vec3::new(0.6, 0.0, 0.8), gain);
-        let found = lamp_gains(&probes, lit, Vec::new(), 1)[0];
+        let found = lamp_gains(&probes, &lit, &[], 1)[0];
         let off = (found / gain - 1.0).abs().max_element();
         assert!(off < 0.1, "{found}, not {gain}");
     }
@@ -156,12 +156,9 @@ fn what_has_no_diffuse_part_leaves_lamps_as_they_were_learned() {
     for place in &mut lit {
         place.radiance = Vec3::ZERO;
     }
-    let found = lamp_gains(&probes, lit.clone(), Vec::new(), 1)[0];
+    let found = lamp_gains(&probes, &lit, &[], 1)[0];
     assert!((found - 1.0).abs().max_element() < 0.05, "{found}");
-    assert!(
-        lamp_gains(&probes, lit, Vec::new(), 0).is_empty(),
-        "no lamp"
-    );
+    assert!(lamp_gains(&probes, &lit, &[], 0).is_empty(), "no lamp");
 }
 
 #[test]
@@ -175,7 +172,7 @@ fn what_shading_says_faintly_puts_no_lamp_out_and_lobes_outvote_it() {
         }
         lit
     };
-    let faint = lamp_gains(&probes, shading(0.1), Vec::new(), 1)[0];
+    let faint = lamp_gains(&probes, &shading(0.1), &[], 1)[0];
     assert!(faint.min_element() > 0.9, "{faint}");
     let lobe = LitPlace {
         radiance: Vec3::splat(0.5),
@@ -183,7 +180,7 @@ fn what_shading_says_faintly_puts_no_lamp_out_and_lobes_outvote_it() {
         rest: Vec3::splat(0.2),
         lamps: vec![Vec3::splat(0.3)],
     };
-    let outvoted = lamp_gains(&probes, shading(1.0), vec![lobe; 100], 1)[0];
+    let outvoted = lamp_gains(&probes, &shading(1.0), &[&lobe; 100], 1)[0];
     assert!(outvoted.min_element() > 0.9, "{outvoted}");
 }
 
@@ -208,7 +205,9 @@ fn lobes_show_how_bright_a_lamp_is_and_what_is_known_of_one_part_goes_for_the_ne
             lamps: vec![lamp, Vec3::ZERO],
         }
     };
-    let found = lamp_gains(&probes, black, (0..20).map(lobe).collect(), 2);
+    let lobes: Vec<LitPlace> = (0..20).map(lobe).collect();
+    let lobes: Vec<&LitPlace> = lobes.iter().collect();
+    let found = lamp_gains(&probes, &black, &lobes, 2);
     let off = (found[0] / gain - 1.0).abs().max_element();
     assert!(off < 0.15, "{}, not {gain}", found[0]);
     assert!(
@@ -235,7 +234,7 @@ fn a_wide_lobe_gathers_lamps_from_their_points_and_a_mirror_from_its_cones() {
     let lamps = Arc::new(Lamps::of(&sky(Vec3::Z), &NEVER).expect("not cancelled"));
     assert!(Highlights::new(&lamps, &still()).is_none(), "as learned");
     let parts = lamps.parts();
-    let lamps = Arc::new(lamps.gained(&parts, &vec![Vec3::splat(4.0); parts.len()], &[]));
+    let lamps = Arc::new(lamps.gained(&parts, &vec![Vec3::splat(4.0); parts.len()]));
     let highlights = Highlights::new(&lamps, &still()).expect("a lamp");
     let (seen, dim) = ([LAMP; 3], [0.3, 0.2, 0.1]);
     for roughness in [0.3, 0.6] {

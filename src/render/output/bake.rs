@@ -6,17 +6,10 @@ use rayon::prelude::*;
 use super::metallic_roughness::MetallicRoughness;
 use crate::geometry::{Atlas, Texel};
 use crate::neif::{EditedSurfaces, MaterialEdit, ObjectModel, Regions};
+use crate::render::irradiance::TrainedLight;
 
 /// Texels evaluated together.
 const CHUNK: usize = 4096;
-
-/// From the texels and their baked diffuse radiance to the diffuse albedo, `[n]` each.
-pub type AlbedoOf<'a> = &'a (dyn Fn(&[Texel], &[Vec3]) -> Vec<Vec3> + Sync);
-
-/// The albedo where the light at the surface is not known: the baked diffuse radiance itself, as if the irradiance were pi everywhere.
-pub fn radiance_as_albedo(_texels: &[Texel], diffuse: &[Vec3]) -> Vec<Vec3> {
-    diffuse.to_vec()
-}
 
 /// Square textures, row-major from the top left.
 #[derive(Clone, Debug)]
@@ -34,17 +27,20 @@ pub struct BakedSurface {
 }
 
 /// Evaluates the edited material at every texel that shows the mesh; the others take the colours next to them, or the mean.
+///
+/// `light` is the light that the object was trained in. Without it the baked diffuse radiance itself is taken for the albedo, as if
+/// the irradiance were pi everywhere.
 pub fn bake(
     object: &ObjectModel,
     (edit, regions): (&MaterialEdit, &Regions),
     atlas: &Atlas,
     padding_px: u32,
-    albedo_of: AlbedoOf<'_>,
+    light: Option<&TrainedLight>,
 ) -> BakedSurface {
     let texels = atlas.texels(object.tracer.mesh());
     let baked: Vec<Baked> = texels
         .par_chunks(CHUNK)
-        .flat_map_iter(|texels| bake_texels(object, (edit, regions), texels, albedo_of))
+        .flat_map_iter(|texels| bake_texels(object, (edit, regions), texels, light))
         .collect();
     let n = texels.len().max(1) as f32;
     let error = |of: fn(&MetallicRoughness) -> Vec3| {
@@ -102,19 +98,26 @@ fn bake_texels(
     object: &ObjectModel,
     (edit, regions): (&MaterialEdit, &Regions),
     texels: &[Texel],
-    albedo_of: AlbedoOf<'_>,
+    light: Option<&TrainedLight>,
 ) -> Vec<Baked> {
     let mut edited = EditedSurfaces::default();
     let points = texels.iter().map(|texel| (texel.position, texel.normal));
     edited.evaluate(object, edit, regions, points);
     let surfaces = edited.surfaces();
-    let diffuse: Vec<Vec3> = surfaces.iter().map(|s| s.diffuse).collect();
-    let albedo = albedo_of(texels, &diffuse);
-    let surfaces = surfaces.iter().zip(edited.specular_gain());
+    let learned = edited
+        .specular_gain()
+        .iter()
+        .zip(edited.learned_roughness());
+    let surfaces = texels.iter().zip(surfaces).zip(learned);
     surfaces
-        .zip(albedo)
-        .map(|((surface, gain), albedo)| {
-            let reflectance = (surface.tint * *gain).clamp(Vec3::ZERO, Vec3::ONE);
+        .map(|((texel, surface), (gain, roughness))| {
+            let (mut albedo, mut reflectance) = (surface.diffuse, surface.tint * *gain);
+            if let Some(light) = light {
+                albedo = light.surface.albedo(texel.position, texel.normal, albedo);
+                // Other programs gather a lobe by many rays.
+                reflectance *= light.wide_gain(*roughness);
+            }
+            let reflectance = reflectance.clamp(Vec3::ZERO, Vec3::ONE);
             Baked {
                 material: MetallicRoughness::nearest(albedo, reflectance),
                 roughness: surface.roughness,
@@ -166,7 +169,7 @@ mod tests {
     use super::*;
     use crate::neif::RoughnessEdit;
     use crate::neif::surface::material::MaterialBatch;
-    use crate::render::test_scene;
+    use crate::render::{test_scene, trained_light};
 
     #[test]
     fn textures_hold_the_edited_material_where_the_mesh_is() {
@@ -178,13 +181,7 @@ mod tests {
             diffuse_gain: Vec3::new(1.0, 0.5, 0.0),
             ..MaterialEdit::default()
         };
-        let baked = bake(
-            &object,
-            (&edit, &Regions::default()),
-            &atlas,
-            2,
-            &radiance_as_albedo,
-        );
+        let baked = bake(&object, (&edit, &Regions::default()), &atlas, 2, None);
         assert!(
             baked.roughness.iter().all(|r| (r - 0.25).abs() < 1e-6),
             "roughness"
@@ -211,18 +208,25 @@ mod tests {
     }
 
     #[test]
-    fn another_albedo_can_be_put_in() {
-        let object = test_scene::object(1);
+    fn where_the_light_is_known_the_base_colour_is_the_albedo() {
+        let scene = test_scene::scene();
+        let object = scene.object.as_ref().expect("the ball");
+        let light = trained_light(&scene, &test_scene::NEVER).expect("not cancelled");
         let atlas = Atlas::new(object.tracer.mesh(), 32, 1).unwrap();
-        let black = |texels: &[Texel], _: &[Vec3]| vec![Vec3::ZERO; texels.len()];
         let edit = MaterialEdit {
             tint_scale: 0.0,
             ..MaterialEdit::default()
         };
-        let baked = bake(&object, (&edit, &Regions::default()), &atlas, 1, &black);
-        assert!(
-            baked.material.iter().all(|m| m.base.max_element() < 1e-6),
-            "black"
-        );
+        let edits = (&edit, &Regions::default());
+        let [lit, unlit] = [Some(&*light), None].map(|light| bake(object, edits, &atlas, 1, light));
+        for texel in atlas.texels(object.tracer.mesh()) {
+            let [lit, unlit] = [&lit, &unlit].map(|b| b.material[texel.index as usize].albedo());
+            let expected = light.surface.albedo(texel.position, texel.normal, unlit);
+            assert!(
+                (lit - expected).abs().max_element() < 1e-4,
+                "{lit} {expected}"
+            );
+            assert!(lit.distance(unlit) > 1e-3, "{lit}");
+        }
     }
 }

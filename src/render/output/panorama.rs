@@ -8,7 +8,10 @@ use glam::{Quat, Vec2, Vec3};
 use super::raster::Picture;
 use crate::neif::field::proposal::ConeRay;
 use crate::neif::field::radiance_field::FieldRay;
+use crate::neif::light::environment::EnvironmentField;
 use crate::neif::light::lobe::Lobe;
+use crate::render::irradiance::TrainedLight;
+use crate::render::lamps::{Lamps, PanoramaPixel};
 use crate::render::path::scratch::ShadeScratch;
 use crate::render::scene::Scene;
 
@@ -85,6 +88,64 @@ pub fn panorama_of(scene: &Scene, view: &PanoramaView, cancel: &AtomicBool) -> O
     )
 }
 
+/// A sharp [`panorama`] for programs that light something with it: the environment without the object of its scene and the traces
+/// that this left, its lamps as bright as the object's shading and reflections say, where `light` is known (the light that the
+/// object was trained in, [`trained_light`](crate::render::trained_light)), and without specks.
+pub fn environment_map(
+    scene: &Scene,
+    light: Option<&TrainedLight>,
+    at: Vec3,
+    width: u32,
+    cancel: &AtomicBool,
+) -> Option<Picture> {
+    let mut picture = panorama(&scene.emptied_of(light), at, 0.0, width, cancel)?;
+    if matches!(scene.environment.field(), EnvironmentField::Distant(_)) {
+        // It is a picture already.
+        return Some(picture);
+    }
+    let motion = scene.transform.environment_from_world();
+    let view = PanoramaView {
+        at,
+        up: Vec3::Z,
+        roughness: 0.0,
+        width,
+    };
+    let (width, height) = (picture.width, picture.height);
+    let pixel = |i: usize| {
+        let (x, y) = (i % width as usize, i / width as usize);
+        let place = middle((x as u32, y as u32), (width, height));
+        let row = (PI * place.y).sin() * PI / height as f32;
+        PanoramaPixel {
+            direction: motion.direction(view.direction(place)),
+            solid_angle: row * TAU / width as f32,
+        }
+    };
+    let expose = |seen: &mut [[f32; 3]], gain: Vec3| {
+        for value in seen {
+            *value = (Vec3::from(*value) * gain).to_array();
+        }
+    };
+    let learned;
+    let lamps = if let Some(light) = light {
+        light.lamps()
+    } else {
+        learned = Lamps::of(&scene.environment, cancel)?;
+        &learned
+    };
+    expose(&mut picture.pixels, motion.gain.recip());
+    lamps.show_in(motion.point(at), pixel, &mut picture.pixels);
+    expose(&mut picture.pixels, motion.gain);
+    Some(picture)
+}
+
+/// The middle of a pixel, `[0, 1]` from the top left.
+fn middle((x, y): (u32, u32), (width, height): (u32, u32)) -> Vec2 {
+    Vec2::new(
+        (x as f32 + 0.5) / width as f32,
+        (y as f32 + 0.5) / height as f32,
+    )
+}
+
 fn panorama_row(
     scene: &Scene,
     view: &PanoramaView,
@@ -100,10 +161,7 @@ fn panorama_row(
     let spread = PI / height as f32 * BOX_STD;
     scratch.rays.clear();
     for x in 0..width {
-        let place = Vec2::new(
-            (x as f32 + 0.5) / width as f32,
-            (y as f32 + 0.5) / height as f32,
-        );
+        let place = middle((x as u32, y), (width as u32, height));
         let direction = motion.direction(view.direction(place));
         scratch.rays.push(FieldRay {
             cone: ConeRay {
@@ -179,6 +237,8 @@ mod tests {
             let seen = panorama(&scene, at, 0.0, width, &NEVER).unwrap();
             assert_eq!((seen.width, seen.height), (width, height), "size");
             assert!(seen.pixels == pixels, "pixels");
+            let map = environment_map(&scene, None, at, width, &NEVER).unwrap();
+            assert!(map.pixels == pixels, "a picture has no specks");
         }
     }
 }
