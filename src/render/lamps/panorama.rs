@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::{LOOK, Lamps, Look, WHITE};
 
-/// How much more than a look sees in the mean a pixel of it may see.
+/// Most radiance above white that a pixel of a look may see, in what the look sees in the mean.
 const SHARPER: f32 = 4.0;
 /// Angle between a look and the pixels that belong to it at most, in square roots of its solid angle.
 const REACH: f32 = 1.5;

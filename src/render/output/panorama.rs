@@ -98,18 +98,18 @@ pub fn environment_map(
     width: u32,
     cancel: &AtomicBool,
 ) -> Option<Picture> {
-    let mut picture = panorama(&scene.emptied_of(light), at, 0.0, width, cancel)?;
-    if matches!(scene.environment.field(), EnvironmentField::Distant(_)) {
-        // It is a picture already.
-        return Some(picture);
-    }
-    let motion = scene.transform.environment_from_world();
     let view = PanoramaView {
         at,
         up: Vec3::Z,
         roughness: 0.0,
         width,
     };
+    let mut picture = panorama_of(&scene.emptied_of(light), &view, cancel)?;
+    if matches!(scene.environment.field(), EnvironmentField::Distant(_)) {
+        // It is a picture already.
+        return Some(picture);
+    }
+    let motion = scene.transform.environment_from_world();
     let (width, height) = (picture.width, picture.height);
     let pixel = |i: usize| {
         let (x, y) = (i % width as usize, i / width as usize);
