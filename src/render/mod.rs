@@ -38,7 +38,7 @@ pub use self::preview::drawn_by::{DrawnBy, GpuChoice};
 pub use self::preview::request::PreviewScene;
 pub use self::preview::worker::{Passes, Preview, PreviewFrame};
 pub use background::{BLUR_STD, Background};
-pub use irradiance::{DiffuseLights, TrainedLight, trained_light};
+pub use irradiance::{DiffuseLights, TrainedLight, estimated_lamps, trained_light};
 pub use neilf::render_neilf;
 pub use point::{PointValues, PointView, lobe_half_width, point_values};
 pub use scene::{Layer, Scene};

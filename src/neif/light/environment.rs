@@ -1,11 +1,13 @@
 //! An environment: the radiance field with everything needed to light any object, and its file.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use glam::Vec3;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
+use super::estimated_lamps::EstimatedLamps;
 use super::lobe::SHARPEST_VARIANCE;
 use crate::data::files::tensor_file::TensorFile;
 use crate::geometry::Aabb;
@@ -100,6 +102,7 @@ pub struct LightScratch {
 pub struct Environment {
     place: EnvironmentPlace,
     field: EnvironmentField,
+    lamps: Option<Arc<EstimatedLamps>>,
 }
 
 /// What an [`Environment`] is made from, beside the field.
@@ -120,14 +123,20 @@ pub struct EnvironmentPlace {
 impl Environment {
     /// Puts a field with its density in its place.
     pub fn new(place: EnvironmentPlace, field: RadianceField, density: DensityGrid) -> Self {
-        let field = EnvironmentField::Grid { field, density };
-        Self { place, field }
+        Self::of_field(place, EnvironmentField::Grid { field, density })
     }
 
     /// Puts a network of the paper in its place.
     pub fn of_paper(place: EnvironmentPlace, field: PaperField) -> Self {
-        let field = EnvironmentField::Paper(field);
-        Self { place, field }
+        Self::of_field(place, EnvironmentField::Paper(field))
+    }
+
+    fn of_field(place: EnvironmentPlace, field: EnvironmentField) -> Self {
+        Self {
+            place,
+            field,
+            lamps: None,
+        }
     }
 
     /// An environment that is infinitely far; its inner box is one for the camera to start in.
@@ -142,8 +151,18 @@ impl Environment {
             n_samples: 1,
             up,
         };
-        let field = EnvironmentField::Distant(light);
-        Self { place, field }
+        Self::of_field(place, EnvironmentField::Distant(light))
+    }
+
+    /// The same environment with lamps as bright as they are estimated, or as the field has them.
+    pub fn with_lamps(mut self, lamps: Option<EstimatedLamps>) -> Self {
+        self.lamps = lamps.map(Arc::new);
+        self
+    }
+
+    /// How bright its lamps are estimated to be; `None` where nothing is known but the field.
+    pub fn estimated_lamps(&self) -> Option<&EstimatedLamps> {
+        self.lamps.as_deref()
     }
 
     /// Whether it is a panorama without a floor.
@@ -168,7 +187,10 @@ impl Environment {
         };
         let mut density = density.clone();
         density.hollow(|p| is_void(self.place.frame.world_from_field(Vec3::from(p))));
-        Some(Self::new(self.place.clone(), field.clone(), density))
+        Some(Self {
+            lamps: self.lamps.clone(),
+            ..Self::new(self.place.clone(), field.clone(), density)
+        })
     }
 
     /// Shown in lists.
@@ -355,7 +377,8 @@ impl Environment {
             }
             _ => return Err(stored.unknown_kind()),
         };
-        Ok(Self { place, field })
+        let lamps = EstimatedLamps::stored(&stored.file)?;
+        Ok(Self::of_field(place, field).with_lamps(lamps))
     }
 
     /// Writes the file whole or not at all, grid values as `storage` says.
@@ -364,6 +387,7 @@ impl Environment {
     /// When the system refuses, e.g. because the disk is full.
     pub fn save(&self, path: &Path, storage: Storage) -> Result<(), NeifError> {
         let mut file = TensorFile::default();
+        self.lamps.iter().for_each(|lamps| lamps.store(&mut file));
         let (kind, header, n_networks) = match &self.field {
             EnvironmentField::Grid { field, density } => {
                 let codes = density.codes();

@@ -8,6 +8,7 @@ use super::light::{DiffuseLight, Gathered, TrainedLight, TrainedWork};
 use super::transport::{Resolution, Transport};
 use crate::geometry::SurfaceTracer;
 use crate::neif::Environment;
+use crate::neif::light::estimated_lamps::EstimatedLamps;
 use crate::render::lamps::Lamps;
 use crate::render::{Layer, Scene};
 
@@ -228,4 +229,14 @@ impl Level {
 pub fn trained_light(scene: &Scene, cancel: &AtomicBool) -> Option<Arc<TrainedLight>> {
     let key = LightKey::trained(scene)?;
     Level::new(Resolution::FINE).trained(&key, &mut KnownLamps::default(), cancel)
+}
+
+/// How bright the lamps of the environment are that the object of a scene was trained in, from its shading and reflections;
+/// `None` without an object, without lamps, where the diffuse part is baked, or when cancelled.
+pub fn estimated_lamps(scene: &Scene, cancel: &AtomicBool) -> Option<EstimatedLamps> {
+    let key = LightKey::trained(scene)?;
+    let transport = Transport::trace(&key.object.tracer, Resolution::FINE, cancel)?;
+    let mut work = TrainedWork::new(Arc::new(transport), &key.object.material);
+    let (lamps, _) = work.lamps(&key, None, cancel)?;
+    lamps.estimated()
 }

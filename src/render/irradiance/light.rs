@@ -98,6 +98,36 @@ impl TrainedWork {
         }
     }
 
+    /// The lamps of the environment where it was trained, `known` or as bright as the object's shading and lobes say, with the
+    /// irradiance of everything else; `None` when cancelled, to be taken up again.
+    pub(super) fn lamps(
+        &mut self,
+        key: &LightKey,
+        known: Option<Arc<Lamps>>,
+        cancel: &AtomicBool,
+    ) -> Option<(Arc<Lamps>, Vec<Irradiance>)> {
+        let own = &key.trained_in;
+        let seen = match &known {
+            Some(known) => Arc::clone(known),
+            None => Arc::new(Lamps::learned(own, cancel)?),
+        };
+        let from = (
+            &**own,
+            &*seen,
+            self.transport.resolution.ground.most_samples,
+        );
+        let still = EnvironmentTransform::default();
+        if !self.gathered.run(&self.beams, from, &still, cancel) {
+            return None;
+        }
+        let rest = irradiance(&self.beams, &self.gathered.radiance, |beam| beam.bounce);
+        let lamps = known.unwrap_or_else(|| {
+            let rest = SurfaceLight::new(&self.transport, rest.clone(), LampLight::none(&rest));
+            Arc::new(brightened(&seen, &rest, key))
+        });
+        Some((lamps, rest))
+    }
+
     /// Gathers the light of the environment where it was trained, whose lamps are `known` or are looked for; `None` when
     /// cancelled, to be taken up again.
     pub(super) fn run(
@@ -106,26 +136,13 @@ impl TrainedWork {
         known: Option<Arc<Lamps>>,
         cancel: &AtomicBool,
     ) -> Option<TrainedLight> {
-        let still = EnvironmentTransform::default();
-        let own = &key.trained_in;
-        let seen = match &known {
-            Some(known) => Arc::clone(known),
-            None => Arc::new(Lamps::of(own, cancel)?),
-        };
-        let most_samples = self.transport.resolution.ground.most_samples;
-        let from = (&**own, &*seen, most_samples);
-        if !self.gathered.run(&self.beams, from, &still, cancel) {
-            return None;
-        }
-        let radiance = &self.gathered.radiance;
-        let first = irradiance(&self.beams, radiance, |beam| beam.bounce);
-        let rest = SurfaceLight::new(&self.transport, first.clone(), LampLight::none(&first));
-        let lamps = known.unwrap_or_else(|| Arc::new(brightened(&seen, &rest, key)));
+        let (lamps, first) = self.lamps(key, known, cancel)?;
+        let still = EnvironmentTransform::default().environment_from_world();
         let resolution = self.transport.resolution.ground;
-        let (transport, light) = (Arc::clone(&self.transport), (&**own, &*lamps));
+        let (transport, light) = (Arc::clone(&self.transport), (&*key.trained_in, &*lamps));
         let probes = &transport.probes;
         let captured = Captured::new(&key.object, light, probes, resolution, cancel).ok()?;
-        let points = lamps.points(&still.environment_from_world());
+        let points = lamps.points(&still);
         let by_lamps = LampLight::new(&transport, points);
         let first = SurfaceLight::new(&transport, first, by_lamps.clone());
         let mut beams = std::mem::take(&mut self.beams);
@@ -136,7 +153,7 @@ impl TrainedWork {
                 beam.bounce += beam.gain * around / PI;
             }
         });
-        let rest = irradiance(&beams, radiance, |beam| beam.bounce);
+        let rest = irradiance(&beams, &self.gathered.radiance, |beam| beam.bounce);
         Some(TrainedLight {
             ray_mean: self.gathered.mean(),
             surface: Arc::new(SurfaceLight::new(&transport, rest, by_lamps)),

@@ -17,7 +17,7 @@ mod transport;
 
 pub use self::key::{KeyedLight, LightKey};
 pub(super) use cache::shows_light;
-pub use cache::{DiffuseLights, trained_light};
+pub use cache::{DiffuseLights, estimated_lamps, trained_light};
 pub use light::{DiffuseLight, TrainedLight};
 pub use probes::{Probe, Probes};
 pub use surface_light::SurfaceLight;

@@ -29,6 +29,7 @@ pub(super) use wide_cones::{Compared, WideCones};
 use crate::geometry::{SurfaceTracer, fibonacci_sphere};
 use crate::neif::field::radiance_field::{FieldBatch, FieldRay};
 use crate::neif::light::environment::{EnvironmentField, LightScratch};
+use crate::neif::light::estimated_lamps::EstimatedLamps;
 use crate::neif::{Environment, EnvironmentFromWorld};
 use crate::render::path::trace::is_hidden;
 
@@ -96,8 +97,17 @@ impl Look {
 }
 
 impl Lamps {
-    /// Looks around from the middle of the environment's inner box; `None` when cancelled.
+    /// The lamps as bright as they were estimated to be with another object, if they were; `None` when cancelled.
     pub(super) fn of(environment: &Environment, cancel: &AtomicBool) -> Option<Self> {
+        let learned = Self::learned(environment, cancel)?;
+        Some(match environment.estimated_lamps() {
+            Some(estimated) => learned.brightened(|_, look| estimated.gain(look.direction)),
+            None => learned,
+        })
+    }
+
+    /// The lamps as the field has them. Looks around from the middle of the environment's inner box; `None` when cancelled.
+    pub(super) fn learned(environment: &Environment, cancel: &AtomicBool) -> Option<Self> {
         let directions = fibonacci_sphere(N_LOOKS);
         let mut seen = look_around(environment, &directions, 1.0, cancel)?;
         let white = white(environment, &seen);
@@ -144,11 +154,20 @@ impl Lamps {
 
     /// Multiplies each part by its gain, a colour.
     pub(super) fn gained(&self, parts: &[Vec<usize>], gains: &[Vec3]) -> Self {
-        let mut gained = self.clone();
+        let mut by_look = vec![Vec3::ONE; self.looks.len()];
         for (part, gain) in parts.iter().zip(gains) {
             for &look in part {
-                gained.looks[look].excess *= *gain;
+                by_look[look] = *gain;
             }
+        }
+        self.brightened(|i, _| by_look[i])
+    }
+
+    /// Multiplies each look by its gain, a colour.
+    fn brightened(&self, gain: impl Fn(usize, &Look) -> Vec3) -> Self {
+        let mut gained = self.clone();
+        for (i, look) in gained.looks.iter_mut().enumerate() {
+            look.excess *= gain(i, look);
         }
         let [now, before] = [&gained, self].map(|lamps| {
             let all = lamps.looks.iter().map(|look| look.excess);
@@ -157,6 +176,16 @@ impl Lamps {
         let octaves = (now / before).log2().abs();
         gained.correction = if octaves.is_finite() { octaves } else { 0.0 };
         gained
+    }
+
+    /// By how much they are brighter than the field has them; `None` where there are none.
+    pub(super) fn estimated(&self) -> Option<EstimatedLamps> {
+        let gain = |look: &Look| {
+            let is_lit = look.learned.cmpgt(Vec3::ZERO);
+            Vec3::select(is_lit, look.excess / look.learned, Vec3::ONE)
+        };
+        let gains = self.looks.iter().map(|look| (look.direction, gain(look)));
+        EstimatedLamps::new(gains.collect())
     }
 
     /// As few points as will do for lighting a surface, in a world in which the environment was moved.

@@ -85,6 +85,22 @@ fn a_lamp_lights_what_faces_it_by_its_radiance_times_its_solid_angle() {
 }
 
 #[test]
+fn an_environment_s_lamps_are_as_bright_as_they_were_estimated() {
+    let sky = sky(Vec3::X);
+    let learned = Lamps::of(&sky, &NEVER).expect("not cancelled");
+    let parts = learned.parts();
+    let gain = Vec3::new(4.0, 2.0, 0.5);
+    let bright = learned.gained(&parts, &vec![gain; parts.len()]);
+    let lit = sky.with_lamps(bright.estimated());
+    let facing = |lamps: &Lamps| lamps.points(&still()).irradiance(None, Vec3::ZERO, Vec3::X);
+    let again = Lamps::of(&lit, &NEVER).expect("not cancelled");
+    let off = facing(&again) / facing(&learned) / gain - 1.0;
+    assert!(off.abs().max_element() < 1e-3, "{off}");
+    let anew = Lamps::learned(&lit, &NEVER).expect("not cancelled");
+    assert_eq!(facing(&anew), facing(&learned), "to be estimated anew");
+}
+
+#[test]
 fn cones_and_lamps_add_up_to_all_light() {
     let lamps = Lamps::of(&sky(Vec3::Z), &NEVER).expect("not cancelled");
     let seen = Vec3::new(LAMP, 0.5 * LAMP, 0.0);

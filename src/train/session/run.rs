@@ -322,7 +322,7 @@ impl<'a> Run<'a> {
         // Noted before the save, so that the saved log is complete; sent after it, so that who
         // hears of the end finds the files.
         self.log.note(&TrainEvent::Finished(finish));
-        self.save()?;
+        self.save_result()?;
         self.worker.events.send(TrainEvent::Finished(finish));
         Ok(())
     }

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use super::events::TrainEvent;
@@ -10,6 +11,9 @@ use super::options::{SessionError, Start};
 use super::plan::{Budget, Plan};
 use super::run::Run;
 use super::saved::run_folder::{RunFolder, RunFolderError, RunState};
+use super::saved::snapshot::Snapshot;
+use crate::neif::Environment;
+use crate::render::estimated_lamps;
 use crate::train::TrainError;
 use crate::train::shape::retracing::{Retracings, are_all_shown};
 
@@ -103,7 +107,7 @@ impl Run<'_> {
         if let Some(folder) = self.folder.clone() {
             self.keep_masks(&folder)?;
         }
-        self.save()?;
+        self.save_result()?;
         self.validate();
         self.plan_time(begun.elapsed().as_secs_f64());
         self.clock.resume();
@@ -188,12 +192,15 @@ impl Run<'_> {
 
     /// Puts the newest state of the fields where everybody can take it.
     pub(in crate::train) fn publish(&self) {
-        let snapshot = Arc::new(self.trainer.snapshot());
+        self.publish_snapshot(self.trainer.snapshot());
+    }
+
+    fn publish_snapshot(&self, snapshot: Snapshot) {
         if let Some(poses) = self.trainer.model().poses() {
             let cameras = Arc::new(poses.cameras());
             self.worker.shared.cameras.publish(cameras);
         }
-        self.worker.shared.snapshot.publish(snapshot);
+        self.worker.shared.snapshot.publish(Arc::new(snapshot));
         self.worker.events.wake();
     }
 
@@ -243,7 +250,33 @@ impl Run<'_> {
     /// Saves into the run's own folder, if it has one.
     pub(in crate::train) fn save(&mut self) -> Result<(), SessionError> {
         let folder = self.folder.clone();
-        folder.map_or(Ok(()), |folder| self.save_into(&folder))
+        self.trainer.settle_normals();
+        let snapshot = self.trainer.snapshot();
+        folder.map_or(Ok(()), |folder| self.save_into(&folder, &snapshot))
+    }
+
+    /// Saves what others take for finished, and publishes that.
+    pub(super) fn save_result(&mut self) -> Result<(), SessionError> {
+        let result = self.result();
+        if let Some(folder) = self.folder.clone() {
+            self.save_into(&folder, &result)?;
+        }
+        self.publish_snapshot(result);
+        Ok(())
+    }
+
+    /// The fields as they are now, the environment with its lamps as bright as the object's shading and reflections say: they
+    /// light other objects too.
+    fn result(&mut self) -> Snapshot {
+        self.trainer.settle_normals();
+        let snapshot = self.trainer.snapshot();
+        let estimate = || estimated_lamps(&snapshot.scene(), &AtomicBool::new(false));
+        let lamps = self.worker.pool.install(estimate);
+        let environment = Environment::clone(&snapshot.environment).with_lamps(lamps);
+        Snapshot {
+            environment: Arc::new(environment),
+            ..snapshot
+        }
     }
 
     /// Saves where the person wants it, unless another run lies there.
@@ -259,7 +292,8 @@ impl Run<'_> {
                 folder.save_mesh(mesh)?;
             }
             self.keep_masks(&folder)?;
-            self.save_into(&folder)
+            let result = self.result();
+            self.save_into(&folder, &result)
         });
         match result {
             Ok(()) if is_own => {}
@@ -268,8 +302,7 @@ impl Run<'_> {
         }
     }
 
-    fn save_into(&mut self, folder: &RunFolder) -> Result<(), SessionError> {
-        self.trainer.settle_normals();
+    fn save_into(&mut self, folder: &RunFolder, snapshot: &Snapshot) -> Result<(), SessionError> {
         let mut checkpoint = self.trainer.checkpoint();
         let plan = serde_json::to_string(&self.plan).unwrap_or_default();
         let secs = self.clock.secs().to_string();
@@ -280,7 +313,7 @@ impl Run<'_> {
         folder.save(&RunState {
             config: &self.config,
             checkpoint: &checkpoint,
-            snapshot: &self.trainer.snapshot(),
+            snapshot,
             log: &self.log,
             has_new_mesh: self.trainer.model().refines_normals(),
             cameras: poses.map(|poses| self.named(poses.cameras())),

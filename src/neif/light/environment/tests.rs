@@ -71,6 +71,36 @@ fn a_saved_environment_keeps_its_floor() {
 }
 
 #[test]
+fn a_saved_environment_keeps_how_bright_its_lamps_are() {
+    let gains = vec![(Vec3::X, Vec3::new(4.0, 2.0, 0.5)), (Vec3::Z, Vec3::ONE)];
+    let lit = environment().with_lamps(EstimatedLamps::new(gains));
+    let (_folder, path) = saved(&lit, Storage::F16);
+    let back = Environment::load(&path).unwrap();
+    assert_eq!(back.estimated_lamps(), lit.estimated_lamps());
+    let lamps = back.estimated_lamps().unwrap();
+    let near_x = Vec3::new(0.9, 0.3, 0.1).normalize_or_zero();
+    assert_eq!(lamps.gain(near_x), Vec3::new(4.0, 2.0, 0.5));
+    assert!(lit.hollowed(|_| false).unwrap().estimated_lamps().is_some());
+    let array = |values: &[f32]| (vec![values.len() / 3, 3], values.to_vec());
+    for (name, (shape, values)) in [
+        ("lamps.gains", array(&[1.0; 3])),
+        ("lamps.gains", array(&[1.0, 1.0, 1.0, 1.0, -1.0, 1.0])),
+        ("lamps.gains", array(&[f32::NAN; 6])),
+        ("lamps.directions", array(&[1.0, 0.0, 0.0, 0.0, 3.0, 0.0])),
+        ("lamps.directions", (vec![6], vec![1.0; 6])),
+    ] {
+        let mut file = TensorFile::read(&path).unwrap();
+        file.insert_f32(name, &shape, values);
+        let folder = tempfile::tempdir().unwrap();
+        let bad = folder.path().join("bad.safetensors");
+        file.write(&bad).unwrap();
+        let error = refusal(&bad);
+        let names_it = error.contains("lamps.") && error.contains("bad.safetensors");
+        assert!(names_it, "{error}");
+    }
+}
+
+#[test]
 fn half_precision_makes_a_smaller_file_of_nearly_the_same_field() {
     let (_folder, single) = saved(&environment(), Storage::F32);
     let (_folder, half) = saved(&environment(), Storage::F16);
