@@ -100,6 +100,20 @@ fn a_half_lit_room_turned_about_swaps_the_bright_and_the_dark_side() {
     }
 }
 
+#[test]
+fn the_light_at_the_surface_is_the_mean_of_narrow_rays_where_wide_cones_see_less() {
+    // What a wide cone sees of this is the exponential of a mean.
+    let slope = 16.0;
+    let trained = light_of(ball(), &fog(-slope, slope));
+    let found = trained.surface.irradiance(0.5 * Vec3::X, Vec3::X).y;
+    // The integral of e^(slope (x - 1)) x over the directions with positive x.
+    let expected = 2.0 * PI * (1.0 / slope - (1.0 - (-slope).exp()) / (slope * slope));
+    assert!(
+        (found / expected - 1.0).abs() < 0.03,
+        "{found}, not {expected}"
+    );
+}
+
 /// A square of side 1 at height `z`, looking up or down, of small triangles.
 fn square(z: f32, up: f32) -> Mesh {
     let n = 8;

@@ -30,7 +30,7 @@ impl Resolution {
     /// For pictures that stay.
     pub const FINE: Self = Self {
         n_probes: 1024,
-        n_cones: 64,
+        n_cones: 128,
         traces_lamps: true,
         ground: GroundResolution {
             side: 64,
