@@ -1,4 +1,4 @@
-//! How bright the lamps of an environment are, as far as an object told that was trained in it: photos show them as white.
+//! How bright the lamps of an environment are, estimated from an object that was trained in it: photos show them as white.
 
 use glam::Vec3;
 

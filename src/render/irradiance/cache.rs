@@ -232,11 +232,15 @@ pub fn trained_light(scene: &Scene, cancel: &AtomicBool) -> Option<Arc<TrainedLi
 }
 
 /// How bright the lamps of the environment are that the object of a scene was trained in, from its shading and reflections;
-/// `None` without an object, without lamps, where the diffuse part is baked, or when cancelled.
+/// `None` without an object, without lamps (which is quick), where the diffuse part is baked, or when cancelled.
 pub fn estimated_lamps(scene: &Scene, cancel: &AtomicBool) -> Option<EstimatedLamps> {
     let key = LightKey::trained(scene)?;
+    let learned = Lamps::learned(&key.trained_in, cancel)?;
+    if learned.are_none() {
+        return None;
+    }
     let transport = Transport::trace(&key.object.tracer, Resolution::FINE, cancel)?;
     let mut work = TrainedWork::new(Arc::new(transport), &key.object.material);
-    let (lamps, _) = work.lamps(&key, None, cancel)?;
-    lamps.estimated()
+    let rest = work.rest(&key, &learned, cancel)?;
+    work.brightened(&learned, &rest, &key).estimated()
 }

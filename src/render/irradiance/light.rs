@@ -102,34 +102,25 @@ impl TrainedWork {
         }
     }
 
-    /// The lamps of the environment where it was trained, `known` or as bright as the object's shading and lobes say, with the
-    /// irradiance of everything else; `None` when cancelled, to be taken up again.
-    pub(super) fn lamps(
+    /// Irradiance from everything but lamps in the environment where it was trained; `None` when cancelled, to be taken up again.
+    pub(super) fn rest(
         &mut self,
         key: &LightKey,
-        known: Option<Arc<Lamps>>,
+        lamps: &Lamps,
         cancel: &AtomicBool,
-    ) -> Option<(Arc<Lamps>, Vec<Irradiance>)> {
-        let own = &key.trained_in;
-        let seen = match &known {
-            Some(known) => Arc::clone(known),
-            None => Arc::new(Lamps::learned(own, cancel)?),
-        };
-        let from = (
-            &**own,
-            &*seen,
-            self.transport.resolution.ground.most_samples,
-        );
+    ) -> Option<Vec<Irradiance>> {
+        let most_samples = self.transport.resolution.ground.most_samples;
+        let from = (&*key.trained_in, lamps, most_samples);
         let still = EnvironmentTransform::default();
-        if !self.gathered.run(&self.beams, from, &still, cancel) {
-            return None;
-        }
-        let rest = irradiance(&self.beams, &self.gathered.radiance, |beam| beam.bounce);
-        let lamps = known.unwrap_or_else(|| {
-            let rest = SurfaceLight::new(&self.transport, rest.clone(), LampLight::none(&rest));
-            Arc::new(brightened(&seen, &rest, key))
-        });
-        Some((lamps, rest))
+        let is_all = self.gathered.run(&self.beams, from, &still, cancel);
+        is_all.then(|| irradiance(&self.beams, &self.gathered.radiance, |beam| beam.bounce))
+    }
+
+    /// Lamps with the brightness estimated from the object's shading and lobes, where `rest` is the irradiance from everything
+    /// else.
+    pub(super) fn brightened(&self, lamps: &Lamps, rest: &[Irradiance], key: &LightKey) -> Lamps {
+        let rest = SurfaceLight::new(&self.transport, rest.to_vec(), LampLight::none(rest));
+        brightened(lamps, &rest, key)
     }
 
     /// Gathers the light of the environment where it was trained, whose lamps are `known` or are looked for; `None` when
@@ -140,7 +131,12 @@ impl TrainedWork {
         known: Option<Arc<Lamps>>,
         cancel: &AtomicBool,
     ) -> Option<TrainedLight> {
-        let (lamps, first) = self.lamps(key, known, cancel)?;
+        let seen = match &known {
+            Some(known) => Arc::clone(known),
+            None => Arc::new(Lamps::learned(&key.trained_in, cancel)?),
+        };
+        let first = self.rest(key, &seen, cancel)?;
+        let lamps = known.unwrap_or_else(|| Arc::new(self.brightened(&seen, &first, key)));
         let still = EnvironmentTransform::default().environment_from_world();
         let resolution = self.transport.resolution.ground;
         let (transport, light) = (Arc::clone(&self.transport), (&*key.trained_in, &*lamps));

@@ -142,6 +142,11 @@ impl Lamps {
         })
     }
 
+    /// Whether nothing is brighter than white.
+    pub(super) fn are_none(&self) -> bool {
+        self.looks.is_empty()
+    }
+
     /// What cones are left with of a radiance that they see.
     pub(super) fn below(&self, radiance: Vec3) -> Vec3 {
         below(radiance, self.white)

@@ -31,6 +31,8 @@ const VALIDATE_SECS: f64 = 10.0;
 const VALIDATE_SHARE: f64 = 50.0;
 /// The last save may take this much longer than the first, which was measured.
 const RESERVE_FACTOR: f64 = 1.3;
+/// How many times as long as finding no lamps, as in the beginning, estimating how bright they are takes in the end.
+const LAMPS_FACTOR: f64 = 9.0;
 /// Seconds kept for the end of the process.
 const RESERVE_SECS: f64 = 0.15;
 /// Share of a time budget under which the person is informed how little is left for training.
@@ -107,9 +109,17 @@ impl Run<'_> {
         if let Some(folder) = self.folder.clone() {
             self.keep_masks(&folder)?;
         }
-        self.save_result()?;
+        let looked = Instant::now();
+        let result = self.result();
+        let lamps_secs = match result.environment.estimated_lamps() {
+            Some(_) => 0.0,
+            None => LAMPS_FACTOR * looked.elapsed().as_secs_f64(),
+        };
+        if let Some(folder) = self.folder.clone() {
+            self.save_into(&folder, &result)?;
+        }
         self.validate();
-        self.plan_time(begun.elapsed().as_secs_f64());
+        self.plan_time(begun.elapsed().as_secs_f64() + lamps_secs);
         self.clock.resume();
         let fraction = self.plan.fraction(self.position());
         self.due.retracings = Retracings::starting_at(fraction);
